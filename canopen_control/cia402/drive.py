@@ -77,7 +77,7 @@ LADDER: Mapping[State, int] = MappingProxyType(
 
 
 class DriveGoal(Enum):
-    """What the master works towards."""
+    """Goal of the master's side of an axis."""
 
     DISABLED = "disabled, by the drive's own ramp"
     ENABLED = "operation enabled"
@@ -86,7 +86,7 @@ class DriveGoal(Enum):
 
 
 def state_of_goal(goal: DriveGoal, disabled_state: State) -> State:
-    """Return the state to aim for; `disabled_state` is where a disabled drive ends."""
+    """Return the state to aim for; `disabled_state` is the final state of a disabled drive."""
     if goal is DriveGoal.ENABLED:
         return State.OPERATION_ENABLED
     if goal is DriveGoal.QUICK_STOPPED:
@@ -125,13 +125,13 @@ SETTLE = -1
 
 
 def transition_number(state: State | None, command: Command | None) -> int | None:
-    """Return the number of the transition that `command` asks for in `state`, None where it asks for none."""
+    """Return the number of the transition that `command` requests in `state`, None for no transition."""
     transition = transition_of(state, command) if state is not None and command is not None else None
     return None if transition is None else transition.number
 
 
 class StepTimer:
-    """The timer of the present step: `command` is what is being sent, `deadline` is `_NEVER` for none."""
+    """Timer of the current step: `command` is the one being sent, `deadline` is `_NEVER` without a timeout."""
 
     def __init__(self, timeout_ns: int, timeouts: Mapping[int, int]) -> None:
         self.command: Command | None = None
@@ -141,27 +141,27 @@ class StepTimer:
         self._armed = False
 
     def rearm(self) -> None:
-        """Begin a new step with the next command, even if it is the same: something else is wanted of it."""
+        """Start a new step with the next command, even with the same command, because the goal has changed."""
         self._armed = False
 
     def enter(self) -> None:
-        """Begin a new step with the next command, because the drive is in another state."""
+        """Start a new step with the next command, because the drive has changed its state."""
         self._armed = False
         self.deadline = _NEVER
 
     def must_arm(self, command: Command | None) -> bool:
-        """Whether `command` begins a new step."""
+        """Whether `command` starts a new step."""
         return not self._armed or command is not self.command
 
     def arm(self, command: Command | None, number: int | None, now: int) -> None:
-        """Begin the step `command`; `number` is that of its transition, None for no time."""
+        """Start the step of `command`; `number` is that of its transition, None for no timeout."""
         self._armed, self.command = True, command
         self.deadline = _NEVER if number is None else now + self._timeouts.get(number, self._timeout)
 
     def timed_out(
         self, state: State | None, goal: State, statusword: int | None, gave_up: bool, now: int
     ) -> TransitionTimedOut:
-        """Return the event of a step whose time is over; without a transition `goal` is what was wanted."""
+        """Return the event of a step after its timeout; without a transition `goal` was requested."""
         command = self.command
         transition = transition_of(state, command) if state is not None and command is not None else None
         wanted, number = (transition.target, transition.number) if transition is not None else (goal, None)
@@ -169,7 +169,7 @@ class StepTimer:
 
 
 class StopStage(Enum):
-    """What is tried; each when the one before did not do."""
+    """Stages of leaving a quick stop; each follows if the previous one had no effect."""
 
     ENABLE = "transition 16"
     WAIT = "for the end of the stop"
@@ -177,32 +177,35 @@ class StopStage(Enum):
 
 
 class QuickStopExit:
-    """The stage reached since the drive was first seen in its quick stop, or since the goal changed."""
+    """Stage reached since the drive was first seen in its quick stop, or since the goal changed."""
 
     def __init__(self) -> None:
         self.stage = StopStage.ENABLE
         self._moved = False
 
     def restart(self) -> None:
-        """Begin again, for another goal."""
+        """Restart the stages for another goal."""
         self.stage = StopStage.ENABLE
 
     def enter(self) -> None:
-        """Begin again, for another stop."""
+        """Restart the stages for another stop."""
         self.stage = StopStage.ENABLE
         self._moved = False
 
     def advance(self) -> None:
-        """Give up the stage: its time is over."""
+        """Enter the next stage after a timeout."""
         self.stage = StopStage.WAIT if self.stage is StopStage.ENABLE else StopStage.DISABLE
 
     def look(self, statusword: int) -> None:
-        """Take a statusword of the drive in its stop."""
+        """Evaluate a statusword of the drive in its quick stop."""
         if not statusword & TARGET_REACHED:
             self._moved = True
 
     def command(self, enable: bool, statusword: int, standstill: bool, may_enable: bool) -> Command:
-        """Return what to send: `enable` is wanted, `may_enable` at once, the motor is known to stand (`standstill`)."""
+        """Return the command to send.
+
+        `enable` is requested, `may_enable` permits it at once, `standstill` means that the motor is known to stand.
+        """
         if self.stage is StopStage.ENABLE and enable:
             return Command.ENABLE_OPERATION if may_enable else Command.QUICK_STOP
         if self.stage is not StopStage.DISABLE:
@@ -213,7 +216,7 @@ class QuickStopExit:
 
 
 class ResetPhase(Enum):
-    """How far a fault reset is."""
+    """Phase of a fault reset."""
 
     IDLE = "nobody asked for one"
     ASKED = "bit 7 is to be sent 0 first"
@@ -222,7 +225,7 @@ class ResetPhase(Enum):
 
 
 class FaultReset:
-    """The sequence of one reset; `deadline` is when it has failed."""
+    """Sequence of one fault reset; `deadline` is its timeout."""
 
     def __init__(self, timeout_ns: int) -> None:
         self.phase = ResetPhase.IDLE
@@ -231,7 +234,7 @@ class FaultReset:
 
     @property
     def active(self) -> bool:
-        """Whether one was asked for and is not at its end."""
+        """Whether a reset was requested and has not ended."""
         return self.phase is not ResetPhase.IDLE
 
     @property
@@ -241,20 +244,20 @@ class FaultReset:
 
     @property
     def rising(self) -> bool:
-        """Whether the next update will raise bit 7 without anything else having to happen."""
+        """Whether the next update will set bit 7 without further conditions."""
         return self.phase is ResetPhase.LOW
 
     def start(self) -> None:
-        """Ask for a reset; nothing while one is under way."""
+        """Request a reset; no-op during one."""
         if self.phase is ResetPhase.IDLE:
             self.phase, self.deadline = ResetPhase.ASKED, _NEVER
 
     def cancel(self) -> None:
-        """End it, because the fault is gone, or the drive: bit 7 is 0 again."""
+        """End the reset, because the fault or the drive is gone: bit 7 becomes 0."""
         self.phase, self.deadline = ResetPhase.IDLE, _NEVER
 
     def update(self, state: State, statusword: int, now: int) -> DriveEvent | None:
-        """Go on by one cycle, for a drive in one of its two fault states."""
+        """Process one cycle of a drive in one of its two fault states."""
         if self.deadline == _NEVER:
             self.deadline = now + self._timeout
         if now >= self.deadline:
@@ -279,7 +282,7 @@ _AUTOMATIC: Final = {None: 0, State.NOT_READY_TO_SWITCH_ON: 1}
 
 
 class EnableRequest(Enum):
-    """What the master works towards, and what is on its way to the drive; the value says what it means."""
+    """Goal of the master and its progress at the drive; the value describes it."""
 
     DISABLED = "disabled, by the drive's own ramp"
     DISABLED_AFTER_STOP = "disabled; a quick stop goes on until the drive has left OPERATION_ENABLED"
@@ -291,7 +294,7 @@ class EnableRequest(Enum):
 
 
 class EnableTrigger(Enum):
-    """What changes an intent; the value says when."""
+    """Trigger of a change of the request; the value describes it."""
 
     ENABLE = "somebody enables it"
     OVERTAKE = "somebody enables it in OPERATION_ENABLED, and something else than to stay there was sent last"
@@ -359,7 +362,7 @@ SENT_FIRST: Final[Mapping[EnableRequest, Command]] = MappingProxyType(
 
 
 class DriveRequest:
-    """What is wanted of one drive, and the step that it is at; `disabled_state` is where a disabled drive ends."""
+    """Request to one drive and its current step; `disabled_state` is the final state of a disabled drive."""
 
     def __init__(self, step: StepTimer, disabled_state: State) -> None:
         self.step = step
@@ -372,11 +375,11 @@ class DriveRequest:
 
     @property
     def waits(self) -> bool:
-        """Whether the end of a quick stop is waited for, which may be seen without a new statusword."""
+        """Whether the end of a quick stop is awaited, which may be detected without a new statusword."""
         return self._stop_exit.stage is StopStage.WAIT
 
     def fire(self, trigger: EnableTrigger) -> bool:
-        """Take the row of a trigger; returns whether the goal is another one now."""
+        """Apply the row of a trigger; return whether the goal has changed."""
         state = ENABLE_TABLE[self.state].get(trigger)
         if state is None:
             return False
@@ -390,18 +393,18 @@ class DriveRequest:
         return True
 
     def entered(self, drive: State | None) -> None:
-        """Begin another step, because the drive is in another state."""
+        """Start another step, because the drive has changed its state."""
         self.step.enter()
         self._stop_exit.enter()
         if drive is not State.OPERATION_ENABLED:
             self.fire(EnableTrigger.LEFT)
 
     def stopping(self, statusword: int) -> None:
-        """Take a statusword of the drive in its quick stop."""
+        """Evaluate a statusword of the drive in its quick stop."""
         self._stop_exit.look(statusword)
 
     def fell(self, previous: State, drive: State) -> bool:
-        """Take a change from one state to another; returns whether a drive that was to be enabled has lost it."""
+        """Process a change of state; return whether a drive that was to be enabled has lost this state."""
         if self.goal is not DriveGoal.ENABLED or LADDER[drive] >= LADDER[previous]:
             return False
         if self.detour is not None and LADDER[drive] >= LADDER[self.detour]:
@@ -413,7 +416,7 @@ class DriveRequest:
         return False
 
     def timed_out(self, drive: State | None, statusword: int | None, now: int) -> TransitionTimedOut | None:
-        """End a step whose time is over; returns what is to be told, None where something else is tried."""
+        """End a step after its timeout; return the event to report, None if another attempt follows."""
         self.step.deadline = _NEVER
         if self.state is EnableRequest.OVERTAKING:
             self.fire(EnableTrigger.ARRIVED)  # what could have ended the enable did not
@@ -427,9 +430,9 @@ class DriveRequest:
         return self.step.timed_out(drive, state_of_goal(self.goal, self.disabled_state), statusword, gave_up, now)
 
     def choose(self, drive: State | None, statusword: int | None, standstill: bool, may_enable: bool) -> Command | None:
-        """Return the command for a drive seen in a state, None for one that no command moves.
+        """Return the command for a drive in a state, None if no command changes it.
 
-        `may_enable`: its mode is confirmed and nobody holds it; `standstill`: the motor is known to stand.
+        `may_enable`: its mode is confirmed and nothing holds it; `standstill`: the motor is known to stand.
         """
         if drive is None or drive in FAULT_STATES:
             return None
@@ -446,7 +449,7 @@ class DriveRequest:
         return next_command(drive, state_of_goal(self.goal, self.disabled_state))
 
     def begin(self, command: Command | None, drive: State | None, now: int) -> None:
-        """Time the step of `command`, if it is another one."""
+        """Start the timer of the step of `command`, if it is a new one."""
         if self.step.must_arm(command):
             self.step.arm(command, self._step_number(command, drive), now)
 
@@ -454,7 +457,7 @@ class DriveRequest:
         return drive is State.QUICK_STOP_ACTIVE and self.goal in (DriveGoal.ENABLED, DriveGoal.DISABLED)
 
     def _step_number(self, command: Command | None, drive: State | None) -> int | None:
-        """Return the transition that the step asks for, or that it waits for; None for a drive that is to stay."""
+        """Return the transition that the step requests or awaits; None for a drive that is to stay."""
         if drive in _AUTOMATIC:
             return _AUTOMATIC[drive] if self.goal is DriveGoal.ENABLED else None
         if drive is State.OPERATION_ENABLED and self.state is EnableRequest.OVERTAKING:
@@ -475,7 +478,7 @@ class DriveRequest:
 
 
 class ModeState(Enum):
-    """How far a request for a mode is; the value says what it means."""
+    """State of a mode request; the value describes it."""
 
     NONE = "nobody asked for a mode: the drive's own is right"
     ASKED = "a mode is asked for, and 0x6061 does not show it"
@@ -487,7 +490,7 @@ class ModeState(Enum):
 
 
 class ModeTrigger(Enum):
-    """What makes the table take a row; the value says when."""
+    """Trigger of the mode table; the value describes it."""
 
     ASK = "somebody asks for another mode"
     ASK_AGAIN = "somebody asks for the mode that is asked for already"
@@ -549,10 +552,10 @@ _CHANGES: Final = 4  # times as long as another mode may be shown
 
 
 class ModeRequest:
-    """What to write to 0x6060, and whether 0x6061 shows it.
+    """Requested value of 0x6060, and whether 0x6061 confirms it.
 
-    `mode` is None as long as none is asked for; `sent` is what stands in 0x6060, another one until the drive is in a
-    state in which it changes its mode; `deadline` is when an unconfirmed one has failed, `_NEVER` for none.
+    `mode` is None without a request; `sent` is the value in 0x6060, another one until the drive is in a state in which
+    it changes its mode; `deadline` is the timeout of an unconfirmed mode, `_NEVER` for none.
     """
 
     def __init__(self, timeout_ns: int) -> None:
@@ -567,7 +570,7 @@ class ModeRequest:
 
     @property
     def confirmed(self) -> bool:
-        """Whether 0x6061 shows `mode`, or none was asked for."""
+        """Whether 0x6061 shows `mode`, or no mode was requested."""
         return self.state in CONFIRMED
 
     @property
@@ -577,11 +580,11 @@ class ModeRequest:
 
     @property
     def failed(self) -> bool:
-        """Whether the last mode asked for was not confirmed in time."""
+        """Whether the last requested mode was not confirmed in time."""
         return self.state in FAILED
 
     def ask(self, mode: int) -> bool:
-        """Ask for `mode` and return whether that is anything new."""
+        """Request `mode`; return whether it is a new one."""
         if mode == self.mode:
             self._fire(ModeTrigger.ASK_AGAIN)
             return False
@@ -590,13 +593,13 @@ class ModeRequest:
         return True
 
     def forget_display(self) -> None:
-        """Forget what a drive that is gone showed; what it shall do stays."""
+        """Clear the displayed mode of a drive that is gone; the request remains."""
         self.display = None
         self.deadline = _NEVER
         self._fire(ModeTrigger.GONE)
 
     def update(self, display: int | None, enabled: bool, now: int) -> DriveEvent | None:
-        """Take the newest 0x6061 (None: not received) and return what happened, None for nothing.
+        """Process the newest 0x6061 (None: not received) and return the event, None for none.
 
         `enabled` is whether the drive is in OPERATION_ENABLED.
         """
@@ -624,7 +627,7 @@ class ModeRequest:
         return None
 
     def _fire(self, trigger: ModeTrigger) -> bool:
-        """Take the row of a trigger; returns whether there is one."""
+        """Apply the row of a trigger; return whether there is one."""
         state = MODE_TABLE[self.state].get(trigger)
         if state is not None:
             self.state = state
@@ -718,9 +721,9 @@ class DriveMachine:
     # What somebody wants. All of it may be said again, and does nothing then.
 
     def enable(self) -> None:
-        """Bring the drive to OPERATION_ENABLED, from wherever it is but a fault.
+        """Bring the drive to OPERATION_ENABLED from any state but a fault.
 
-        Raises DriveError in a fault, and after a mode was not confirmed until `set_mode` says which one it shall be.
+        DriveError in a fault, and after a mode was not confirmed, until `set_mode` requests one.
         """
         if self.goal is DriveGoal.ENABLED:
             return
@@ -740,20 +743,23 @@ class DriveMachine:
             )
 
     def disable(self) -> None:
-        """Stop the motor by the drive's own ramp (0x605C), then take its power down to `disabled_state`."""
+        """Stop the motor by the drive's own ramp (0x605C), then switch its power off, down to `disabled_state`."""
         self._fire(EnableTrigger.DISABLE)
 
     def disable_voltage(self) -> None:
-        """Cut the power at once: the motor coasts. For a drive that does not obey `disable`."""
+        """Switch the power off at once: the motor coasts. For a drive that does not obey `disable`."""
         self._fire(EnableTrigger.DISABLE_VOLTAGE)
 
     def quick_stop(self) -> None:
-        """Stop as 0x605A says. The drive ends in QUICK_STOP_ACTIVE or SWITCH_ON_DISABLED; `enable` leaves both."""
+        """Stop as defined by 0x605A. The drive ends in QUICK_STOP_ACTIVE or SWITCH_ON_DISABLED.
+
+        `enable` leaves both.
+        """
         enabled = self.state is State.OPERATION_ENABLED
         self._fire(EnableTrigger.QUICK_STOP_ENABLED if enabled else EnableTrigger.QUICK_STOP)
 
     def halt(self, on: bool = True) -> None:
-        """Set or clear the halt bit (0x605D) of an enabled drive; it holds until it is cleared."""
+        """Set or clear the halt bit (0x605D) of an enabled drive; it remains until it is cleared."""
         if on is not self.halted:
             self.halted = on
             self._due = _AT_ONCE
@@ -765,17 +771,16 @@ class DriveMachine:
             self._due = _AT_ONCE
 
     def fault_reset(self) -> None:
-        """Reset a fault by one edge of bit 7; without a fault nothing is sent. Never enables anything."""
+        """Reset a fault by one edge of bit 7; without a fault nothing is sent. It never enables the drive."""
         if self.state is None or self.fault:
             self._reset.start()
             self._due = _AT_ONCE
 
     def set_mode(self, mode: int) -> None:
-        """Ask for a mode of operation; OPERATION_ENABLED, and every motion, waits until 0x6061 shows it.
+        """Request a mode of operation; OPERATION_ENABLED, and every motion, waits until 0x6061 shows it.
 
-        A drive whose 0x6061 is 0 until it is enabled is enabled without, and its motion waits.
-
-        Whether the drive has it (0x6502) was asked before: `modes.require_mode`.
+        A drive whose 0x6061 is 0 until it is enabled is enabled without, and its motion waits. Check first whether the
+        drive supports the mode (0x6502): `modes.require_mode`.
         """
         request = self.mode_request
         if request.ask(mode):
@@ -786,7 +791,10 @@ class DriveMachine:
 
     @property
     def _may_switch(self) -> bool:
-        """Whether the drive is where it changes its mode; one that is not seen takes it with its first state."""
+        """Whether the drive is in a state in which it changes its mode.
+
+        An unknown one receives it with its first state.
+        """
         return self.state is None or self.fault or LADDER[self.state] <= LADDER[self._switching_state]
 
     @property
@@ -806,7 +814,7 @@ class DriveMachine:
 
     @property
     def disabled_state(self) -> State:
-        """Where a disabled drive ends."""
+        """Final state of a disabled drive."""
         return self._intent.disabled_state
 
     @disabled_state.setter
@@ -815,28 +823,28 @@ class DriveMachine:
 
     @property
     def goal(self) -> DriveGoal:
-        """What it is to become."""
+        """Goal of the drive."""
         return self._intent.goal
 
     @property
     def mode(self) -> int | None:
-        """What to write to 0x6060; None: nobody asked for a mode, leave it as it is."""
+        """Value to write to 0x6060; None: no mode was requested, leave the object unchanged."""
         return self.mode_request.mode
 
     @property
     def waiting(self) -> bool:
-        """Whether nothing but `hold` keeps the drive from being enabled by the next controlword."""
+        """Whether only `hold` keeps the drive from being enabled by the next controlword."""
         ready = self.state is State.SWITCHED_ON or self.state is State.QUICK_STOP_ACTIVE
         return ready and self.goal is DriveGoal.ENABLED and self.mode_request.may_enable
 
     @property
     def enabled(self) -> bool:
-        """Whether the drive is in OPERATION_ENABLED, is meant to be, and nothing that ends it is on its way."""
+        """Whether the drive is in OPERATION_ENABLED and no request or event that ends this is pending."""
         return self.state is State.OPERATION_ENABLED and self._intent.state is EnableRequest.ENABLED
 
     @property
     def may_move(self) -> bool:
-        """Whether a target may be sent: enabled, in the mode that was asked for, not halted."""
+        """Whether a target may be sent: enabled, in the requested mode, not halted."""
         return self.enabled and self.mode_request.confirmed and not self.halted
 
     @property
@@ -846,36 +854,39 @@ class DriveMachine:
 
     @property
     def remote(self) -> bool:
-        """Bit 9: whether the drive obeys the bus; True until it says otherwise, and always with `ignore_remote`."""
+        """Bit 9: whether the drive obeys the bus.
+
+        True until a statusword clears it, and always with `ignore_remote`.
+        """
         return bool(self._running_word & REMOTE)
 
     @property
     def resetting(self) -> bool:
-        """Whether a fault reset is under way."""
+        """Whether a fault reset is in progress."""
         return self._reset.active
 
     @property
     def reached(self) -> bool:
-        """Whether the goal is reached; the way of a stop is `drive_goal.is_stopped`."""
+        """Whether the goal is reached; a stop by the rule of `is_stopped`."""
         if self.goal is DriveGoal.ENABLED:
             return self.enabled and self.mode_request.confirmed
         return is_stopped(self.goal, self.disabled_state, self.state)
 
     def events(self) -> list[DriveEvent]:
-        """Return what happened since the last call."""
+        """Return the events since the last call."""
         happened, self._events = self._events, []
         return happened
 
     def next_deadline(self) -> int | None:
-        """Return when `update` must be called at the latest, None when nothing runs out."""
+        """Return the latest time for the next call of `update`, None without a timeout."""
         return None if self._deadline == _NEVER else self._deadline
 
     # The cycle.
 
     def update(self, statusword: int | None, mode_display: int | None, now: int) -> int:
-        """Take the newest 0x6041 and 0x6061 (None: not received) and return the controlword to send now.
+        """Process the newest 0x6041 and 0x6061 (None: not received) and return the controlword to send.
 
-        Call it once per cycle. Never raises. A statusword that becomes None again is a drive that is gone.
+        Call it once per cycle; it never raises. A statusword that becomes None again means that the drive is gone.
         """
         mode = self.mode_request
         if mode_display == mode.display and now < self._due:
@@ -904,7 +915,7 @@ class DriveMachine:
         return self.controlword
 
     def _fire(self, trigger: EnableTrigger) -> None:
-        """Take the row of a trigger; another goal is gone for at once."""
+        """Apply the row of a trigger; a new goal takes effect at once."""
         if self._intent.fire(trigger):
             self._due = _AT_ONCE
 
@@ -912,7 +923,7 @@ class DriveMachine:
         return "" if self.statusword is None else f" (statusword 0x{self.statusword:04X})"
 
     def _without_statusword(self, now: int) -> None:
-        """Wait for a first statusword, or forget a drive that is gone."""
+        """Wait for a first statusword, or clear the state of a drive that is gone."""
         if self.statusword is None:
             return
         self.statusword = None
@@ -995,7 +1006,7 @@ class DriveMachine:
             self._lose(now, self.state)
 
     def _detour(self) -> None:
-        """Let a drive that is to be enabled go where it changes its mode, as long as it has not."""
+        """Let a drive that is to be enabled go to the state in which it changes its mode, if it has not yet."""
         detour = self._switching_state if self._switches else None
         if detour is not self._intent.detour:
             self._intent.detour = detour

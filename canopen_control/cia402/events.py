@@ -1,7 +1,7 @@
-"""What a drive's machines report: frozen records, each with its time and one sentence in plain words.
+"""Events of a drive's state machines: frozen records, each with its time and one sentence.
 
-Law of this file: `time` is the monotonic time in nanoseconds of the update that saw it, `statusword` the word that
-showed it (None: none received). Texts name no drive, because who drains the events knows whose they are.
+`time` is the monotonic time in ns of the update that detected it, `statusword` the word that showed it (None: none
+received). Texts do not name the drive, because the owner of the events knows it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def _name(state: State | None) -> str:
 
 @dataclass(frozen=True, slots=True)
 class StateChanged:
-    """The drive was seen in another state; None stands for unknown, before the first statusword or without one."""
+    """Change of the drive's state; None is unknown, before the first statusword or without one."""
 
     time: int
     previous: State | None
@@ -38,13 +38,13 @@ class StateChanged:
 
     @property
     def text(self) -> str:
-        """What happened, in words."""
+        """Sentence for users."""
         return f"{_name(self.previous)} -> {_name(self.state)} ({_word(self.statusword)})"
 
 
 @dataclass(frozen=True, slots=True)
 class FaultEntered:
-    """The drive reports a fault; the goal is now DISABLED. `was_enabled`: it was in OPERATION_ENABLED before."""
+    """Fault reported by the drive; the goal is now DISABLED. `was_enabled`: it was in OPERATION_ENABLED before."""
 
     time: int
     state: State
@@ -53,26 +53,26 @@ class FaultEntered:
 
     @property
     def text(self) -> str:
-        """What happened, in words."""
+        """Sentence for users."""
         return f"fault ({_word(self.statusword)}){' while enabled' if self.was_enabled else ''}"
 
 
 @dataclass(frozen=True, slots=True)
 class FaultCleared:
-    """The drive left its fault; it stays disabled until somebody enables it."""
+    """End of a fault; the drive stays disabled until an enable."""
 
     time: int
     statusword: int
 
     @property
     def text(self) -> str:
-        """What happened, in words."""
+        """Sentence for users."""
         return f"fault cleared ({_word(self.statusword)}); enable to go on"
 
 
 @dataclass(frozen=True, slots=True)
 class FaultResetFailed:
-    """A fault reset was asked for and the drive is still in its fault; not `sent`: it is in its reaction to it."""
+    """Failed fault reset: the drive is still in its fault; not `sent`: it is in its fault reaction."""
 
     time: int
     statusword: int
@@ -80,7 +80,7 @@ class FaultResetFailed:
 
     @property
     def text(self) -> str:
-        """What happened, in words."""
+        """Sentence for users."""
         if not self.sent:
             return (
                 f"still in FAULT REACTION ACTIVE ({_word(self.statusword)}), where no fault reset counts, so none was "
@@ -94,10 +94,11 @@ class FaultResetFailed:
 
 @dataclass(frozen=True, slots=True)
 class TransitionTimedOut:
-    """The drive did not leave `state` in time for `wanted`.
+    """Timeout of a transition: the drive did not leave `state` in time for `wanted`.
 
-    `transition` is the number of the arrow asked for by `command`; None where the drive had to act by itself or no
-    statusword came. `gave_up`: enabling was abandoned, the goal is now DISABLED; otherwise the machine keeps asking.
+    `transition` is the number of the transition requested by `command`; None if the drive had to act by itself or no
+    statusword was received. `gave_up`: enabling was abandoned, the goal is now DISABLED; otherwise the request is
+    repeated.
     """
 
     time: int
@@ -110,7 +111,7 @@ class TransitionTimedOut:
 
     @property
     def text(self) -> str:
-        """What happened, in words."""
+        """Sentence for users."""
         asked = "" if self.command is None else f", asked by {self.command.name}"
         end = "; not enabled" if self.gave_up else ""
         if self.transition == _QUICK_STOP:
@@ -122,22 +123,22 @@ class TransitionTimedOut:
 
 @dataclass(frozen=True, slots=True)
 class ModeConfirmed:
-    """0x6061 shows the mode that was asked for."""
+    """Confirmation of the requested mode by 0x6061."""
 
     time: int
     mode: int
 
     @property
     def text(self) -> str:
-        """What happened, in words."""
+        """Sentence for users."""
         return f"{mode_words(self.mode)} confirmed"
 
 
 @dataclass(frozen=True, slots=True)
 class ModeTimedOut:
-    """0x6061 did not show `mode` in time but `display`; the machine asks for `restored` again (None: for none).
+    """Timeout of a mode: 0x6061 shows `display` instead of `mode`; `restored` is requested again (None: none).
 
-    `enabled`: in OPERATION_ENABLED. An EnableLost follows unless it goes on in the mode that is restored.
+    `enabled`: in OPERATION_ENABLED. An EnableLost follows unless the drive continues in the restored mode.
     """
 
     time: int
@@ -148,7 +149,7 @@ class ModeTimedOut:
 
     @property
     def text(self) -> str:
-        """What happened, in words."""
+        """Sentence for users."""
         shown = "nothing" if self.display is None else mode_name(self.display)
         back = "" if self.restored is None else f"; back to {mode_name(self.restored)}"
         keys = "; mode_timeout_ms in bus.yml gives it more time" if self.display is not None else ""
@@ -159,10 +160,10 @@ class ModeTimedOut:
 
 @dataclass(frozen=True, slots=True)
 class EnableLost:
-    """An enable ended, or came to nothing, without a command; the goal is DISABLED.
+    """Enable that ended, or failed, without a command; the goal is DISABLED.
 
-    `state` is where the drive is now: fallen out of OPERATION_ENABLED or back on the way to it, None when its
-    statusword is gone or means nothing, still OPERATION_ENABLED when the mode was not confirmed and it is disabled now.
+    `state` is the current one: below OPERATION_ENABLED, None without a valid statusword, still OPERATION_ENABLED when
+    the mode was not confirmed and the drive is being disabled.
     """
 
     time: int
@@ -171,12 +172,12 @@ class EnableLost:
 
     @property
     def power_stage_off(self) -> bool:
-        """Whether bit 4 says that the power stage has no voltage: mains lost, or safe torque off."""
+        """Whether bit 4 reports a power stage without voltage: mains lost, or safe torque off."""
         return self.state is not None and self.statusword is not None and not self.statusword & VOLTAGE_ENABLED
 
     @property
     def text(self) -> str:
-        """What happened, in words."""
+        """Sentence for users."""
         if self.state is State.OPERATION_ENABLED:
             return f"being disabled, still {_name(self.state)} ({_word(self.statusword)}); enable to go on"
         cause = ", power stage off" if self.power_stage_off else ""
@@ -185,7 +186,7 @@ class EnableLost:
 
 @dataclass(frozen=True, slots=True)
 class ControlChanged:
-    """Bit 9 changed, or was 0 at the first look: a drive under local control ignores its controlword."""
+    """Change of bit 9, or 0 in the first statusword: a drive under local control ignores its controlword."""
 
     time: int
     statusword: int
@@ -197,7 +198,7 @@ class ControlChanged:
 
     @property
     def text(self) -> str:
-        """What happened, in words."""
+        """Sentence for users."""
         if self.remote:
             return f"under remote control again ({_word(self.statusword)})"
         return f"under local control, controlword may be ignored ({_word(self.statusword)}, bit 9 is 0)"
@@ -205,7 +206,7 @@ class ControlChanged:
 
 @dataclass(frozen=True, slots=True)
 class StatuswordUndefined:
-    """The statusword matched no state for `updates` updates on end; an enabled drive is being disabled."""
+    """Undefined statusword for `updates` consecutive updates; an enabled drive is being disabled."""
 
     time: int
     statusword: int
@@ -213,7 +214,7 @@ class StatuswordUndefined:
 
     @property
     def text(self) -> str:
-        """What happened, in words."""
+        """Sentence for users."""
         return f"{_word(self.statusword)} shows no state, for {self.updates} updates"
 
 

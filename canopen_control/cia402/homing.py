@@ -91,26 +91,26 @@ _ENDED = (HomingStatus.NOT_RUNNING, HomingStatus.COMPLETED)
 
 
 def homing_status(statusword: int) -> HomingStatus:
-    """Return what bits 13, 12 and 10 say; only meaningful in mode HM."""
+    """Return bits 13, 12 and 10; only valid in mode HM."""
     return _STATUS[statusword >> 11 & 0b110 | statusword >> 10 & 0b001]
 
 
 @dataclass(frozen=True, slots=True)
 class HomingDone:
-    """The axis is homed."""
+    """Completed homing: the axis is homed."""
 
     time: int
     method: int
 
     @property
     def text(self) -> str:
-        """What happened, in words."""
+        """Sentence for users."""
         return f"homed by method {self.method}"
 
 
 @dataclass(frozen=True, slots=True)
 class HomingFailed:
-    """Homing ended without a home; `status` is the last one seen, None without a statusword."""
+    """Homing that ended without a home position; `status` is the last one received, None without a statusword."""
 
     time: int
     method: int
@@ -119,7 +119,7 @@ class HomingFailed:
 
     @property
     def text(self) -> str:
-        """What happened, in words."""
+        """Sentence for users."""
         return f"homing by method {self.method} failed: {self.reason}"
 
 
@@ -133,11 +133,11 @@ class _Phase(Enum):
 
 
 class HomingSequence:
-    """One homing at a time. Write the bit that `update` returns to `DriveMachine.mode_bits`.
+    """Sequence of one homing at a time. Write the bit returned by `update` to `DriveMachine.mode_bits`.
 
-    0x6098, the speeds and the mode are the owner's, and so is going back to the former mode afterwards. `homed` is
-    False from `start` until it is done, and after `forget`. `start_timeout_ns` is the time to be seen running,
-    `timeout_ns` all of it; `settle_updates` how long bits must stand still to be believed where they are ambiguous.
+    0x6098, the speeds and the mode belong to the owner, as does the return to the former mode. `homed` is False from
+    `start` until completion, and after `forget`. `start_timeout_ns` limits the time until it is seen running,
+    `timeout_ns` all of it; `settle_updates` is the number of updates for which ambiguous bits must be stable.
     """
 
     def __init__(
@@ -156,7 +156,7 @@ class HomingSequence:
         self._events: list[HomingEvent] = []
 
     def start(self, method: int) -> None:
-        """Begin homing, `method` being what stands in 0x6098; nothing while one is under way."""
+        """Start homing with `method`, the value in 0x6098; no-op during homing."""
         if self._phase is _Phase.IDLE:
             self.method, self.homed = method, False
             self._phase = _Phase.PREPARE
@@ -164,31 +164,31 @@ class HomingSequence:
             self._attained_absent = self._error_absent = self._ran = False
 
     def abort(self, reason: str = "aborted") -> None:
-        """Interrupt it at the next update: bit 4 falls, and the drive stops as its halt option (0x605D) says."""
+        """Interrupt homing at the next update: bit 4 becomes 0, and the drive stops by its halt option (0x605D)."""
         if self.active:
             self._aborted = reason
 
     def forget(self) -> None:
-        """Say that the drive lost its reference: it restarted, or its position jumped."""
+        """Clear `homed` after the drive has lost its reference: it restarted, or its position jumped."""
         self.homed = False
 
     @property
     def active(self) -> bool:
-        """Whether homing is under way."""
+        """Whether homing is in progress."""
         return self._phase is not _Phase.IDLE
 
     def events(self) -> list[HomingEvent]:
-        """Return what happened since the last call."""
+        """Return the events since the last call."""
         happened, self._events = self._events, []
         return happened
 
     def next_deadline(self) -> int | None:
-        """Return when `update` must be called at the latest, None when nothing runs out."""
+        """Return the latest time for the next call of `update`, None without a timeout."""
         earliest = min(self._deadline, self._start_deadline)
         return None if earliest == _NEVER else earliest
 
     def update(self, statusword: int | None, ready: bool, now: int) -> int:
-        """Return controlword bit 4 to send now. Call it once per cycle; never raises.
+        """Return controlword bit 4 to send. Call it once per cycle; it never raises.
 
         `ready`: the drive is enabled in mode HM; without that homing has failed.
         """
@@ -205,7 +205,7 @@ class HomingSequence:
         return self._prepare(status, now) if self._phase is _Phase.PREPARE else self._run(status, now)
 
     def _prepare(self, status: HomingStatus, now: int) -> int:
-        """Look at the old bits; the first ones may still be those of another mode, so the last look counts."""
+        """Evaluate the old bits; the first ones may still be those of another mode, so that the last update counts."""
         if self._updates <= self._settle_updates:
             self._attained_absent = not status.value & HomingStatus.ATTAINED.value
             self._error_absent = not status.value & HomingStatus.ERROR_MOVING.value

@@ -1,8 +1,8 @@
-"""Objects that hold the gains of a drive's velocity and position loop, and what their numbers are worth.
+"""Objects with the gains of a drive's velocity and position loop, and their scales.
 
-CiA 402 names 0x60F9 and 0x60FB and leaves their content to the maker, so no two makers share a scale: where the scale
-of a device is not known, its gains cannot be set, only proposed. A gain is told here as the loops of its device see it:
-torque in per mille of the rated one (0x6076), way in the user units of 0x6064, velocity in those per second.
+CiA 402 names 0x60F9 and 0x60FB and leaves their content to the manufacturer, so that scales differ: gains of a device
+with an unknown scale can be proposed but not set. Gains are in the units of the device's loops: torque in per mille of
+the rated one (0x6076), position in the user units of 0x6064, velocity in those per second.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class LoopGain(enum.Enum):
-    """A gain of a position P over a velocity PI, with its unit."""
+    """Gain of a position P over velocity PI control, with its unit."""
 
     VELOCITY_P = "per mille s/unit"
     VELOCITY_I = "per mille/unit"
@@ -31,7 +31,7 @@ class LoopGain(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class GainObject:
-    """Where a gain stands, and what 1 in that object is worth."""
+    """Object of a gain, and the value of 1 in this object."""
 
     index: int
     subindex: int
@@ -73,7 +73,7 @@ number in them is worth stands in the maker's manual alone."""
 
 
 def gain_places(od: ObjectDictionary, axis: int = 0) -> dict[LoopGain, tuple[int, int]]:
-    """Return where the maker of a drive holds gains whose scale only its manual tells; nothing where nobody knows."""
+    """Return the objects in which a manufacturer's drives hold gains of unknown scale; empty if unknown."""
     maker = od.device.vendor_name.lower()
     for word, records in _MAKERS:
         places = {
@@ -87,7 +87,7 @@ def gain_places(od: ObjectDictionary, axis: int = 0) -> dict[LoopGain, tuple[int
 
 
 def gain_objects(od: ObjectDictionary, axis: int = 0) -> dict[LoopGain, GainObject]:
-    """Return where an axis of a device holds its gains; nothing where it has none, or nobody knows their scale."""
+    """Return the gain objects of an axis with known scales; empty if there are none."""
     known = _KNOWN.get((_identity(od, 1), _identity(od, 2)), {})
     shifted = {
         gain: GainObject(axis_index(each.index, axis), each.subindex, each.scale) for gain, each in known.items()

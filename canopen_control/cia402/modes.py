@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class OperationMode(IntEnum):
-    """The modes with a number in the profile; negative numbers are the manufacturer's and stay plain ints."""
+    """Modes with a number in the profile; negative (manufacturer-specific) numbers remain plain ints."""
 
     NONE = 0
     PP = 1  # profile position
@@ -39,13 +39,13 @@ _NAMES = {int(mode): mode.name for mode in OperationMode}
 
 
 def mode_of(number: int) -> int:
-    """Return the mode of a number, a member of `OperationMode` where the profile has it."""
+    """Return the mode of a number, as a member of `OperationMode` if the profile has it."""
     return OperationMode(number) if number in _NAMES else number
 
 
 @lru_cache(maxsize=64)
 def supported_modes(supported_drive_modes: int) -> tuple[OperationMode, ...]:
-    """Return the modes that 0x6502 lists, ascending; the manufacturer's bits and reserved ones are left out."""
+    """Return the modes in 0x6502, ascending, without manufacturer-specific and reserved bits."""
     return tuple(mode for mode in _SELECTABLE if supported_drive_modes >> (mode - 1) & 1)
 
 
@@ -88,7 +88,7 @@ TARGET_OBJECTS: Mapping[int, tuple[int, int]] = MappingProxyType(
 def mode_for_interface(interface: str, supported: Iterable[int]) -> OperationMode:
     """Return the best mode for a command interface `position`, `velocity` or `effort`.
 
-    Raises UnsupportedMode when the drive has none that serves it, or no drive could (an unknown interface).
+    UnsupportedMode if the drive has none for it, or if the interface is unknown.
     """
     present = tuple(supported)
     wanted = INTERFACE_MODES.get(interface, ())
@@ -102,8 +102,8 @@ def mode_for_interface(interface: str, supported: Iterable[int]) -> OperationMod
 def require_mode(mode: int, supported: Iterable[int]) -> None:
     """Raise UnsupportedMode unless `mode` is listed.
 
-    The manufacturer's (negative) modes are not ours to judge, nor is a drive that lists none: its answer to the request
-    will tell.
+    Manufacturer-specific (negative) modes are not checked, nor are drives that list none: their answer to the request
+    decides.
     """
     present = tuple(supported)
     if mode >= 0 and present and mode not in present:
@@ -111,7 +111,7 @@ def require_mode(mode: int, supported: Iterable[int]) -> None:
 
 
 class ModeBits(NamedTuple):
-    """What a mode's own bits mean: bit number to words; a bit that is not named has no meaning in the mode."""
+    """Mode-specific bits of a mode: bit number to text; a missing bit has no meaning in the mode."""
 
     controlword: Mapping[int, str]
     statusword: Mapping[int, str]

@@ -155,9 +155,9 @@ MOTION = frozenset(
 
 
 def axis_index(index: int, axis: int) -> int:
-    """Return the index that the profile object `index` (of axis 0) has for `axis`; others are returned unchanged.
+    """Return the index of the profile object `index` (of axis 0) for `axis`; other objects are returned unchanged.
 
-    Raises ValueError unless `axis` is 0 to 7.
+    ValueError unless `axis` is 0 to 7.
     """
     if not 0 <= axis < AXES:
         raise ValueError(f"axis {axis} does not exist: a device has the axes 0 to {AXES - 1}")
@@ -165,7 +165,7 @@ def axis_index(index: int, axis: int) -> int:
 
 
 def axis_of(index: int) -> tuple[int, int]:
-    """Return (index of axis 0, axis) for any profile object 0x6000 to 0x9FFF; (index, 0) for all others."""
+    """Return (index of axis 0, axis) for a profile object 0x6000 to 0x9FFF; (index, 0) for others."""
     if not _FIRST <= index < _FIRST + AXES * _AXIS_STRIDE:
         return index, 0
     axis = (index - _FIRST) // _AXIS_STRIDE
@@ -173,23 +173,23 @@ def axis_of(index: int) -> tuple[int, int]:
 
 
 def axis_count(indices: Container[int]) -> int:
-    """Return how many axes a device with these object indices has.
+    """Return the number of axes of a device with these object indices.
 
-    An axis counts when it has a controlword and those below it have one.
+    An axis counts if it and all lower ones have a controlword.
     """
     present = (axis_index(CONTROLWORD, axis) in indices for axis in range(AXES))
     return next((axis for axis, there in enumerate(present) if not there), AXES)
 
 
 def object_name(index: int) -> str | None:
-    """Return the name of a profile object in words, with its axis if that is not 0; None if it is none."""
+    """Return the name of a profile object, with its axis if that is not 0; None for other objects."""
     base, axis = axis_of(index)
     name = NAMES.get(base)
     return f"{name} (axis {axis})" if name and axis else name
 
 
 def is_drive_profile(device_type: int) -> bool:
-    """Whether object 0x1000 names CiA 402, as a single drive or as a device of several."""
+    """Whether object 0x1000 indicates CiA 402, as a single drive or in a multiple device."""
     return device_type & 0xFFFF == _DRIVE_PROFILE
 
 
@@ -201,7 +201,7 @@ def is_drive_profile(device_type: int) -> bool:
 
 
 class Reaction(Enum):
-    """How the motor is brought to rest."""
+    """How the motor is stopped."""
 
     DISABLE = "drive function off, the motor coasts"
     SLOW_DOWN_RAMP = "slow-down ramp"
@@ -211,7 +211,7 @@ class Reaction(Enum):
 
 
 class Option(NamedTuple):
-    """One code's meaning: how the drive stops, and the state it is in when it stands."""
+    """Meaning of one option code: how the drive stops, and its state at standstill."""
 
     reaction: Reaction
     final_state: State

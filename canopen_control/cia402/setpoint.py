@@ -32,7 +32,7 @@ _FOLLOWING_ERROR = 1 << 13
 
 
 class SetPoint(NamedTuple):
-    """One target in device units, and bits 5, 6 and 9 that go with it."""
+    """One target in device units, with bits 5, 6 and 9 of the controlword."""
 
     target: int
     bits: int = 0
@@ -40,20 +40,20 @@ class SetPoint(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SetPointTaken:
-    """The drive acknowledged the set-point."""
+    """Acknowledged set-point."""
 
     time: int
     target: int
 
     @property
     def text(self) -> str:
-        """What happened, in words."""
+        """Sentence for users."""
         return f"set-point {self.target} taken"
 
 
 @dataclass(frozen=True, slots=True)
 class SetPointReached:
-    """The drive is at the last set-point it took; bit 11 of `statusword` tells whether it had to limit it."""
+    """Reached set-point, the last one acknowledged; bit 11 of `statusword` tells whether it was limited."""
 
     time: int
     target: int
@@ -61,13 +61,13 @@ class SetPointReached:
 
     @property
     def text(self) -> str:
-        """What happened, in words."""
+        """Sentence for users."""
         return f"set-point {self.target} reached"
 
 
 @dataclass(frozen=True, slots=True)
 class SetPointFailed:
-    """The set-point was given up; `reason` says why, `phase` where it was."""
+    """Abandoned set-point; `reason` is the cause, `phase` its phase."""
 
     time: int
     target: int
@@ -76,20 +76,20 @@ class SetPointFailed:
 
     @property
     def text(self) -> str:
-        """What happened, in words."""
+        """Sentence for users."""
         return f"set-point {self.target} given up: {self.reason}"
 
 
 @dataclass(frozen=True, slots=True)
 class SetPointDeferred:
-    """The drive did not acknowledge the set-point on its way to another one; it is given again at the end of that."""
+    """Set-point not acknowledged during the motion to another one; it is repeated at the end of that motion."""
 
     time: int
     target: int
 
     @property
     def text(self) -> str:
-        """What happened, in words."""
+        """Sentence for users."""
         return (
             f"set-point {self.target} not acknowledged on the way to another one; given again when the drive is there"
         )
@@ -97,7 +97,7 @@ class SetPointDeferred:
 
 @dataclass(frozen=True, slots=True)
 class FollowingError:
-    """Bit 13: the drive cannot follow its own profile. Told once per set-point; the drive's reaction is its own."""
+    """Following error (bit 13), reported once per set-point; the drive's reaction is its own."""
 
     time: int
     target: int
@@ -105,7 +105,7 @@ class FollowingError:
 
     @property
     def text(self) -> str:
-        """What happened, in words."""
+        """Sentence for users."""
         return f"following error on the way to {self.target} (statusword 0x{self.statusword:04X})"
 
 
@@ -113,7 +113,7 @@ SetPointEvent = SetPointTaken | SetPointReached | SetPointFailed | SetPointDefer
 
 
 class SetPointPhase(Enum):
-    """Where a set-point is; the value is what a timeout in it means."""
+    """Phase of a set-point; the value describes a timeout in it."""
 
     IDLE = "nothing to do"
     LOW = "the acknowledge bit 12 stays 1 before the set-point"

@@ -1,11 +1,12 @@
-"""The boot of one node (CiA 302-2, boot slave), as a generator that asks and is answered.
+"""Boot of one node (CiA 302-2, boot slave), as a generator of requests.
 
-The law of this file: it decides, it does nothing. `boot` yields requests (`requests.py`) and is sent their results, or
-has `SdoAbort` and `SdoTimeout` thrown into it; whoever runs it (`remote_node.RemoteNode`) never waits. A failure is a
-`BootError` with the standard's letter (`LETTERS`). `NextStep` marks where the time goes.
+`boot` yields requests (`requests.py`) and receives their results, or `SdoAbort` and `SdoTimeout` as exceptions; its
+runner (`remote_node.RemoteNode`) never waits. A failure is a `BootError` with the letter of the standard (`LETTERS`).
+`NextStep` marks the steps for timing.
 
-A node is reset first, so that nothing of an earlier run is left and no PDO is mapped while it is OPERATIONAL; a node
-that has just sent its boot-up, and one to be kept alive that is OPERATIONAL, is not. The latter is only compared.
+A node is first reset, so that nothing of an earlier run remains and no PDO is mapped while it is OPERATIONAL.
+Exceptions are a node that has just sent its boot-up, and a node to be kept alive that is OPERATIONAL, which is only
+compared.
 """
 
 from __future__ import annotations
@@ -68,10 +69,10 @@ _PRESETS = {0x607A: 0x6064, 0x6060: 0x6061}
 
 @dataclass(frozen=True, slots=True)
 class BootResult:
-    """What the boot learnt of the node; -1 or None where it does not say.
+    """Properties of the node after its boot; -1 or None if unknown.
 
-    `reads` and `writes` are its SDO requests, `adopted` the PDOs that are used as the node has them, `presets` the
-    values that its process data begin with, by (index, subindex).
+    `reads` and `writes` count its SDO requests, `adopted` are the PDOs used with the node's own configuration,
+    `presets` the initial values of its process data by (index, subindex).
     """
 
     vendor_id: int
@@ -87,10 +88,10 @@ class BootResult:
 
 
 def boot(plan: NodePlan, *, reset: bool) -> Generator[Request, Answer, BootResult]:
-    """Bring one node from wherever it is to OPERATIONAL.
+    """Bring one node from any state to OPERATIONAL.
 
-    `reset` sends NMT reset communication first, so that a node left over from an earlier run forgets its
-    configuration; a node that has just sent its boot-up needs none, one to be kept alive only if it is not running.
+    `reset` sends NMT reset communication first, so that a node left over from an earlier run loses its configuration; a
+    node that has just sent its boot-up needs none, one to be kept alive only if it is not running.
     """
     transfers = BootTransfers()
     keep = plan.keep_alive and reset
@@ -127,7 +128,7 @@ def _reset(plan: NodePlan, command: NmtCommand) -> Generator[Request, Answer, bo
 def _identify(
     plan: NodePlan, transfers: BootTransfers, *, alive: bool
 ) -> Generator[Request, Answer, tuple[int, int, int, int]]:
-    """Compare device type and identity with the EDS: CiA 302-2, steps 3 to 8; `alive`: its boot-up message came."""
+    """Compare device type and identity with the EDS: CiA 302-2, steps 3 to 8; `alive`: its boot-up was received."""
     try:
         device_type = int.from_bytes((yield from transfers.read(DEVICE_TYPE)), "little")
     except (SdoTimeout, SdoAbort, SdoLengthError) as error:
@@ -157,7 +158,7 @@ def _identify(
 
 
 def _is_running(plan: NodePlan) -> Generator[Request, Answer, bool]:
-    """Ask for the state of a node that is to be kept alive: CiA 302-2, "check node state"."""
+    """Read the state of a node that is to be kept alive: CiA 302-2, "check node state"."""
     yield NextStep("keep alive")
     timeout = plan.supervision_ns or STATE_NS
     state = yield AwaitHeartbeat(timeout)
@@ -184,7 +185,7 @@ def _check_software(plan: NodePlan, transfers: BootTransfers) -> Generator[Reque
 
 
 def _prepare_drive(plan: NodePlan, transfers: BootTransfers, running: bool) -> Generator[Request, Answer, int | None]:
-    """Read modes and actual values of a drive, and take its power and its old target away if it was left enabled."""
+    """Read modes and actual values of a drive; disable it and clear its old target if it was left enabled."""
     modes: int | None = None
     sent = {(mapped.index, mapped.subindex) for layout in plan.rpdos for mapped in layout.objects}
     for offset in plan.axes:
@@ -204,9 +205,9 @@ def _prepare_drive(plan: NodePlan, transfers: BootTransfers, running: bool) -> G
 
 
 def _leave_running(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Take a node over that runs: compare its configuration, and name what differs (letter L, no failure).
+    """Take over a running node: compare its configuration and report differences (letter L, not a failure).
 
-    Its supervision is written all the same, and a PDO in use that differs is an error.
+    Its supervision is written anyway, and a PDO in use that differs is an error.
     """
     yield NextStep("compare")
     yield from check_expected(plan, transfers)
@@ -238,7 +239,7 @@ def _configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, A
 
 
 def _await_heartbeat(plan: NodePlan) -> Generator[Request, Answer, None]:
-    """Start error control: nothing is started that nobody watches."""
+    """Start error control before the node is started."""
     yield NextStep("heartbeat")
     if plan.supervision_ns and not (yield AwaitState(plan.supervision_ns)):
         what = "answer to guarding" if plan.guard else "heartbeat"
@@ -246,7 +247,7 @@ def _await_heartbeat(plan: NodePlan) -> Generator[Request, Answer, None]:
 
 
 def _start(plan: NodePlan) -> Generator[Request, Answer, None]:
-    """Start the node, and again if nothing shows that it heard (a command may be lost)."""
+    """Start the node, and again if it does not confirm: the command may have been lost."""
     yield NextStep("start")
     if not plan.supervision_ns and not plan.tpdos:
         yield SendNmt(NmtCommand.START)  # nothing would confirm it
@@ -261,7 +262,7 @@ def _start(plan: NodePlan) -> Generator[Request, Answer, None]:
 def _answered(
     plan: NodePlan, letter: str, transfers: BootTransfers, index: int, subindex: int, *, signed: bool = False
 ) -> Generator[Request, Answer, int | None]:
-    """Read an object that a node need not have; silence is an error of the boot, and so is what is no value of it."""
+    """Read an optional object; a missing answer or an invalid value is a boot error."""
     try:
         return (yield from transfers.number(index, subindex, signed=signed))
     except (SdoTimeout, SdoLengthError) as error:
@@ -294,7 +295,7 @@ _WAITS = (AwaitBootUp, AwaitState, AwaitHeartbeat)
 
 @dataclass(frozen=True, slots=True)
 class FinishedStep:
-    """One finished step of a boot and how long it took."""
+    """Completed step of a boot and its duration."""
 
     name: str
     seconds: float
@@ -302,9 +303,9 @@ class FinishedStep:
 
 
 class BootTask:
-    """One boot of one node under way; `done` when it has a `result` or an `error`.
+    """Boot of one node in progress; `done` once it has a `result` or an `error`.
 
-    `count_tpdos` returns how many TPDOs of the node have come: one more says OPERATIONAL as a heartbeat does.
+    `count_tpdos` returns the number of received TPDOs of the node: another one proves OPERATIONAL as a heartbeat does.
     """
 
     def __init__(
@@ -332,32 +333,32 @@ class BootTask:
 
     @property
     def done(self) -> bool:
-        """Whether the boot ended, well or badly."""
+        """Whether the boot ended, with or without success."""
         return self.result is not None or self.error is not None
 
     @property
     def step(self) -> str:
-        """What the boot is doing."""
+        """Current step of the boot."""
         return self._step
 
     @property
     def awaits_boot_up(self) -> bool:
-        """Whether a boot-up is what comes next, not a surprise."""
+        """Whether a boot-up is expected next."""
         return isinstance(self._waiting, AwaitBootUp)
 
     def next_deadline(self) -> int | None:
-        """Return when `tick` has something to do; 0 means at once: a TPDO may have come."""
+        """Return the time of the next `tick`; 0 means at once: a TPDO may have been received."""
         if self._hears_tpdos:
             return 0
         return self._deadline if isinstance(self._waiting, _WAITS) else None
 
     def boot_up(self, now: int) -> None:
-        """Take the node's boot-up message."""
+        """Process the boot-up of the node."""
         if self.awaits_boot_up:
             self._answer(True, now)
 
     def heartbeat(self, state: NmtState | None, now: int) -> None:
-        """Take a heartbeat of the node."""
+        """Process a heartbeat of the node."""
         waiting = self._waiting
         if isinstance(waiting, AwaitHeartbeat) and state is not None:
             self._answer(state, now)
@@ -365,14 +366,14 @@ class BootTask:
             self._answer(True, now)
 
     def tick(self, now: int) -> None:
-        """End a wait whose time is over, or that a TPDO has ended."""
+        """End a wait after its timeout, or because of a TPDO."""
         if self._hears_tpdos and self._count_tpdos() > self._tpdos:
             self._answer(True, now)
         elif isinstance(self._waiting, _WAITS) and now >= self._deadline:
             self._answer(None if isinstance(self._waiting, AwaitHeartbeat) else False, now)
 
     def transfer_ended(self, request: SdoRequest, now: int) -> None:
-        """Take the end of the SDO transfer that was asked for."""
+        """Process the end of the requested SDO transfer."""
         if self.done or request is not self._transfer:
             return
         if request.error is not None:
@@ -382,7 +383,7 @@ class BootTask:
             self._answer(None if request.is_write else request.data, now)
 
     def cancel(self) -> None:
-        """Drop the boot; whatever is under way is not answered any more."""
+        """Cancel the boot; pending requests are ignored."""
         self._generator.close()
         self._waiting = None
         self._transfer = None
@@ -397,7 +398,7 @@ class BootTask:
         self._resume(now, lambda: self._generator.send(value))
 
     def _resume(self, now: int, go_on: Callable[[], Request]) -> None:
-        """Let the generator run up to its next wait."""
+        """Run the generator until its next wait."""
         self._waiting = None
         try:
             request = go_on()

@@ -1,9 +1,9 @@
-"""The configuration of a node during its boot: read, compare, write, verify (CiA 302-2, "download configuration").
+"""Configuration of a node during its boot: read, compare, write, verify (CiA 302-2, "download configuration").
 
-The law of this file: what the node holds already is not written again, and what was written is read back. A node that
-holds something else than it was told is refused where the object is the network's (communication objects, 0x6007), and
-warned of where it is the drive's (a ramp that the drive limits). A PDO that cannot be made what it should be is either
-used as the node has it, where it carries what is needed, or left invalid, and never half done.
+Values that the node already has are not written, and written values are read back. A node that keeps another value is
+refused for objects of the network (communication objects, 0x6007), and only warned about for objects of the drive (such
+as a ramp that it limits). A PDO that cannot be configured is either used with the node's own mapping, if it carries
+what is needed, or left invalid.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _COB_ID = 1  # subindex of a communication record
 
 
 def groups(writes: Sequence[PlannedWrite]) -> list[list[PlannedWrite]]:
-    """Return the writes in order, those of one PDO in one list, each other in a list of its own."""
+    """Return the writes in order, those of one PDO in one list, every other one in a list of its own."""
     found: list[list[PlannedWrite]] = []
     for pdo, each in groupby(writes, key=lambda write: write.pdo):
         members = list(each)
@@ -76,17 +76,17 @@ def cob_id_of(pdo: tuple[str, int]) -> int:
 
 
 def final_values(group: Sequence[PlannedWrite]) -> dict[tuple[int, int], PlannedWrite]:
-    """Return the last write of each address: what the node holds in the end."""
+    """Return the last write of each address, which gives the final value."""
     return {write.address: write for write in group}
 
 
 def reads_of(group: Sequence[PlannedWrite]) -> list[tuple[int, int]]:
-    """Return the addresses to be read before the group is written; none where reading tells nothing."""
+    """Return the addresses to read before the group is written, without those that cannot be compared."""
     return [address for address, write in final_values(group).items() if write.compare]
 
 
 def keep_rtr_bit(planned: bytes, held: bytes | None) -> bytes:
-    """Return a COB-ID with bit 30 as the device has it."""
+    """Return a COB-ID with bit 30 as in the device."""
     if held is None or len(held) != len(planned):
         return planned
     value, own = int.from_bytes(planned, "little"), int.from_bytes(held, "little")
@@ -94,7 +94,7 @@ def keep_rtr_bit(planned: bytes, held: bytes | None) -> bytes:
 
 
 def matches(write: PlannedWrite, held: bytes | None) -> bool:
-    """Whether the node holds what the write would give it."""
+    """Whether the node already has the value of the write."""
     if held is None:
         return False
     if is_cob_id(write):
@@ -113,7 +113,7 @@ def matches(write: PlannedWrite, held: bytes | None) -> bool:
 
 
 def needed(group: Sequence[PlannedWrite], held: Mapping[tuple[int, int], bytes | None]) -> list[PlannedWrite]:
-    """Return the writes of a group that a node which holds `held` needs, in order; none where nothing differs."""
+    """Return the required writes of a group for a node with the values `held`, in order; none without a difference."""
     final = final_values(group)
     different = {
         address for address, write in final.items() if not write.compare or not matches(write, held.get(address))
@@ -134,7 +134,7 @@ def _is_needed(
     different: set[tuple[int, int]],
     held: Mapping[tuple[int, int], bytes | None],
 ) -> bool:
-    """Whether one write of a PDO is needed: invalid first unless it is, then what differs, then valid."""
+    """Whether one write of a PDO is required: first invalid unless it is, then differences, then valid."""
     if write.index != communication:
         return remap  # a mapping is written as a whole: count 0, entries, count
     if write.subindex != _COB_ID or write.fixed:
@@ -163,7 +163,7 @@ _UNSIGNED = {kind.bits: kind for kind in DataType if kind.name.startswith("UNSIG
 
 @dataclass(frozen=True, slots=True)
 class _Own:
-    """A PDO as the node has it."""
+    """PDO as configured in the node."""
 
     cob_id: int
     transmission_type: int
@@ -176,7 +176,7 @@ class _Own:
 def release_cob_ids(
     grouped: Sequence[Sequence[PlannedWrite]], transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
-    """Make the PDOs invalid that hold the identifier which another one is to have: two users of one are refused.
+    """Make the PDOs invalid that use an identifier planned for another one: devices refuse a second user.
 
     Devices check that when a PDO becomes valid (maxon EPOS4 among them).
     """
@@ -201,7 +201,7 @@ def release_cob_ids(
 def configure_pdo(
     plan: NodePlan, group: Sequence[PlannedWrite], transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
-    """Read, compare, write and verify the writes of one PDO; adopt what the node has where it refuses. BootError J."""
+    """Read, compare, write and verify one PDO; use the node's configuration if it refuses. BootError J."""
     held: Held = {}
     try:
         for address in reads_of(group):
@@ -231,10 +231,10 @@ _Refusal = tuple["PlannedWrite", str]
 def _write_pdo(
     writes: Sequence[PlannedWrite], wanted: Sequence[PlannedWrite], held: Held, transfers: BootTransfers
 ) -> Generator[Request, Answer, str | None]:
-    """Write what a PDO needs; return why the node refused, None if it did not.
+    """Write a PDO; return the reason of a refusal, None if there was none.
 
-    Drives whose COB-IDs cannot be written take their mapping while the PDO is valid: count 0, mapping, count (Elmo;
-    ros-industrial/ros_canopen, issue 151). Others need it invalid although their EDS says that it cannot be made so.
+    Drives whose COB-IDs cannot be written accept the mapping while the PDO is valid: count 0, mapping, count (Elmo;
+    ros-industrial/ros_canopen, issue 151). Others need it invalid although their EDS declares the COB-ID constant.
     """
     refused = yield from _write_all(writes, transfers)
     final = next((write for write in reversed(wanted) if is_cob_id(write)), None)
@@ -260,7 +260,7 @@ def _is_off(write: PlannedWrite) -> bool:
 
 
 def _write_all(writes: Sequence[PlannedWrite], transfers: BootTransfers) -> Generator[Request, Answer, _Refusal | None]:
-    """Write in order; return what the node refused and why, None if nothing."""
+    """Write in order; return the refused write with its reason, None if all were accepted."""
     for write in writes:
         try:
             yield from transfers.write(*write.address, write.data)
@@ -272,7 +272,7 @@ def _write_all(writes: Sequence[PlannedWrite], transfers: BootTransfers) -> Gene
 def _verify(
     wanted: Sequence[PlannedWrite], held: Held, transfers: BootTransfers
 ) -> Generator[Request, Answer, str | None]:
-    """Read back what was written; return what the node did not keep."""
+    """Read the written values back; return those that the node did not keep."""
     for address, write in final_values(wanted).items():
         if held.get(address) is None:
             continue  # cannot be read
@@ -286,7 +286,7 @@ def _verify(
 def _refused(
     plan: NodePlan, wanted: Sequence[PlannedWrite], held: Held, refusal: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
-    """Fall back to the node's own PDO, or leave it invalid."""
+    """Use the node's own PDO, or leave it invalid."""
     pdo = wanted[0].pdo or ("", 0)
     layout = _layout(plan, pdo)
     if layout is None:
@@ -319,14 +319,14 @@ def _refused(
 
 
 def _empty(pdo: tuple[str, int], transfers: BootTransfers) -> Generator[Request, Answer, bool]:
-    """Let a PDO carry nothing; return whether the node holds an empty mapping then."""
+    """Clear the mapping of a PDO; return whether it is empty then."""
     mapping = MAPPING[pdo[0]] + pdo[1] - 1
     yield from _try(transfers, mapping, 0, b"\0")
     return (yield from transfers.number(mapping)) == 0
 
 
 def _own(pdo: tuple[str, int], held: Held, transfers: BootTransfers) -> Generator[Request, Answer, _Own]:
-    """Put back what the mapping was, as far as the node lets it, and read the PDO as it is."""
+    """Restore the former mapping as far as the node accepts it, and read the PDO."""
     communication, mapping = cob_id_of(pdo), MAPPING[pdo[0]] + pdo[1] - 1
     count = held.get((mapping, 0))
     if count is not None and (yield from transfers.held(mapping, 0)) != count:
@@ -346,7 +346,7 @@ def _own(pdo: tuple[str, int], held: Held, transfers: BootTransfers) -> Generato
 def _enable(
     plan: NodePlan, wanted: Sequence[PlannedWrite], own: _Own, refusal: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, _Own]:
-    """Make the node's own PDO valid, under the planned COB-ID if it takes that, else under its own."""
+    """Make the node's own PDO valid, under the planned COB-ID if it accepts that, else under its own."""
     pdo = wanted[0].pdo or ("", 0)
     communication = cob_id_of(pdo)
     planned = next(write.data for write in reversed(wanted) if is_cob_id(write))
@@ -396,7 +396,10 @@ _FIRST_OBJECT = 0x1000  # below it are the types, which fill gaps
 
 
 def read_outputs(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Read what the RPDOs begin with, axes apart, into `transfers.presets`; BootError J for a silent node."""
+    """Read the initial values of the RPDOs, except those of axes, into `transfers.presets`.
+
+    BootError J without an answer.
+    """
     motion = {index + offset for index in MOTION for offset in plan.axes}
     mapped = {each[:2]: each for layout in plan.rpdos for each in layout.objects}
     wanted = {
@@ -412,9 +415,9 @@ def read_outputs(plan: NodePlan, transfers: BootTransfers) -> Generator[Request,
 
 
 def read_signals(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Read what the inputs of a device begin with and how it scales them, into `transfers.presets`.
+    """Read initial values and scales of a device's inputs into `transfers.presets`.
 
-    An input that is sent when it changes may not change for hours. What the node does not show is left out.
+    An input that is sent on change may not change for hours. Objects that the node refuses are skipped.
     """
     wanted = [each for each in plan.reads if _address(each) not in transfers.presets]
     if wanted:
@@ -428,7 +431,7 @@ def read_signals(plan: NodePlan, transfers: BootTransfers) -> Generator[Request,
 def _read_value(
     plan: NodePlan, mapped: MappedObject, what: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, Value | None]:
-    """Read one object, None where the node does not show it; BootError J for a silent node."""
+    """Read one object, None if the node refuses; BootError J without an answer."""
     index, subindex = _address(mapped)
     try:
         data = yield from transfers.try_read(index, subindex)
@@ -439,7 +442,7 @@ def _read_value(
 
 
 def value_of(mapped: MappedObject, data: bytes) -> Value | None:
-    """Return the value that an RPDO packs for what SDO transfers as `data`; None where it cannot be one."""
+    """Return the RPDO value of SDO data; None if they do not fit."""
     try:
         value = decode(data, mapped.data_type)
         PdoCodec((mapped,)).pack([value])
@@ -460,7 +463,7 @@ _SUPERVISION = frozenset((0x100C, 0x100D, 0x1016, 0x1017, 0x1029, _ABORT_CONNECT
 
 
 def configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Bring the node to what the plan says; raises BootError J."""
+    """Configure the node by its plan; BootError J."""
     grouped = groups(plan.writes)
     counter = [group for group in grouped if group[0].index in _SYNC_COUNTER]
     for group in counter:  # at once: until then each SYNC with a counter is an error of the node, EMCY 0x8240
@@ -480,9 +483,9 @@ def configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, An
 
 
 def check_expected(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Compare what the scales of bus.yml count on and nothing writes; BootError J where the drive holds something else.
+    """Compare the objects that the scales of bus.yml assume and nothing writes; BootError J for a difference.
 
-    Other factors are taken where they make the counts of a turn that bus.yml has, and those of the EDS do not: bus.yml
+    Other factors are accepted if they give the counts per revolution of bus.yml and those of the EDS do not: bus.yml
     was written for this drive.
     """
     held: dict[tuple[int, int], int] = {}
@@ -510,7 +513,7 @@ def check_expected(plan: NodePlan, transfers: BootTransfers) -> Generator[Reques
 
 
 def _makes(plan: NodePlan, offset: int, held: Mapping[tuple[int, int], int]) -> bool:
-    """Whether what a drive holds makes the counts of a turn that bus.yml has."""
+    """Whether the values of a drive give the counts per revolution of bus.yml."""
 
     def pair(index: int) -> tuple[int, int] | None:
         found = held.get((index + offset, 1)), held.get((index + offset, 2))
@@ -526,7 +529,7 @@ def _makes(plan: NodePlan, offset: int, held: Mapping[tuple[int, int], int]) -> 
 
 
 def compare_only(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, list[PlannedWrite]]:
-    """Return what the node would have to be told, without telling it."""
+    """Return the writes that the node would need, without writing."""
     missing: list[PlannedWrite] = []
     for group in groups(plan.writes):
         held = yield from _held(group, transfers)
@@ -537,10 +540,10 @@ def compare_only(plan: NodePlan, transfers: BootTransfers) -> Generator[Request,
 def watch_running(
     plan: NodePlan, missing: Sequence[PlannedWrite], transfers: BootTransfers
 ) -> Generator[Request, Answer, list[PlannedWrite]]:
-    """Write the supervision that a running node lacks, and return what else it lacks.
+    """Write missing supervision to a running node, and return its other differences.
 
-    Its death must be noticed, and it must notice ours, whoever configured it. What is sent and received must be what
-    the node sends and receives: BootError J where a PDO in use differs, since none can be changed while it runs.
+    Both sides must detect the loss of the other. PDOs in use must match the plan: BootError J otherwise, since they
+    cannot be changed while it runs.
     """
     used = {("rpdo", each.number) for each in plan.rpdos} | {("tpdo", each.number) for each in plan.tpdos}
     if differs := sorted({write.pdo for write in missing if write.pdo is not None and write.pdo in used}):
@@ -557,7 +560,7 @@ def watch_running(
 
 
 def store(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Let the node store its configuration, if this boot has changed it; a refusal is a warning."""
+    """Store the configuration in the node if this boot has changed it; a refusal is a warning."""
     if not plan.save or not transfers.changed:
         return
     try:
@@ -596,7 +599,7 @@ def _configure_object(
 
 
 def _release(write: PlannedWrite, held: bytes, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Make a COB-ID changeable: a valid EMCY and a produced SYNC keep theirs (CiA 301, 7.5.2.5 and 7.5.2.17)."""
+    """Make a COB-ID changeable: that of a valid EMCY or a produced SYNC is fixed (CiA 301, 7.5.2.5 and 7.5.2.17)."""
     value = int.from_bytes(held, "little")
     changeable = value & ~PRODUCER_BIT if write.index == _SYNC else value | INVALID_BIT
     if changeable != value and not matches(write, changeable.to_bytes(4, "little")):
@@ -607,7 +610,7 @@ def _release(write: PlannedWrite, held: bytes, transfers: BootTransfers) -> Gene
 
 
 def _clear_double(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Clear other entries of 0x1016 that a device has stored for the same node: it refuses a second one (7.5.2.19)."""
+    """Clear other entries of 0x1016 for the same node: a device refuses a second one (CiA 301, 7.5.2.19)."""
     node_id, ms = parse_consumer_entry(int.from_bytes(write.data, "little"))
     if not ms:
         return
@@ -627,7 +630,7 @@ def _present(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers) -> G
 
 
 def _write(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers) -> Generator[Request, Answer, bool]:
-    """Write; return False for an addition that the node refuses and that is not vital."""
+    """Write; return False if the node refuses an addition that is not essential."""
     try:
         yield from transfers.write(*write.address, write.data, STORE_NS if write.index in (STORE, RESTORE) else None)
     except (SdoAbort, SdoTimeout) as error:
@@ -645,7 +648,7 @@ def _vital(write: PlannedWrite) -> bool:
 
 
 def _differs(plan: NodePlan, write: PlannedWrite, after: bytes, transfers: BootTransfers) -> None:
-    """Judge a node that took a value and holds another."""
+    """Report a node that accepted a value and has another one."""
     text = f"{_what(write)} holds 0x{after[::-1].hex()} after 0x{write.data[::-1].hex()} was written"
     if (write.index < _FIRST_OWN and write.index != _EMCY) or axis_of(write.index)[0] == _ABORT_CONNECTION:
         raise boot_error(plan, "J", text)

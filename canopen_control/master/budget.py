@@ -1,8 +1,8 @@
-"""Bus load of the process data: bits of the worst cycle, average load, the shortest possible SYNC period.
+"""Bus load of process data: bits of the worst cycle, average load, shortest possible SYNC period.
 
-The worst cycle counts every PDO that may come in it, with all the stuff bits a frame can have,
-and decides whether the period is possible; the load is the average of the worst frames at their rates. SDO, EMCY and
-NMT are left out: they take what is free, and so a load above `HIGH` leaves too little for them.
+The worst cycle contains every PDO that may be sent in it, with the maximum of stuff bits, and decides whether the
+period is possible. The load is the average of the worst frames at their rates. SDO, EMCY and NMT are not included: they
+use the remaining bandwidth, so that a load above `HIGH` leaves too little for them.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _ON_REMOTE = (252, 253)
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """One frame: its data bytes, and how often it comes per cycle; `cyclic`: it counts in the worst cycle."""
+    """One frame: number of data bytes and rate per cycle; `cyclic`: it is part of the worst cycle."""
 
     name: str
     cob_id: int
@@ -40,13 +40,13 @@ class Share:
 
     @property
     def worst_bits(self) -> int:
-        """Its bits with all stuff bits."""
+        """Bits with the maximum of stuff bits."""
         return bits_of(self.length)[1]
 
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """The frames of a bus against its bit rate (bit/s) and the period of its cycle in ns."""
+    """Frames of a bus with its bit rate (bit/s) and the period of its cycle in ns."""
 
     shares: tuple[Share, ...]
     bitrate: int
@@ -60,28 +60,28 @@ class Budget:
 
     @property
     def worst_bits(self) -> int:
-        """The same with all stuff bits."""
+        """Bits of a cycle with every PDO and the maximum of stuff bits."""
         return sum(share.worst_bits for share in self.shares if share.cyclic)
 
     @property
     def shortest_period_ns(self) -> int:
-        """What the worst cycle takes on the wire."""
+        """Duration of the worst cycle on the wire."""
         return duration_ns(self.worst_bits, self.bitrate)
 
     @property
     def load(self) -> float:
-        """The part of the bit rate that is used on average, heartbeats and guarding included."""
+        """Average bus load, 0 to 1, including heartbeats and guarding."""
         bits = sum(share.worst_bits * share.per_cycle for share in self.shares)
         return bits * 1e9 / (self.period_ns * self.bitrate)
 
     @property
     def fits(self) -> bool:
-        """Whether the worst cycle ends before the next begins."""
+        """Whether the worst cycle fits into the period."""
         return self.shortest_period_ns <= self.period_ns
 
 
 def bits_of(length: int) -> tuple[int, int]:
-    """Return the bits of a frame with `length` data bytes: without stuff bits, and at worst."""
+    """Return the bits of a frame with `length` data bytes: without stuff bits, and the maximum."""
     return FRAME_BITS + 8 * length, worst_case_bits(length)
 
 
@@ -112,7 +112,7 @@ def _shares(config: BusConfig, period_ns: int, unbounded: list[str]) -> Iterator
 
 
 def _tpdo(name: str, node: NodeConfig, layout: PlannedPdo, period_ns: int, unbounded: list[str]) -> Iterator[Share]:
-    """One TPDO: with every n-th SYNC, or when it likes, but not more often than its inhibit time lets it."""
+    """Yield one TPDO: at every n-th SYNC, or event-driven at most once per inhibit time."""
     kind, what = layout.transmission_type, f"TPDO {layout.number} of {name}"
     if kind in _ON_REMOTE:
         return

@@ -1,9 +1,9 @@
-"""Reads bus.yml, as ros2_canopen defines it, into frozen dataclasses.
+"""Reader of bus.yml as defined by ros2_canopen, into frozen dataclasses.
 
-Both shapes are read (`options`, `master`, `defaults`, `nodes`; or the flat one where every other
-top-level key is a node), a node's own keys win over `defaults` at every depth, and every mistake of the file is
-reported at once with its place. Keys that only the other stack uses are accepted and named in `notes`. The keys
-themselves, and what this package adds to them, are in `keys.py`.
+Both forms are accepted (`options`, `master`, `defaults`, `nodes`; or the flat one in which every other top-level key is
+a node), a node's own keys take precedence over `defaults` at every depth, and all mistakes of the file are reported at
+once with their places. Keys used only by ros2_canopen are accepted and listed in `notes`. The keys, and the additions
+of this package, are in `keys.py`.
 """
 
 from __future__ import annotations
@@ -65,10 +65,10 @@ _TRANSITIONS = range(17)  # of the CiA 402 power state machine; 0 and 1 are the 
 def tolerated(
     section: Node, known: Collection[str], unused: Mapping[str, str], misnamed: Mapping[str, str]
 ) -> set[str]:
-    """Judge the keys of a section that are not `known`; return those that the conversion is not to look at.
+    """Check the keys of a section that are not `known`; return those that the conversion must ignore.
 
-    A key that looks like a known one, or is listed in `misnamed`, is an error. Any other is a warning: ros2_canopen
-    reads the keys it has and no others, so files with such keys are in use.
+    A key similar to a known one, or listed in `misnamed`, is an error. Any other is a warning: ros2_canopen ignores
+    unknown keys, so that files with such keys are in use.
     """
     found = set(unused)
     for key, place in section.keys().items():
@@ -92,7 +92,7 @@ _MODES: Final = {1: "position", 7: "position", 8: "position", 2: "velocity", 3: 
 
 
 def _meant(key: str, section: Node, known: Collection[str], misnamed: Mapping[str, str]) -> str:
-    """Return what is to be written in place of a key, "" where that is not known."""
+    """Return the correct spelling of a key, "" if it is unknown."""
     if (pdo := _PDO_KEY.fullmatch(key)) and pdo[1].lower() in known:
         return f"`{pdo[2]}:` under `{pdo[1].lower()}:`"
     meant, place = misnamed.get(key, ""), section.get(key)
@@ -103,7 +103,7 @@ def _meant(key: str, section: Node, known: Collection[str], misnamed: Mapping[st
 
 
 def _require_modes(motion: MotionKeys, node: Node) -> None:
-    """Name the modes that cannot serve the interface of their key: CiA 402 has no such target, or none is known."""
+    """Report modes that cannot serve the interface of their key, because CiA 402 has no such target."""
     for kind in ("position", "velocity", "effort", "torque"):
         number, key = getattr(motion, f"{kind}_mode"), f"{kind}_mode"
         served = "effort" if kind == "torque" else kind
@@ -129,7 +129,7 @@ _TARGET_EXAMPLES: Final = {"position": "0x607A", "velocity": "0x60FF", "effort":
 
 
 def _check_own_target(motion: MotionKeys, node: Node, kind: str, number: int | None) -> None:
-    """Refuse a target object that is none, or that no mode takes."""
+    """Report an invalid target object, or one that no mode uses."""
     key = f"{kind}_target"
     if kind == "torque" or (place := node.get(key)) is None:
         return
@@ -140,7 +140,7 @@ def _check_own_target(motion: MotionKeys, node: Node, kind: str, number: int | N
 
 
 def with_defaults(name: str, node: Node, defaults: Node | None, *, peer_merge: bool) -> Node:
-    """Merge `defaults` below a node as asked for, and say where the other way would give another value."""
+    """Merge `defaults` into a node as configured, and report values that the other method would change."""
     if defaults is None:
         return node
     ours, theirs = node.over(defaults), _peer_merged(node, defaults)
@@ -177,7 +177,7 @@ def _brief(value: object) -> str:
 
 
 def node_config(name: str, node: Node, master: MasterConfig, options: FileOptions) -> NodeConfig | None:
-    """Convert and check the keys of one node; None where they cannot be used."""
+    """Convert and check the keys of one node; None if they are unusable."""
     ignored = tolerated(node, keys_of(NodeConfig), UNUSED_NODE, MISNAMED_NODE)
     keys: NodeConfig | None = convert(node, NodeConfig, None, ignored=ignored)
     if keys is None:
@@ -224,7 +224,7 @@ def _effort_mode(keys: MotionKeys, node: Node) -> int | None:
 
 
 def _units(keys: UnitKeys, node: Node) -> UnitKeys:
-    """Turn units by name into the scales; or check the scales as they are given."""
+    """Convert units by name to scales, or check the given scales."""
     named = [key for key in ("counts_per_revolution", "gear_ratio", "reversed") if node.get(key) is not None]
     scales = [key for key in SCALES if node.get(key) is not None]
     if not named:
@@ -244,7 +244,7 @@ def _units(keys: UnitKeys, node: Node) -> UnitKeys:
 
 
 def _check_scales(keys: UnitKeys, node: Node) -> None:
-    """Refuse scales that move nothing; warn where one way and back do not cancel: command and feedback would differ."""
+    """Report zero scales, and scales that are not inverse to each other, so that command and feedback would differ."""
     for key in SCALES:
         if not 1e-15 < abs(getattr(keys, key)) < 1e15:
             (node.get(key) or node).error(f"{key} {getattr(keys, key)!r} cannot be used: finite and not 0 is wanted")
@@ -270,11 +270,11 @@ BUS_FOLDER = "@BUS_CONFIG_PATH@"  # replaced by the other stack's build; here th
 
 
 class NotFound(ConfigError):
-    """A file is in none of the places; the message names them."""
+    """Error: a file is missing in all searched places; the message lists them."""
 
 
 class Sources:
-    """The files of one bus.yml in `folder`; `issues` is what was odd about each EDS that was read."""
+    """Files of one bus.yml in `folder`; `issues` are those of each EDS."""
 
     def __init__(self, folder: Path, dcf_path: str = "") -> None:
         self._folder, self._dcf_path = folder, dcf_path
@@ -283,11 +283,11 @@ class Sources:
         self.issues: dict[Path, list[Issue]] = {}
 
     def expanded(self, text: str) -> str:
-        """Return the text with the folder of bus.yml and the environment's variables put in."""
+        """Return the text with the folder of bus.yml and environment variables substituted."""
         return os.path.expandvars(text.replace(BUS_FOLDER, str(self._folder)))
 
     def find(self, name: str, dcf_path: str = "") -> Path:
-        """Return the path of a file; raises NotFound with the places and with variables that are not set."""
+        """Return the path of a file; NotFound with the places and unset variables."""
         wanted = Path(self.expanded(name)).expanduser()
         folders = [Path(self.expanded(text)).expanduser() for text in (dcf_path, self._dcf_path) if text]
         places = [folder / wanted for folder in [*folders, self._folder]]
@@ -310,9 +310,9 @@ class Sources:
         return self._dictionaries[path, node_id]
 
     def downloads(self, name: str, dcf_path: str, node_id: int) -> tuple[tuple[int, int, bytes], ...]:
-        """Return what a concise DCF (.bin) or the ParameterValues of a DCF download: (index, subindex, data).
+        """Return the downloads of a concise DCF (.bin) or of the ParameterValues of a DCF: (index, subindex, data).
 
-        Those of a DCF come by rising address, which is no order for PDO parameters. ValueError, EdsError, NotFound.
+        Those of a DCF are in order of address, which is not valid for PDO parameters. ValueError, EdsError, NotFound.
         """
         path = self.find(name, dcf_path)
         if path.suffix.lower() in SUFFIXES:
@@ -332,10 +332,10 @@ _IGNORED_ID = 255  # a node that ros2_canopen's generator leaves out
 
 @dataclass(frozen=True)
 class BusConfig:
-    """A bus: its master, its nodes by name, and for each node the dictionary and the plan.
+    """One bus: its master, its nodes by name, and the dictionary and plan of each node.
 
-    `period_line` is where sync_period stands, 0 where it does not; `sections` are the nodes in the file by name.
-    `unreadable` are the nodes that have a mistake in their keys, with their node ids (0: none that can be read).
+    `period_line` is the line of sync_period, 0 without one; `sections` are the nodes in the file by name. `unreadable`
+    are the nodes with mistakes in their keys, with their node ids (0: unreadable).
     """
 
     path: str
@@ -352,15 +352,15 @@ class BusConfig:
     unreadable: dict[str, int] = field(default_factory=dict)
 
     def place(self, name: str, key: str) -> Node:
-        """Return where a dotted key of a node stands, such as `rpdo.1.mapping`, as near as the file has it."""
+        """Return the place of a dotted key of a node, such as `rpdo.1.mapping`, or the nearest one in the file."""
         return _place(self.sections[name], key)
 
 
 def read_bus(path: str | Path, *, peer_merge: bool = False, allow_unsupervised: bool = False) -> BusConfig:
-    """Read a bus.yml with the files it names; raises `BusConfigError` with every mistake.
+    """Read a bus.yml with the files it names; `BusConfigError` with all mistakes.
 
-    With `peer_merge` the keys of `defaults` go before a node's own, whole, as in ros2_canopen's generator;
-    `allow_unsupervised` is the key of this name for all nodes.
+    With `peer_merge` the keys of `defaults` replace a node's own, as in ros2_canopen's generator; `allow_unsupervised`
+    is the key with this name for all nodes.
     """
     config, problems = inspect_bus(path, peer_merge=peer_merge, allow_unsupervised=allow_unsupervised)
     problems.raise_if_any(BusConfigError)
@@ -370,7 +370,7 @@ def read_bus(path: str | Path, *, peer_merge: bool = False, allow_unsupervised: 
 def inspect_bus(
     path: str | Path, *, peer_merge: bool = False, allow_unsupervised: bool = False
 ) -> tuple[BusConfig, Problems]:
-    """Read as `read_bus` does and return what could be read with all problems; what is no YAML at all raises."""
+    """Read as `read_bus` does and return the readable part with all problems; text that is not YAML raises."""
     root = tree(path)
     reader = _Reader(Path(path), root, peer_merge, allow_unsupervised)
     config = reader.read()
@@ -379,7 +379,7 @@ def inspect_bus(
 
 
 class _Reader:
-    """One reading of one file; mistakes are collected in `problems`."""
+    """Reading of one file; mistakes are collected in `problems`."""
 
     def __init__(self, path: Path, root: Node, peer_merge: bool, allow_unsupervised: bool) -> None:
         self._path, self._root, self._peer_merge = path, root, peer_merge
@@ -449,13 +449,13 @@ class _Reader:
         return master
 
     def _misplaced_master(self) -> bool:
-        """Whether the keys of the master stand elsewhere, which is told of each of them."""
+        """Report the keys of the master that are in the wrong section; return whether there are any."""
         options = self._root.get("options")
         inside = options is not None and options.get("master") is not None
         return inside or any("`master:`" in MISNAMED_ROOT.get(key, "") for key in self._root.keys())  # noqa: SIM118
 
     def _in_kbits(self, section: Node) -> Node:
-        """Take a bit rate that is given in bit/s for one in kbit/s, and note it; ros2_canopen uses no bit rate."""
+        """Convert a bit rate in bit/s to kbit/s, and note it; ros2_canopen does not use bit rates."""
         place, pairs = section.get("baudrate"), {key.text: (key, value) for key, value in section.pairs()}
         if place is None or type(place.value) is not int or place.value not in [1000 * rate for rate in BIT_RATES]:
             return section
@@ -472,7 +472,7 @@ class _Reader:
         return place.line if place is not None else 0
 
     def _nodes(self, master: MasterConfig) -> dict[str, tuple[NodeConfig, Node]]:
-        """Find the nodes in either shape and merge `defaults` below each."""
+        """Return the nodes of either form, with `defaults` merged into each."""
         section, defaults = self._root.get("nodes"), self._root.get("defaults")
         if section is not None:
             self._refuse_unknown_sections()
@@ -500,7 +500,7 @@ class _Reader:
         return found
 
     def _misnamed_nodes(self) -> Node | None:
-        """Return a section that holds the nodes under another name, which is told; None in the flat shape."""
+        """Report a section with nodes under another name and return it; None in the flat form."""
         for name, section in self._root.items():
             below = [each for _, each in section.items()]
             if name not in _SECTIONS and below and all(each.get("node_id") is not None for each in below):
@@ -539,7 +539,7 @@ class _Reader:
             owner.setdefault(node_id, name)
 
     def _check_cob_ids(self, nodes: dict[str, tuple[NodeConfig, Node]], plans: dict[str, NodePlan]) -> None:
-        """Refuse two users of one COB-ID, be they PDOs or services: their senders would destroy each other's frames."""
+        """Report two users of one COB-ID, PDOs or services, whose frames would collide."""
         owner = {SYNC_COB_ID: "SYNC", _TIME_COB_ID: "TIME"}
         owner |= {cob_id(Service.EMCY, plan.node_id): f"EMCY of {name}" for name, plan in plans.items()}
         for name, plan in plans.items():
@@ -553,7 +553,7 @@ class _Reader:
                         place.error(f"COB-ID 0x{layout.cob_id:03X} of {whose} is already that of {first}")
 
     def _check_sync(self, master: MasterConfig, plans: dict[str, NodePlan]) -> None:
-        """Warn of PDOs that act at a SYNC which no device sends (CiA 301, 7.5.2.35 and 7.5.2.37)."""
+        """Report PDOs that wait for a SYNC which no device sends (CiA 301, 7.5.2.35 and 7.5.2.37)."""
         if master.sync_period:
             return
         pdos = [
@@ -627,7 +627,7 @@ class _Reader:
         self._unused.setdefault(key, f"has no meaning here: {text}")
 
     def _downloads(self, config: NodeConfig, node: Node, od: ObjectDictionary) -> tuple[tuple[int, int, bytes], ...]:
-        """Read `configuration_file`, or the ParameterValues of a DCF given as `dcf`."""
+        """Return the downloads of `configuration_file`, or of the ParameterValues of a DCF given as `dcf`."""
         if not config.boot.configuration_file:
             return tuple(concise_of(od))
         place = node.get("configuration_file") or node
@@ -641,7 +641,7 @@ class _Reader:
 
 
 def _place(node: Node, key: str) -> Node:
-    """Find the node of a dotted key such as `rpdo.1.mapping` or `sdo[3]`, as near as the file has it."""
+    """Return the node of a dotted key such as `rpdo.1.mapping` or `sdo[3]`, or the nearest one in the file."""
     place = node
     for part in key.replace("[", ".").replace("]", "").split("."):
         if part.isdigit() and (elements := place.elements()):
@@ -655,10 +655,10 @@ def _place(node: Node, key: str) -> Node:
 
 
 def _named(config: NodeConfig, place: Node, text: str) -> str:
-    """Name the node, unless the place does, or is common to several: then it is told once for all of them."""
+    """Add the name of the node to a message, unless its place contains it or is common to several nodes."""
     return text if "." in place.where else f"{config.name}: {text}"
 
 
 def is_supervised(bus: BusConfig, name: str) -> bool:
-    """Whether the death of the master stops the axes of a node: by its heartbeat, or by node guarding."""
+    """Whether the loss of the master stops the axes of a node: by its heartbeat, or by node guarding."""
     return not bus.plans[name].unsupervised

@@ -1,9 +1,9 @@
-"""Process data: what travels in PDOs, compiled once, exchanged every cycle.
+"""Process data of a bus: PDOs compiled once, exchanged every cycle.
 
-The names are the device's: a TPDO comes in here, an RPDO goes out. The law of this file: after `compile` no object is
-looked up by index, a received frame is one dictionary look-up and one unpack, and an object that several RPDOs map
-(the controlword of most drives) has one value in all of them. An RPDO that moves an axis is sent by itself, with every
-SYNC or from time to time; any other one, an I/O module's, is sent when somebody wrote a value, and until then never.
+Names are those of the device: a TPDO is received here, an RPDO is sent. After `compile` no object is looked up by
+index, a received frame costs one dictionary look-up and one unpack, and an object mapped into several RPDOs (the
+controlword of most drives) has one value in all of them. An RPDO that moves an axis is sent automatically, at every
+SYNC or periodically; any other one, such as that of an I/O module, only after a value was written.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ CYCLIC_SYNCHRONOUS = range(1, 241)  # transmission types of RPDOs that a drive e
 
 
 class ReceivedPdo:
-    """One TPDO of a node: its newest values, when they came, and how many were too short or too long.
+    """One TPDO of a node: newest values, their time, and the number of short and long frames.
 
     `values` are the raw numbers in mapping order; before the first frame they are zeros and `stamp` is -1. `every` is
-    in how many SYNCs it is sent, 0 for one that comes by events. While `expected` its absence is counted in `silent`,
-    from `since` on, by `supervision.PdoWatch`, which sets `overdue` when `allowed_silence` SYNCs went by.
-    `age_limit_ns` is after which age the values of one with an event timer are none, 0: without end.
+    the number of SYNCs per transmission, 0 for event-driven ones. While `expected`, missing frames are counted in
+    `silent`, from `since` on, by `supervision.PdoWatch`, which sets `overdue` after `allowed_silence` SYNCs.
+    `age_limit_ns` is the maximum age of values with an event timer, 0: unlimited.
     """
 
     __slots__ = (
@@ -79,7 +79,10 @@ class ReceivedPdo:
         self.count = self.short = self.long = 0
 
     def receive(self, data: bytes, length: int, now: int) -> None:
-        """Take the data of a frame (eight bytes, `length` of them real); a short one changes nothing but a counter."""
+        """Receive the data of a frame (eight bytes, of which `length` are real).
+
+        A short one only increments a counter.
+        """
         if length != self.length:
             if length < self.length:
                 self.short += 1
@@ -90,9 +93,9 @@ class ReceivedPdo:
         self.count += 1
 
     def use(self, layout: PlannedPdo, planned: Sequence[MappedObject]) -> None:
-        """Take the PDO as the node has it; `values` stay in the order of the `planned` objects, all of which it holds.
+        """Use the node's own layout; `values` stay in the order of the `planned` objects, all of which it contains.
 
-        `planned` and the layout's objects differ only where a node keeps a mapping of its own.
+        `planned` and the objects of the layout differ only if a node keeps its own mapping.
         """
         self.cob_id, self.codec = layout.cob_id, PdoCodec(layout.objects)
         self.length = self.codec.length
@@ -107,23 +110,23 @@ class ReceivedPdo:
             self.unpack = lambda data: tuple([found[position] for found in (unpack(data),) for position in order])
 
     def allow(self, missed: int) -> None:
-        """Let so many of its frames stay away before it is overdue."""
+        """Set the number of frames that may be missing before it is overdue."""
         self.missed = missed
         self.allowed_silence = missed * self.every if self.every else _NO_END
 
     def preset(self, position: int, value: Value) -> None:
-        """Give the value that counts until the first frame comes."""
+        """Set the value used until the first frame."""
         self.values = (*self.values[:position], value, *self.values[position + 1 :])
 
     def forget(self) -> None:
-        """Drop what was received: the node was lost or has restarted."""
+        """Clear the received values after the node was lost or has restarted."""
         self.stamp = _NEVER
         self.expected = self.overdue = False
         self.silent = 0
 
 
 class Input:
-    """One object of one TPDO; `value` is the raw number of the newest frame."""
+    """One object of a TPDO; `value` is the raw number of the newest frame."""
 
     __slots__ = ("pdo", "position")
 
@@ -132,21 +135,21 @@ class Input:
 
     @property
     def value(self) -> int:
-        """The raw number; 0 before the first frame."""
+        """Raw number; 0 before the first frame."""
         return self.pdo.values[self.position]  # type: ignore[return-value]  # mapped drive objects are integers
 
     @property
     def fresh(self) -> bool:
-        """Whether a frame has come since the node booted."""
+        """Whether a frame was received since the node booted."""
         return self.pdo.stamp >= 0
 
     def age_ns(self, now: int) -> int | None:
-        """How old the value is, or None."""
+        """Return the age of the value, or None."""
         return now - self.pdo.stamp if self.pdo.stamp >= 0 else None
 
 
 class Output:
-    """One object that RPDOs carry, at `places` in them: `set` marks each of them as changed.
+    """One object in RPDOs, at `places` in them: `set` marks each of them as changed.
 
     `driven`: it moves an axis.
     """
@@ -159,13 +162,13 @@ class Output:
         self.places: list[tuple[SentPdo, int]] = []
 
     def drive(self) -> None:
-        """Move an axis from now on: the RPDOs that carry it are sent by themselves."""
+        """Mark the object as moving an axis: its RPDOs are sent automatically."""
         self.driven = True
         for pdo, _ in self.places:
             pdo.repeated = pdo.changed = True
 
     def set(self, value: int) -> None:
-        """Give the raw number of the next frames."""
+        """Set the raw number of the next frames."""
         if value != self.value:
             self.value = value
             for pdo, position in self.places:
@@ -173,13 +176,13 @@ class Output:
                 pdo.changed = True
 
     def write(self, value: Value) -> None:
-        """Give the value of the next frames, which are due also where it is the present one."""
+        """Set the value of the next frames and send them even if it is unchanged."""
         self.know(value)
         for pdo, _ in self.places:
             pdo.changed = True
 
     def know(self, value: Value) -> None:
-        """Take what the node holds by other ways; later frames carry it, none is due for it."""
+        """Record a value that the node received otherwise; later frames contain it, but none is triggered."""
         self.value = value
         for pdo, position in self.places:
             pdo.values[position] = value
@@ -187,10 +190,10 @@ class Output:
 
 
 class SentPdo:
-    """One RPDO of a node, its record ready to be sent; `enabled` only while the node is operational.
+    """One RPDO of a node, its record ready to be sent; `enabled` only while the node is OPERATIONAL.
 
-    `values` are the raw numbers in mapping order, written by their outputs. `repeated`: it is sent by itself. `refresh`
-    is after how many cycles it is sent again because the node has a deadline for it, 0: none.
+    `values` are the raw numbers in mapping order, set by their outputs. `repeated`: it is sent automatically. `refresh`
+    is the number of cycles until it is repeated because the node has a timeout for it, 0: none.
     """
 
     __slots__ = (
@@ -222,7 +225,7 @@ class SentPdo:
         self._carry(outputs)
 
     def use(self, layout: PlannedPdo, outputs: Sequence[Output]) -> None:
-        """Send the PDO as the node has it; `outputs` are those of the layout's objects."""
+        """Use the node's own layout; `outputs` are those of its objects."""
         for output in self.outputs:
             output.places = [place for place in output.places if place[0] is not self]
         self.cob_id, self.codec = layout.cob_id, PdoCodec(layout.objects)
@@ -238,11 +241,11 @@ class SentPdo:
             output.places.append((self, position))
 
     def start(self) -> None:
-        """Be sent from now on, the node being operational: at once where it is sent by itself."""
+        """Start to send it when the node is OPERATIONAL: at once if it is sent automatically."""
         self.enabled, self.changed = True, self.repeated
 
     def pack(self) -> None:
-        """Make the record of the values; LocalProtocolError for one that does not fit, and the record stays."""
+        """Pack the record; LocalProtocolError for a value that does not fit, and the record stays unchanged."""
         packer, codec = self._packer, self.codec
         if packer is None:
             self.record = RECORD.pack(self.cob_id, codec.length, codec.pack(self.values))
@@ -256,9 +259,9 @@ class SentPdo:
 
 
 def _packer(codec: PdoCodec) -> Callable[..., bytes] | None:
-    """Return what packs a whole record, identifier, length and values, in one go; None where that is not possible.
+    """Return a function that packs a whole record at once; None if the mapping does not allow it.
 
-    Records are of the host's byte order, values little-endian; a mapping of odd bits has no structure.
+    Records are in the host's byte order, values little-endian; a mapping of odd bits has no structure.
     """
     if codec.struct is None or sys.byteorder != "little":
         return None
@@ -266,10 +269,10 @@ def _packer(codec: PdoCodec) -> Callable[..., bytes] | None:
 
 
 class ProcessImage:
-    """The process data of a bus. Add the PDOs of every node, then exchange.
+    """Process data of a bus: add the PDOs of every node, then exchange.
 
-    `inputs` maps the COB-ID of a TPDO to its `ReceivedPdo`; `refresh` is after how many cycles an unchanged RPDO that
-    moves an axis is sent again, so that a frame lost on the wire does not stay lost.
+    `inputs` maps the COB-ID of a TPDO to its `ReceivedPdo`; `refresh` is the number of cycles until an unchanged RPDO
+    that moves an axis is repeated, in case a frame was lost.
     """
 
     def __init__(self, refresh: int = 5) -> None:
@@ -284,7 +287,7 @@ class ProcessImage:
     def add_tpdo(
         self, node_id: int, cob_id: int, objects: Sequence[MappedObject], transmission_type: int = 255
     ) -> ReceivedPdo:
-        """Receive a TPDO; the first one that maps an object gives its input."""
+        """Add a TPDO; the first one that maps an object provides its input."""
         pdo = ReceivedPdo(cob_id, objects, transmission_type)
         self.inputs[cob_id] = pdo
         for position, mapped in enumerate(objects):
@@ -300,10 +303,10 @@ class ProcessImage:
         *,
         deadline: int = 0,
     ) -> SentPdo:
-        """Send an RPDO; objects that an earlier one of the node maps share its value.
+        """Add an RPDO; objects already mapped into an earlier one share their value.
 
-        `deadline`: after how many cycles without it the node raises EMCY 0x8250, 0: never. It is repeated in half of
-        it, so that neither a late cycle nor one lost frame is an error.
+        `deadline` is the number of cycles without it after which the node raises EMCY 0x8250, 0: never. It is repeated
+        in half of it, so that neither a late cycle nor one lost frame is an error.
         """
         outputs = self.outputs_of(node_id, objects)
         pdo = SentPdo(cob_id, objects, outputs, cyclic=transmission_type in CYCLIC_SYNCHRONOUS)
@@ -312,11 +315,11 @@ class ProcessImage:
         return pdo
 
     def outputs_of(self, node_id: int, objects: Sequence[MappedObject]) -> list[Output]:
-        """Return the outputs of a node's objects, made where there are none yet."""
+        """Return the outputs of a node's objects, created if necessary."""
         return [self._outputs.setdefault((node_id, mapped.index, mapped.subindex), Output()) for mapped in objects]
 
     def preset(self, node_id: int, values: Mapping[tuple[int, int], Value]) -> None:
-        """Let process data begin with what the node says of itself, by (index, subindex)."""
+        """Set initial values of process data read from the node, by (index, subindex)."""
         for (index, subindex), value in values.items():
             if (output := self._outputs.get((node_id, index, subindex))) is not None:
                 output.know(value)
@@ -332,7 +335,7 @@ class ProcessImage:
         return self._outputs.get((node_id, index, subindex))
 
     def collect(self, sync: bytes = b"") -> bytes:
-        """Return the records of one cycle: the RPDOs that are due, then the one of the SYNC."""
+        """Return the records of one cycle: the RPDOs that are due, then the SYNC."""
         records, cycle = self._records, self._cycle + 1
         self._cycle, idle_since = cycle, cycle - self.refresh
         records.clear()

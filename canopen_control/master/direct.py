@@ -1,8 +1,8 @@
-"""SDO, NMT and LSS on a bus without a running master, as calls that wait for the answer.
+"""SDO, NMT and LSS on a bus without a running master, as blocking calls.
 
-The law of this file: the cores decide, this only moves their frames and waits until the request is done. An SDO server
-has one client: whoever uses this on the bus of a running robot keeps off that robot's nodes. A wait that is broken off,
-by Ctrl-C too, aborts the transfer, so that no server is left in the middle of one.
+The protocol cores decide; this module only transfers their frames and waits for the end of a request. An SDO server has
+one client: on the bus of a running robot the robot's nodes must not be used. An interrupted wait, by Ctrl-C too, aborts
+the transfer, so that no server stays in the middle of one.
 """
 
 from __future__ import annotations
@@ -39,25 +39,26 @@ PARALLEL = 16  # servers asked at the same time by `read_many`: what a slow bus 
 
 
 class Core(Protocol):
-    """What `serve` needs of a service: the sans-IO verbs."""
+    """Interface of a protocol core for `serve`."""
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Take a frame."""
+        """Receive a frame."""
 
     def tick(self, now: int) -> None:
-        """Let time pass."""
+        """Process timers."""
 
     def next_deadline(self) -> int | None:
-        """Return when `tick` has something to do."""
+        """Return the time of the next `tick`."""
 
     def frames(self) -> list[CanFrame]:
-        """Drain what to send."""
+        """Return and clear the frames to send."""
 
 
 class DirectBus:
-    """A port of one's own; `heard` are the nodes whose boot-up, heartbeat or guarding answer was seen, by node id.
+    """Port with protocol cores.
 
-    `timeout_s` is what each SDO answer may take. Every call raises BusError when the bus is gone.
+    `heard` are the nodes whose boot-up, heartbeat or guarding answer was received, by node id. `timeout_s` is the time
+    for each SDO answer. Every call raises BusError when the bus is gone.
     """
 
     def __init__(self, port: Port, *, timeout_s: float = 0.5, retries: int = 1) -> None:
@@ -76,9 +77,9 @@ class DirectBus:
     def open(
         cls, channel: str, *, label: str = "direct", timeout_s: float = 0.5, retries: int = 1, join: bool = True
     ) -> DirectBus:
-        """Open a channel that somebody may answer on; `join` is as in `open_port`.
+        """Open a channel; `join` as in `open_port`.
 
-        Raises ConfigError for a name that is none, BusError for one that cannot be opened.
+        ConfigError for an invalid name, BusError if the channel cannot be opened.
         """
         return cls(open_port(channel, label=label, join=join), timeout_s=timeout_s, retries=retries)
 
@@ -89,7 +90,7 @@ class DirectBus:
         self.close()
 
     def close(self) -> None:
-        """Let the last frames leave, then the bus; a second call does nothing."""
+        """Send the last frames, then close the port; a second call does nothing."""
         try:
             deadline = time.monotonic() + FLUSH_S
             while (self.port.wants_write or self.port.stats.queued) and time.monotonic() < deadline:
@@ -107,12 +108,12 @@ class DirectBus:
         return self._transfer(client, client.read(index, subindex, block=block, now=time.monotonic_ns()))
 
     def write(self, node_id: int, index: int, subindex: int, data: bytes, *, block: bool | None = None) -> None:
-        """Download an object; `block` None: the length decides about block transfer. Raises as `read` does."""
+        """Download an object; without `block` the length selects the transfer. Raises as `read` does."""
         client = self.client(node_id)
         self._transfer(client, client.write(index, subindex, data, block=block, now=time.monotonic_ns()))
 
     def read_many(self, wanted: Iterable[tuple[int, int, int]]) -> dict[tuple[int, int, int], bytes | CanopenError]:
-        """Upload (node_id, index, subindex) from many nodes at once; what a node refused is its error."""
+        """Upload (node_id, index, subindex) from many nodes at once; a refusal is returned as an error."""
         by_node: dict[int, list[tuple[int, int]]] = {}
         for node_id, index, subindex in wanted:
             by_node.setdefault(node_id, []).append((index, subindex))
@@ -129,7 +130,7 @@ class DirectBus:
         return found
 
     def client(self, node_id: int) -> SdoClient:
-        """Return the client of a node's server: one for each, so that late answers are known as such."""
+        """Return the SDO client of a node: one per node, so that late answers are recognised."""
         client = self._clients.get(node_id)
         if client is None:
             client = SdoClient(node_id, timeout_ns=round(self.timeout_s * 1e9), retries=self.retries)
@@ -149,7 +150,7 @@ class DirectBus:
         return request.data
 
     def _error(self, request: SdoRequest) -> CanopenError | None:
-        """Return why a request failed; a silence is explained where a heartbeat or the port has told the reason."""
+        """Return the error of a request; a missing answer is explained by heartbeats or the port if possible."""
         error = request.error
         if isinstance(error, SdoTimeout) and self._down:
             return BusError(f"{self._down}; node {error.node_id} could not be asked")
@@ -158,7 +159,7 @@ class DirectBus:
         return error
 
     def _run(self, client: SdoClient, request: SdoRequest) -> None:
-        """Do what `serve` does, for one client: its bookkeeping for many would cost a third of a round trip."""
+        """Serve one client: the bookkeeping for several would cost a third of a round trip."""
         cores = (client,)
         now = time.monotonic_ns()
         while True:
@@ -177,10 +178,10 @@ class DirectBus:
     # -- NMT
 
     def command(self, command: NmtCommand, node_id: int, timeout_s: float) -> list[NmtConfirmed | NmtUnconfirmed]:
-        """Send an NMT command, 0 for all nodes, and return who showed within `timeout_s` what became of it.
+        """Send an NMT command, 0 for all nodes, and return the confirmations within `timeout_s`.
 
-        Only heartbeats and boot-ups can confirm: a node without them is `NmtUnconfirmed` with the state None, and for
-        all nodes it is left out.
+        Only heartbeats and boot-ups can confirm: a node without them is `NmtUnconfirmed` with state None, and is
+        omitted for all nodes.
         """
         timeout = round(timeout_s * 1e9)
         master = NmtMaster(retry_ns=timeout, tries=1, reset_timeout_ns=timeout)
@@ -193,7 +194,7 @@ class DirectBus:
         return sorted(events, key=lambda event: event.node_id)
 
     def listen(self, seconds: float) -> None:
-        """Do nothing but hear who is there, for `heard`."""
+        """Receive frames for `seconds`, to fill `heard`."""
         self.serve([], lambda: False, seconds)
 
     # -- LSS
@@ -210,7 +211,7 @@ class DirectBus:
     # -- the loop
 
     def serve(self, cores: Sequence[Core], done: Callable[[], bool], seconds: float | None = None) -> bool:
-        """Move frames until `done`, or until `seconds` are over: then return False."""
+        """Transfer frames until `done`, or return False after `seconds`."""
         now = time.monotonic_ns()
         end = None if seconds is None else now + round(seconds * 1e9)
         while True:
@@ -263,7 +264,7 @@ class DirectBus:
                 self._down = event.text if event.kind is BusEventKind.DOWN else ""
 
     def _wait(self, nanoseconds: int | None) -> None:
-        """Wait until the port has something, takes something again, or the time is over."""
+        """Wait for the port to be readable or writable, or until a time."""
         if self.port.wants_write != self._watches_writing:
             self._watches_writing = not self._watches_writing
             self._poll.modify(self._fd, select.POLLIN | select.POLLOUT if self._watches_writing else select.POLLIN)

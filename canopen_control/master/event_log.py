@@ -1,8 +1,7 @@
-"""The robot's event log: each event one sentence, repeated ones told once with their count.
+"""Event log of the robot: each event is one sentence, repeated ones are reported with their count.
 
-An event names the node it is about, what happened in one word for programs and in one sentence for people, and how
-bad it is. Events travel unchanged from here to the command line, the log and ROS; what repeats itself is summed up
-here, for all of them.
+An event has the node, a kind (one word, for programs), a sentence for users, and a level. Events are passed unchanged
+to the command line, the log and ROS; repetitions are summarised here for all of them.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ _NUMBER: Final = re.compile(r"(?<!node )(?<![\w.])(?:[0-9a-f]{2}(?: [0-9a-f]{2})
 
 
 class Level(enum.IntEnum):
-    """How bad it is; the numbers are those of diagnostic_msgs/DiagnosticStatus."""
+    """Level of an event, with the numbers of diagnostic_msgs/DiagnosticStatus."""
 
     INFO = 0
     WARNING = 1
@@ -40,10 +39,10 @@ class Level(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something happened: `time` in monotonic ns, `node` the name in bus.yml or "" for the bus itself.
+    """Event at `time` in monotonic ns; `node` is the name in bus.yml or "" for the bus itself.
 
-    `controller` is the one it is about, "" for none. `details` are what programs need not read out of the text. `count`
-    is how often it happened, since `since` where that is more than once.
+    `controller` is the one concerned, "" for none. `details` are for programs, which need not parse the text. `count`
+    is the number of occurrences since `since` if it is more than one.
     """
 
     time: int
@@ -58,7 +57,7 @@ class Event:
 
     @property
     def sentence(self) -> str:
-        """The text, with how often it happened."""
+        """Text with the number of occurrences."""
         if self.count < 2:
             return self.text
         if self.since is None:
@@ -71,13 +70,13 @@ def _span(seconds: float) -> str:
 
 
 def _few(event: Event) -> int:
-    """Return how many of its kind are told one by one."""
+    """Return how many events of a kind are reported individually."""
     good_news = event.level is Level.INFO and not event.kind.startswith(_MACHINES)
     return FEW if good_news or event.kind in _ACTS else 1
 
 
 class _Repeated:
-    """An event that may come again: the newest of its kind, how often, how often that has been told, until when."""
+    """Event that may repeat: newest occurrence, its count, reported count, end of its window."""
 
     __slots__ = ("count", "event", "since", "told", "until", "window_ns")
 
@@ -88,22 +87,22 @@ class _Repeated:
         self.until = event.time + self.window_ns
 
     def sum(self) -> Event:
-        """Return what is told of all of them."""
+        """Return the summary of all occurrences."""
         if self.count == self.event.count:
             return self.event
         return replace(self.event, count=self.count, since=self.since, details=None)
 
 
 class EventLog:
-    """What happened, each told when it comes first, and in sum when it comes again.
+    """Log of events: first occurrences are reported at once, repetitions as a summary.
 
-    An event is the same as one before when kind, node and text are, numbers apart. What `add` returns is told at once:
-    the first one, of a deliberate act and of good news the first `FEW`. The others are counted, and what `tick` returns
-    sums them up: after `FIRST_WINDOW_NS`, and as long as they keep coming, in windows of twice the length each, up to
-    `WIDEST_WINDOW_NS`. A window in which none came is the end of it.
+    Events are equal if kind, node and text are equal except for numbers. `add` returns events to report at once: the
+    first occurrence, of deliberate actions and good news the first `FEW`. Others are counted, and `tick` returns their
+    summary: after `FIRST_WINDOW_NS`, and while they continue in windows that double up to `WIDEST_WINDOW_NS`. A window
+    without any ends the series.
 
-    `recent` are the newest, at most `capacity`, each of those that repeat with its count; `take` hands out what is
-    `waiting`, `dropped` counts what was too much.
+    `recent` are the newest, at most `capacity`, repeated ones with their count; `take` returns the `waiting` ones,
+    `dropped` counts discarded ones.
     """
 
     def __init__(self, capacity: int = 256) -> None:
@@ -116,11 +115,11 @@ class EventLog:
 
     @property
     def recent(self) -> list[Event]:
-        """The newest, oldest first."""
+        """Newest events, oldest first."""
         return [each.sum() for each in self._recent]
 
     def add(self, event: Event) -> list[Event]:
-        """Keep an event; return what is to be told now, if anything. Of a flood nobody takes only the newest stay."""
+        """Add an event; return the events to report now. If they are not fetched only the newest are kept."""
         key = (event.kind, event.node, _NUMBER.sub("#", event.text))
         known = self._open.get(key)
         if known is None or event.time >= known.until + known.window_ns:
@@ -137,11 +136,11 @@ class EventLog:
         return self._tell(told)
 
     def is_due(self, now: int) -> bool:
-        """Whether `tick` has something to do."""
+        """Whether `tick` has summaries to return."""
         return now >= self._due
 
     def tick(self, now: int) -> list[Event]:
-        """Return the sums that are due."""
+        """Return the summaries that are due."""
         told: list[Event] = []
         for key, each in list(self._open.items()):
             if now >= each.until:
@@ -150,7 +149,7 @@ class EventLog:
         return self._tell(told)
 
     def flush(self) -> list[Event]:
-        """Return all sums that are not told yet; for the end."""
+        """Return all pending summaries, at the end."""
         told = [each.sum() for each in self._open.values() if each.count > each.told]
         self._open.clear()
         self._due = _NEVER
@@ -166,7 +165,7 @@ class EventLog:
         return [each.sum()]
 
     def _close_oldest(self) -> list[Event]:
-        """Make room for another one; what was counted of the oldest is told."""
+        """Close the oldest series to make room; its summary is reported."""
         key = next(iter(self._open))
         each = self._open.pop(key)
         return [each.sum()] if each.count > each.told else []
@@ -180,7 +179,7 @@ class EventLog:
         return events
 
     def take(self) -> list[Event]:
-        """Return what was told since the last call."""
+        """Return the reported events since the last call."""
         events = list(self.waiting)
         self.waiting.clear()
         return events
