@@ -41,9 +41,10 @@ _QUICK_STOP_WORD: Final = 0x0002
 
 
 class AxisStatus:
-    """The statusword and the mode of an axis, whatever brings them; None for one that is not known.
+    """Statusword and mode of an axis from TPDOs or SDO; None if unknown.
 
-    `machine` says which mode is wanted, where no PDO carries it. The power of an axis that holds a load is left on.
+    `machine` gives the requested mode if no PDO contains it. The power of an axis that holds a load is not switched
+    off.
     """
 
     def __init__(self, axis: AxisProcessData, machine: DriveMachine, *, holds_load: bool = False) -> None:
@@ -59,7 +60,7 @@ class AxisStatus:
         self._holds_load = holds_load
 
     def update(self, now: int) -> None:
-        """Take what is new."""
+        """Process new values."""
         pdo, shown = self._pdo, self._shown
         if not self._node.ready:
             self.word = self.display = None
@@ -81,16 +82,16 @@ class AxisStatus:
         self.display = display  # type: ignore[assignment]  # and so is a mode
 
     def _unseen(self, now: int) -> int | None:
-        """Return the statusword of a drive whose TPDO has not come since its boot; a stop must see what becomes of it.
+        """Return the statusword of a drive without a TPDO since its boot; a stop needs to see its result.
 
-        Without SYNCs nothing says when the first one is due: it is asked for then by who waits for an end alone.
+        Without SYNCs the first one has no due time: it is then read by SDO only if an end is awaited.
         """
         if self._pdo.overdue or self._machine.goal is not DriveGoal.ENABLED:
             return self._by_sdo.word(None, now)
         return None
 
     def blind_word(self, now: int) -> int:
-        """Return the controlword for a drive that nobody sees: a quick stop, then no power."""
+        """Return the controlword for a drive without a statusword: a quick stop, then power off."""
         if self._blind_since is None:
             if self._pdo.stamp < 0:
                 return 0  # never seen: not started yet
@@ -100,16 +101,16 @@ class AxisStatus:
 
     @property
     def invisible(self) -> bool:
-        """Whether nothing shows the statusword: no TPDO, and the node refuses to tell it by SDO."""
+        """Whether there is no source of the statusword: no TPDO, and the node refuses SDO."""
         return self.word is None and self._by_sdo.refused
 
     def came(self) -> None:
-        """Say that the node is operational, or its TPDO is back."""
+        """Reset after the node became operational, or its TPDO returned."""
         self._by_sdo.end()
         self._blind_since = None
 
     def went(self, now: int) -> None:
-        """Say that the node is gone."""
+        """Reset after the node was lost."""
         self._by_sdo.end()
         self._blind_since = now
         if self._mode is not None:
@@ -117,7 +118,7 @@ class AxisStatus:
 
 
 class StatuswordBySdo:
-    """The statusword of an axis whose TPDO does not come any more."""
+    """Statusword read by SDO of an axis whose TPDO is missing."""
 
     def __init__(self, axis: AxisProcessData) -> None:
         self.refused = False
@@ -130,12 +131,12 @@ class StatuswordBySdo:
         self._since: int | None = None
 
     def end(self) -> None:
-        """Say that the TPDO is back, or the node gone."""
+        """End reading after the TPDO returned, or the node was lost."""
         self._since = self._value = None
         self.refused = False
 
     def word(self, last: int | None, now: int) -> int | None:
-        """Return the statusword; `last` is the one that the TPDO brought before it failed, None: it never came."""
+        """Return the statusword; `last` is the last one of the TPDO, None if there was none."""
         if self._since is None:
             self._since, self._next = now, now
         if not self._asking and now >= self._next:
@@ -153,7 +154,7 @@ class StatuswordBySdo:
 
 
 class ModeBySdo:
-    """0x6060 and 0x6061 of an axis where a PDO carries only one of them, or none."""
+    """0x6060 and 0x6061 by SDO of an axis without one or both in a PDO."""
 
     def __init__(self, axis: AxisProcessData) -> None:
         self._axis = axis
@@ -163,11 +164,11 @@ class ModeBySdo:
         self._next = 0
 
     def forget(self) -> None:
-        """Say that the drive has restarted, or is gone."""
+        """Reset after the drive has restarted, or was lost."""
         self.display = self._written = None
 
     def step(self, mode: int | None, now: int) -> None:
-        """Bring `mode` to the drive and its display here; nothing to do once it shows."""
+        """Write `mode` to the drive and read its display; no-op once it is shown."""
         node, axis = self._axis.node, self._axis
         if mode is not None and axis.mode is None and mode != self._written:
             self._written = mode
@@ -233,22 +234,22 @@ class AxisObjectLimits:
         self.blocked = 0
 
     def take_velocity(self, velocity: float, scale: Scale) -> None:
-        """Take the drive's largest velocity, in its units, and find what holds of it and of the description's."""
+        """Set the drive's largest velocity, in its units, and combine it with that of the description."""
         self.velocity = velocity
         self.most = min(velocity, self.described * abs(scale.vel_to_dev))
         self.pace = self.most * abs(scale.pos_to_dev / scale.vel_to_dev)
 
     def lower(self, speed: float, words: str) -> None:
-        """Bound what is `described` to a lower speed, in rad/s of the axis; it holds after the next `take_velocity`."""
+        """Reduce the `described` limit, in rad/s of the axis; it applies after the next `take_velocity`."""
         if speed < self.described:
             self.described, self.words = speed, words
 
     def of_velocity(self, raw: int) -> int:
-        """Return a velocity that the drive will take."""
+        """Return a velocity within the limits of the drive."""
         return self.within(raw, self.most)
 
     def within(self, raw: int, most: float) -> int:
-        """Return a velocity within `most`, both in the same units, that no active limit forbids."""
+        """Return a velocity within `most`, in the same units, that no active limit forbids."""
         if raw * self.blocked > 0:
             return 0
         if -most <= raw <= most:
@@ -257,13 +258,13 @@ class AxisObjectLimits:
         return int(most) if raw > 0 else -int(most)
 
     def of_torque(self, raw: int) -> int:
-        """Return a torque that the drive will take."""
+        """Return a torque within the limits of the drive."""
         if raw * self.blocked > 0:
             return 0
         return max(-self.torque_negative, min(self.torque_positive, raw))
 
     def of_position(self, raw: int) -> int:
-        """Return a position inside the software limits (0x607D)."""
+        """Return a position within the software limits (0x607D)."""
         return max(self.low, min(self.high, raw))
 
 
@@ -318,30 +319,30 @@ class AxisProcessData:
 
     @property
     def is_stale(self) -> bool:
-        """Whether a TPDO that control depends on stays away."""
+        """Whether a TPDO needed for control is missing."""
         return any(pdo.overdue for pdo in self._feedback)
 
     def hold(self, raw: int) -> None:
-        """Let every target be standstill at the raw position."""
+        """Set all targets to standstill at the raw position."""
         for is_position, output in self._targets:
             output.set(raw if is_position else 0)
 
     def hold_others(self, used: Output) -> None:
-        """Let the targets of modes that are not used follow the motion of the one that is, `used`."""
+        """Let the targets of unused modes follow the motion of the mode `used`."""
         raw = self.raw_position
         for is_position, output in self._targets:
             if output is not used:
                 output.set(raw if is_position else 0)
 
     def _modes_of_file(self) -> list[tuple[int, str]]:
-        """Return the modes that bus.yml gives, with the command interface that each serves."""
+        """Return the modes of bus.yml, with the command interface of each."""
         keys = self.node.config.motion
         given = ((keys.position_mode, POSITION), (keys.velocity_mode, VELOCITY), (keys.effort_mode, EFFORT))
         return [(mode_of(mode), interface) for mode, interface in given if mode is not None]
 
     @property
     def raw_position(self) -> int:
-        """The newest 0x6064; 0 where none is known."""
+        """Newest 0x6064; 0 if unknown."""
         position = self.position
         if position is None or position.pdo.stamp < 0:
             return 0
@@ -352,11 +353,11 @@ class AxisProcessData:
         return objects.axis_index(index, self.number)
 
     def input(self, index: int, subindex: int = 0) -> Input | None:
-        """Return the input of a profile object, None if no TPDO carries it."""
+        """Return the input of a profile object, None if no TPDO contains it."""
         return self._image.input(self.node.node_id, self.index(index), subindex)
 
     def output(self, index: int, subindex: int = 0) -> Output | None:
-        """Return the output of a profile object, None if no RPDO carries it."""
+        """Return the output of a profile object, None if no RPDO contains it."""
         return self._image.output(self.node.node_id, self.index(index), subindex)
 
     def has(self, index: int, subindex: int = 0) -> bool:
@@ -391,7 +392,7 @@ _SWITCHING: Final = {
 
 
 def configured_machine(node: RemoteNode) -> DriveMachine:
-    """Return the state machine of an axis, with the times that bus.yml gives."""
+    """Return the state machine of an axis, with the times in bus.yml."""
     motion = node.config.motion
     return DriveMachine(
         node.name,
@@ -405,5 +406,5 @@ def configured_machine(node: RemoteNode) -> DriveMachine:
 
 
 def configured_scale(node: RemoteNode, axis: int) -> Scale:
-    """Return the scale that bus.yml gives."""
+    """Return the scale in bus.yml."""
     return Scale(**node.config.units.of_axis(axis))

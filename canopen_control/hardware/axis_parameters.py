@@ -1,8 +1,8 @@
-"""What a drive says of itself after every boot: modes, limits, units, homing methods, read by SDO and respected.
+"""Parameters of a drive read by SDO after every boot: modes, limits, units, homing methods.
 
-The law of this file: only objects that the EDS lists are asked for, an abort means that the drive has none, and the
-axis is `loaded` when every question is answered or has failed; nothing is enabled before. Units are taken from the
-drive (0x608F, 0x6091, 0x6092) only where bus.yml gives no scale.
+Only objects in the EDS are read, an abort means that the drive lacks the object, and the axis is `loaded` when every
+read has ended; nothing is enabled before. Units of the drive (0x608F, 0x6091, 0x6092) are used only if bus.yml gives no
+scale.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class AxisParameters:
         self._round = self._bounded_round = 0
 
     def load(self) -> None:
-        """Ask the drive, which has just booted."""
+        """Read the parameters of a drive that has just booted."""
         axis = self._axis
         self.loaded, self.failed = False, []
         self._round += 1
@@ -80,24 +80,24 @@ class AxisParameters:
             self._finish()
 
     def forget(self) -> None:
-        """Say that the drive is gone: answers under way are of no use any more."""
+        """Discard the parameters of a drive that is gone; pending answers are ignored."""
         self.loaded = False
         self._round += 1
 
     def get(self, index: int, subindex: int = 0) -> int | None:
-        """Return a value read, None where the drive has none."""
+        """Return a value, None if the drive lacks it."""
         return self.values.get((index, subindex))
 
     @property
     def homing_methods(self) -> frozenset[int] | None:
-        """The methods that 0x60E3 lists, None where it lists none."""
+        """Methods listed in 0x60E3, None if it lists none."""
         listed = [value for (index, _), value in self.values.items() if index == objects.SUPPORTED_HOMING_METHODS]
         return frozenset(listed) if listed else None
 
     def bound_ramp(self) -> None:
-        """Keep the drive's own ramp of PP within the velocity limit: 0x6081 is lowered to it.
+        """Reduce the drive's own ramp of PP (0x6081) to the velocity limit.
 
-        Until that is done no set-point is given; once for each `load`.
+        No set-point is sent before; once per `load`.
         """
         axis, number = self._axis, self._round
         if not self.loaded or not axis.limits.ramp_unbounded or self._bounded_round == number:
@@ -115,7 +115,10 @@ class AxisParameters:
             settled(False, "its EDS has no 0x6081, so its moves in PP are as fast as the drive makes them")
 
     def bound_homing(self, done: Callable[[str], None]) -> None:
-        """Keep the speeds of homing (0x6099) within the velocity limit; then say "", or why they are not."""
+        """Reduce the homing speeds (0x6099) to the velocity limit.
+
+        Then call `done` with "" or the reason of a failure.
+        """
         axis = self._axis
         left = [sub for sub in _HOMING_SPEEDS if axis.has(objects.HOMING_SPEEDS, sub)]
         if axis.limits.described == math.inf:
@@ -136,9 +139,10 @@ class AxisParameters:
         settled(True, "")
 
     def _lower(self, base: int, subindex: int, settled: Callable[[bool, str], None]) -> None:
-        """Lower a speed of the drive's to the velocity limit; `settled` takes whether it is within, and what to tell.
+        """Reduce a speed of the drive to the velocity limit.
 
-        A profile velocity of 0 is none; a homing speed of 0 moves nothing.
+        `settled` receives whether it is within, and the text to report. A profile velocity of 0 counts as none; a
+        homing speed of 0 moves nothing.
         """
         axis, index = self._axis, self._axis.index(base)
         entry, words = axis.node.od[index, subindex], axis.limits.words
@@ -205,7 +209,7 @@ class AxisParameters:
         return (first, second) if first and second and first > 0 and second > 0 else None
 
     def counts_per_turn(self) -> float | None:
-        """Return the position units per revolution of the shaft, None where the drive does not say."""
+        """Return the position units per revolution of the shaft, None if the drive does not have them."""
         encoder = self._pair(objects.POSITION_ENCODER_RESOLUTION)
         gear, feed = self._pair(objects.GEAR_RATIO) or (1, 1), self._pair(objects.FEED_CONSTANT)
         if encoder is None and feed is None:
@@ -231,7 +235,7 @@ class AxisParameters:
             axis.rpm_to_dev = to_dev / turn * 60.0
 
     def _counts_of_motor(self) -> float | None:
-        """Return the position units of one turn of the motor, by the drive or bus.yml; None where neither has them."""
+        """Return the position units per revolution of the motor, of the drive or bus.yml; None without either."""
         encoder, gear = self._pair(objects.POSITION_ENCODER_RESOLUTION), self._pair(objects.GEAR_RATIO) or (1, 1)
         feed = self._pair(objects.FEED_CONSTANT)
         if feed is not None and is_feed(feed):
@@ -254,7 +258,7 @@ class AxisParameters:
         limits.torque_negative = min(negative or TORQUE_MAX, TORQUE_MAX)
 
     def _largest_velocity(self) -> float:
-        """Return the smaller of 0x607F and 0x6080 (in rpm of the motor); 0 and all ones limit nothing."""
+        """Return the smaller of 0x607F and 0x6080 (in rpm of the motor); 0 and all ones mean no limit."""
         bounds = [math.inf]
         profile, motor = self.get(objects.MAX_PROFILE_VELOCITY), self.get(objects.MAX_MOTOR_SPEED)
         axis = self._axis

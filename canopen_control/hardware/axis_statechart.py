@@ -26,7 +26,7 @@ _NEVER: Final = (1 << 62) - 1  # small enough to stay unboxed where this is comp
 
 
 class Action(enum.Enum):
-    """What a user may ask of an axis."""
+    """User's action on an axis."""
 
     ENABLE = "enable"
     DISABLE = "disable"
@@ -38,7 +38,7 @@ class Action(enum.Enum):
 
 
 class AxisPhase(enum.Enum):
-    """A state of the chart; the value says what it means."""
+    """State of the chart; the value describes it."""
 
     OFF = "disabled"
     RISING = "being enabled; waits before OPERATION_ENABLED for its group"
@@ -59,7 +59,7 @@ class AxisPhase(enum.Enum):
 
 
 class PhaseTrigger(enum.Enum):
-    """What makes the chart take a row; the value says when."""
+    """Trigger of a row of the chart; the value describes it."""
 
     ENABLE = "somebody enables it"
     STOP = "somebody, or trouble in its group, stops it"
@@ -85,7 +85,7 @@ class PhaseTrigger(enum.Enum):
 
 
 class DriveCommand(enum.Enum):
-    """What the drive is told with a row."""
+    """Command to the drive in a row."""
 
     PREPARE = "enable, and wait before OPERATION_ENABLED; no halt"
     RELEASE = "go into OPERATION_ENABLED"
@@ -98,7 +98,7 @@ class DriveCommand(enum.Enum):
 
 
 class Row(NamedTuple):
-    """What a trigger leads to: the next state, and what the drive is told."""
+    """Result of a trigger: next state, and command to the drive."""
 
     state: AxisPhase
     orders: tuple[DriveCommand, ...] = ()
@@ -187,7 +187,10 @@ _ROWS: Final[Mapping[AxisPhase, Mapping[PhaseTrigger, Row]]] = {
 
 
 def _complete(state: AxisPhase, rows: Mapping[PhaseTrigger, Row]) -> Mapping[PhaseTrigger, Row]:
-    """Add what holds in every state: a fault may be reset, and a halt is kept in mind; neither leads anywhere."""
+    """Return the rows with those valid in every state: a fault may be reset, and a halt is recorded.
+
+    Neither changes the state.
+    """
     everywhere = {_T.FAULT_RESET: Row(state, (_O.RESET,)), _T.HALT: Row(state, (_O.HALT,))}
     return MappingProxyType({**everywhere, **rows})
 
@@ -201,18 +204,18 @@ _WATCHED: Final = (*RISING, *LIMITS_NS, _S.SETTLING, _S.QUICK_STOPPED, _S.UNSTOP
 
 
 class PhaseObserver(Protocol):
-    """What follows the rows that a statechart takes."""
+    """Observer of the rows of a statechart."""
 
     def row_taken(self, state: AxisPhase, trigger: PhaseTrigger) -> None:
-        """Take a row: the state before it, and its trigger."""
+        """Process a row: the previous state, and its trigger."""
 
 
 class AxisStatechart:
-    """Where one axis is in the chart; `fire` is the only way from one state to another.
+    """State of one axis in the chart; only `fire` changes it.
 
-    `following` is True in FOLLOWING alone, and the command interfaces say the same as `enabled`. `watched`: the drive
-    has to be looked at in every cycle for what comes next. `since` is when the present stop began, `deadline` when the
-    state is overdue. `observer` takes which rows are taken.
+    `following` is True in FOLLOWING alone, and equals `enabled` of the command interfaces. `watched`: the drive must be
+    checked in every cycle. `since` is the start of the current stop, `deadline` the timeout of the state. `observer`
+    receives the rows.
     """
 
     def __init__(
@@ -231,21 +234,21 @@ class AxisStatechart:
 
     @property
     def wanted(self) -> bool:
-        """Whether it is meant to be enabled."""
+        """Whether the axis is meant to be enabled."""
         return self.state in UP
 
     @property
     def rising(self) -> bool:
-        """Whether it is being enabled."""
+        """Whether the axis is being enabled."""
         return self.state in RISING
 
     @property
     def falling(self) -> bool:
-        """Whether it comes to rest, to be disabled together with its group."""
+        """Whether the axis is stopping, to be disabled together with its group."""
         return self.state in FALLING
 
     def fire(self, trigger: PhaseTrigger, now: int) -> bool:
-        """Take the row of a trigger; returns whether the state is another one now."""
+        """Apply the row of a trigger; return whether the state has changed."""
         row = TABLE[self.state].get(trigger)
         if row is None:
             return False
@@ -259,7 +262,7 @@ class AxisStatechart:
         return changed
 
     def overdue(self, now: int) -> bool:
-        """Take the row of a state whose time is over; returns whether one was taken."""
+        """Apply the timeout row of a state; return whether there was one."""
         if now <= self.deadline:
             return False
         return self.fire(PhaseTrigger.OVERDUE_LOADED if self.holds_load else PhaseTrigger.OVERDUE, now)

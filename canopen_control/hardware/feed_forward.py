@@ -29,7 +29,7 @@ _BROKEN_CYCLES: Final = 3.5
 
 
 class FeedForward:
-    """The offsets of one axis; `fed` says that a controller gives any."""
+    """Offsets of one axis; `fed` means that a controller commands any."""
 
     def __init__(self, axis: AxisProcessData, commands: Mapping[str, CommandInterface]) -> None:
         self.fed = False
@@ -42,11 +42,11 @@ class FeedForward:
         self._standing_s = 0.0
 
     def carries(self, interface: str) -> bool:
-        """Whether an RPDO carries the offset for a command interface."""
+        """Whether an RPDO contains the offset of a command interface."""
         return self._outputs.get(interface) is not None
 
     def claim(self, interfaces: Collection[str]) -> None:
-        """Take offsets from these command interfaces from now on."""
+        """Use the offsets of these command interfaces from now on."""
         self._velocity = self._commands[VELOCITY] if VELOCITY in interfaces else None
         self._effort = self._commands[EFFORT] if EFFORT in interfaces else None
         self.fed = bool(interfaces)
@@ -55,7 +55,7 @@ class FeedForward:
         self.zero()
 
     def refresh(self) -> None:
-        """Say what the offsets can hold, after the scale has changed."""
+        """Update the ranges of the offsets after a change of the scale."""
         scale = self._axis.scale
         if self._velocity is not None:
             _span(self._velocity, INT32_MAX / abs(scale.vel_to_dev))
@@ -63,7 +63,7 @@ class FeedForward:
             _span(self._effort, INT16_MAX / abs(scale.eff_to_dev))
 
     def refused(self) -> str | None:
-        """Say once which of them is not sent, since another controller gives it."""
+        """Return once the offset that is not sent because another controller commands it."""
         if self._foreign == self._told:
             return None
         self._told = given = self._foreign
@@ -74,14 +74,14 @@ class FeedForward:
         )
 
     def zero(self) -> None:
-        """Take the offsets away."""
+        """Set the offsets to zero."""
         self._last, self._standing_s = math.nan, 0.0
         for output in self._outputs.values():
             if output is not None:
                 output.set(0)
 
     def follow(self, position: CommandInterface, period: float) -> None:
-        """Send what belongs to the position of this cycle; `period` in s."""
+        """Send the offsets of this cycle's position; `period` in s."""
         value = position.value
         if value != self._last:
             self._last, self._standing_s = value, 0.0

@@ -1,8 +1,8 @@
-"""What a joint measures: its state interfaces, kept up to date from the axis' process data.
+"""State interfaces of a joint, updated from the axis' process data.
 
-The law of this file: a value changes only with a new frame, and without a node it is nan. Positions are continuous: 32
-bits wrap, a restarted drive goes on where it was, and a step that no motor makes is a jump, told and never taken for a
-motion. What is plausible is what the velocity, or else the drive's largest one, makes possible, and one revolution.
+A value changes only with a new frame, and without a node it is nan. Positions are continuous: 32 bits wrap, a restarted
+drive continues at its position, and a step that no motor can make is a jump, which is reported and not taken for
+motion. Plausible are steps within the velocity, or else the drive's largest one, plus one revolution.
 """
 
 from __future__ import annotations
@@ -50,16 +50,16 @@ _SI_UNITS: Final = {"rpm": 0x00B44700, "0.1 rpm": 0xFFB44700}
 
 @dataclass(frozen=True, slots=True)
 class UnitDoubt:
-    """A doubt about the unit of a drive's velocities: a sentence, and whether it is `faster` than they say."""
+    """Doubt about the unit of a drive's velocities: a sentence, and whether the motion is `faster` than they are."""
 
     text: str
     faster: bool
 
 
 def doubt_unit(axis: AxisProcessData, speed: float, raw: int, *, rising: bool) -> UnitDoubt | None:
-    """Hold a motion in position counts/s against a velocity of the drive's; None where no unit would explain it.
+    """Compare a motion in position counts/s with the drive's velocity; None if no unit explains the difference.
 
-    `rising`: the motion is that between two samples, of a drive that may still get faster.
+    `rising`: the motion is between two samples of a drive that may still accelerate.
     """
     reported = raw * axis.scale.vel_from_dev * axis.scale.pos_to_dev
     if not speed or not reported or 1.0 / _FAR < abs(speed / reported) < _FAR:
@@ -78,7 +78,7 @@ def doubt_unit(axis: AxisProcessData, speed: float, raw: int, *, rising: bool) -
 
 
 def _words(axis: AxisProcessData, units: list[tuple[str, float]], *, faster: bool) -> str:
-    """Say that velocities are in one of `units`, the likeliest first, and how bus.yml is told so."""
+    """Return a text that velocities are in one of `units`, the likeliest first, with the key of bus.yml."""
     (first, per_turn), scale = units[0], axis.scale
     to_dev = math.copysign(per_turn * abs(scale.pos_to_dev) / axis.turn, scale.vel_to_dev)
     names = " or ".join(name for name, _ in units)
@@ -108,7 +108,7 @@ _SLACK: Final = math.tau  # rad: what a shaft may be turned between two samples 
 
 
 class Feedback:
-    """The state interfaces of one joint; beside position, velocity and effort those that the description lists.
+    """State interfaces of one joint: position, velocity, effort, and others in the description.
 
     `standing` is whether the drive reports (nearly) no motion.
     """
@@ -142,26 +142,26 @@ class Feedback:
         self._derived_from, self._derived_at = 0, -_LOOK_NS  # count and stamp
 
     def came(self) -> None:
-        """Say that the node is back: its position, whatever it is, is where the joint was."""
+        """Reset after the node returned: its position is that of the joint before."""
         self._axis.unwrap.rebase()
         self._derived_at = -_LOOK_NS
         self._raw_position = self._raw_velocity = self._raw_effort = None
 
     def restart(self) -> None:
-        """Say that the axis was homed: from here on its own position counts, whatever was before."""
+        """Reset after homing: from here on the position of the drive counts."""
         self._axis.unwrap = PositionUnwrapper()
         self._raw_position = None
         self._derived_at = -_LOOK_NS
         self._jumps = 0
 
     def went(self) -> None:
-        """Say that the node is gone: nothing is known."""
+        """Reset after the node was lost: all values are unknown."""
         self.standing = True
         for state in self.states.values():
             state.value = math.nan
 
     def read(self, now: int) -> int:
-        """Take what is new; returns a jump of the position in counts, 0 for none."""
+        """Process new values; return a jump of the position in counts, 0 for none."""
         jump = 0
         velocity = self._velocity
         if velocity is not None:
@@ -192,14 +192,14 @@ class Feedback:
         return jump
 
     def ramp_ns(self, default: int) -> int:
-        """Return how long the drive's ramp to zero takes from the velocity last seen; `default` where none is known."""
+        """Return the duration of the drive's ramp to zero from the last velocity; `default` if it is unknown."""
         slope = self._axis.limits.deceleration
         if self._raw_velocity is None or not math.isfinite(slope):
             return default
         return min(default, round((1.2 * abs(self._raw_velocity) / slope + 0.1) * 1e9))
 
     def refresh_scale(self) -> None:
-        """Say that the scale is another one: convert again with the next frames."""
+        """Convert again with the next frames, after a change of the scale."""
         self._slack = round(abs(self._axis.scale.pos_to_dev) * _SLACK) + 1
         self._raw_position = self._raw_velocity = self._raw_effort = None
         self._position_count = self._velocity_count = self._effort_count = -1
@@ -222,7 +222,7 @@ class Feedback:
         return unwrap.last_jump
 
     def _derive(self, stamp: int) -> None:
-        """Make the velocity of the last positions: `_DERIVED_NS` apart, or nothing is said before."""
+        """Compute the velocity from positions at least `_DERIVED_NS` apart."""
         elapsed, count = stamp - self._derived_at, self._axis.unwrap.count
         if elapsed < _DERIVED_NS:
             return
@@ -232,9 +232,9 @@ class Feedback:
         self._derived_from, self._derived_at = count, stamp
 
     def jumped_in_unit(self, commanded: float = 0.0) -> UnitDoubt | None:
-        """Return the doubt about the unit of velocities that makes the last jump the drive's way.
+        """Return the doubt about the velocity unit that explains the last jump.
 
-        `commanded` is the velocity that it was sent, in rad/s, nan for none: the one that it tells may lag behind.
+        `commanded` is the velocity sent to the drive, in rad/s, nan for none, because the reported one may lag.
         """
         raw = round(commanded * self._axis.scale.vel_to_dev) if math.isfinite(commanded) else None
         return self._doubt(self._jump_speed, raw, rising=True) or self._doubt(
@@ -242,7 +242,7 @@ class Feedback:
         )
 
     def turns_in_unit(self, now: int) -> UnitDoubt | None:
-        """Return the doubt that its motion raises about the unit of velocities; asked ten times a second, told once."""
+        """Return the doubt about the velocity unit raised by the motion; checked ten times a second, reported once."""
         count = self._axis.unwrap.count
         moved, elapsed = count - self._looked_count, now - self._looked_at
         self._looked_count, self._looked_at = count, now
@@ -252,7 +252,7 @@ class Feedback:
         return doubt if self._doubts == _DOUBTS else None
 
     def _doubt(self, speed: float, raw: int | None, *, rising: bool = False) -> UnitDoubt | None:
-        """Hold a measured speed in counts/s against a velocity of the drive's."""
+        """Compare a measured speed in counts/s with a velocity of the drive."""
         if not raw or self._position is None or abs(raw * self._axis.scale.vel_from_dev) <= STANDSTILL:
             return None
         return doubt_unit(self._axis, speed, raw, rising=rising)

@@ -31,7 +31,7 @@ TARGET: Final = "target"
 
 
 class ReturnType(enum.Enum):
-    """What a read, update or write came to."""
+    """Result of a read, update or write."""
 
     OK = "ok"
     ERROR = "error"
@@ -42,7 +42,7 @@ ERROR: Final = ReturnType.ERROR
 
 
 class LifecycleState(enum.Enum):
-    """The states of a hardware component (REP 2007's managed nodes)."""
+    """States of a hardware component (managed nodes of ROS 2)."""
 
     UNCONFIGURED = "unconfigured"
     INACTIVE = "inactive"
@@ -51,7 +51,7 @@ class LifecycleState(enum.Enum):
 
 
 class StateInterface:
-    """One measured number: `value` in SI units, nan while unknown; `name` is "joint/interface"."""
+    """Measured number: `value` in SI units, nan if unknown; `name` is "joint/interface"."""
 
     __slots__ = ("interface", "joint", "name", "value")
 
@@ -64,10 +64,10 @@ class StateInterface:
 
 
 class ValueRange(Protocol):
-    """What knows which values an object can hold."""
+    """Source of the range of an object."""
 
     def span(self) -> tuple[float, float]:
-        """Return the least and the greatest value."""
+        """Return minimum and maximum."""
         ...
 
 
@@ -124,7 +124,7 @@ class CommandInterface:
         self.let_go_at: float | None = None
 
     def misfit(self, value: float) -> str | None:
-        """Return what fits where a value is none that the object behind can hold, else None."""
+        """Return the valid range if a value does not fit the object, else None."""
         low, high = (self.lowest, self.highest) if self.range is None else self.range.span()
         return None if low <= value <= high else f"{self.name} holds {low:g} to {high:g}"
 
@@ -133,47 +133,47 @@ class CommandInterface:
 
 
 class HardwareComponent(Protocol):
-    """What moves and measures: a system, an actuator or a sensor of the description.
+    """Hardware component: a system, an actuator or a sensor of the description.
 
-    The lifecycle verbs go UNCONFIGURED -configure-> INACTIVE -activate-> ACTIVE and back; commanding a state that is
-    reached is a no-op. `read` is called in INACTIVE and ACTIVE, `write` in ACTIVE only.
+    The lifecycle methods lead UNCONFIGURED -configure-> INACTIVE -activate-> ACTIVE and back; a method for a state
+    already reached is a no-op. `read` is called in INACTIVE and ACTIVE, `write` in ACTIVE only.
     """
 
     @property
     def name(self) -> str:
-        """The name of its tag in the description."""
+        """Name of its tag in the description."""
         ...
 
     @property
     def state(self) -> LifecycleState:
-        """Where its lifecycle is."""
+        """State of its lifecycle."""
         ...
 
     @property
     def state_interfaces(self) -> Sequence[StateInterface]:
-        """What it measures, fixed after construction."""
+        """State interfaces, fixed after construction."""
         ...
 
     @property
     def command_interfaces(self) -> Sequence[CommandInterface]:
-        """What can be commanded, fixed after construction."""
+        """Command interfaces, fixed after construction."""
         ...
 
     @property
     def simulated_ns(self) -> int | None:
-        """How long it has been simulated, in ns; None for what runs in real time."""
+        """Simulated time in ns; None for a component in real time."""
         ...
 
     def configure(self) -> None:
-        """Start communication; the states become known, nothing moves."""
+        """Start communication; states become known, nothing moves."""
         ...
 
     def activate(self) -> None:
-        """Allow commands; nothing moves before a controller claims an interface."""
+        """Permit commands; nothing moves before a controller claims an interface."""
         ...
 
     def deactivate(self) -> None:
-        """Stop all movement."""
+        """Stop all motion."""
         ...
 
     def cleanup(self) -> None:
@@ -181,24 +181,24 @@ class HardwareComponent(Protocol):
         ...
 
     def shutdown(self) -> None:
-        """Stop for good."""
+        """Shut down permanently."""
         ...
 
     def reset(self, keyframe: str) -> None:
-        """Bring what is simulated back to where it began, or to a key frame of its model; ControlError for no such."""
+        """Reset a simulation to its start, or to a key frame of its model; ControlError for an unknown one."""
         ...
 
     @property
     def changeable(self) -> bool:
-        """Whether physics moves it, so that something may happen in its world."""
+        """Whether the component moves in a physics world that accepts disturbances."""
         ...
 
     def act(self, what: WorldAct) -> None:
-        """Let something happen in the world of a simulation; ConfigError for what is not there."""
+        """Apply a disturbance to the world of a simulation; ConfigError for a missing link or joint."""
         ...
 
     def scan(self) -> Sequence[LaserScanReading]:
-        """Return what the lidars of a simulation see now."""
+        """Return the scans of a simulation's lidars."""
         ...
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
@@ -206,11 +206,11 @@ class HardwareComponent(Protocol):
         ...
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Set the mode for the interfaces claimed and begin to enable; stop the released ones. Never blocks."""
+        """Set the mode of the claimed interfaces and start to enable; stop the released ones. Never blocks."""
         ...
 
     def read(self, now: int, period: float) -> ReturnType:
-        """Latch what was measured; `now` in ns, `period` in s."""
+        """Latch the measured values; `now` in ns, `period` in s."""
         ...
 
     def write(self, now: int, period: float) -> ReturnType:
@@ -222,7 +222,7 @@ Interface = TypeVar("Interface", StateInterface, CommandInterface)
 
 
 class InterfaceRegistry:
-    """All interfaces of a robot by name, and who owns the command interfaces."""
+    """Interfaces of a robot by name, and owners of the command interfaces."""
 
     def __init__(self) -> None:
         self._states: dict[str, StateInterface] = {}
@@ -234,17 +234,17 @@ class InterfaceRegistry:
 
     @property
     def components(self) -> tuple[HardwareComponent, ...]:
-        """The registered components, in the order they came."""
+        """Registered components, in order of registration."""
         return self._in_order
 
     @property
     def state_interfaces(self) -> tuple[StateInterface, ...]:
-        """All state interfaces of components, in the order they came."""
+        """State interfaces of components, in order of registration."""
         return tuple(self._states.values())
 
     @property
     def command_interfaces(self) -> tuple[CommandInterface, ...]:
-        """All command interfaces, in the order they came."""
+        """Command interfaces, in order of registration."""
         return tuple(self._commands.values())
 
     def register(self, component: HardwareComponent) -> None:
@@ -270,35 +270,35 @@ class InterfaceRegistry:
         self._exported_states.update({each.name: each for each in states})
 
     def withdraw(self, references: Sequence[CommandInterface], states: Sequence[StateInterface] = ()) -> None:
-        """Remove the interfaces of a chainable controller again."""
+        """Remove the interfaces of a chainable controller."""
         for reference in references:
             self._commands.pop(reference.name, None)
         for state in states:
             self._exported_states.pop(state.name, None)
 
     def is_exported_state(self, name: str) -> bool:
-        """Whether a state interface is a controller's."""
+        """Whether a state interface belongs to a controller."""
         return name in self._exported_states
 
     def state(self, name: str) -> StateInterface:
-        """Return a state interface, or raise UnknownInterface with the names there are."""
+        """Return a state interface; UnknownInterface with the valid names otherwise."""
         return _found(name, {**self._states, **self._exported_states})
 
     def command(self, name: str) -> CommandInterface:
-        """Return a command interface, or raise UnknownInterface with the names there are."""
+        """Return a command interface; UnknownInterface with the valid names otherwise."""
         return _found(name, self._commands)
 
     def component_of(self, name: str) -> HardwareComponent | None:
-        """Return who exports an interface, None for a controller's reference; raises UnknownInterface."""
+        """Return the component of an interface, None for a controller's reference; UnknownInterface otherwise."""
         if name not in self._states:
             _found(name, self._commands)
         exporter = self._exporters.get(name)
         return self._components[exporter] if exporter is not None else None
 
     def claim(self, names: Sequence[str], owner: str) -> list[CommandInterface]:
-        """Make `owner` the owner of all these command interfaces, or of none and raise.
+        """Claim all these command interfaces for `owner`, or none and raise.
 
-        Raises UnknownInterface or InterfaceConflict. What the owner has already stays its own.
+        UnknownInterface or InterfaceConflict. Interfaces that the owner already has remain.
         """
         wanted = [self.command(name) for name in names]
         for each in wanted:
@@ -309,7 +309,7 @@ class InterfaceRegistry:
         return wanted
 
     def release(self, owner: str) -> list[str]:
-        """Take everything from an owner; return the names."""
+        """Release all interfaces of an owner; return their names."""
         released = [each for each in self._commands.values() if each.owner == owner]
         for each in released:
             each.owner = None
@@ -336,7 +336,7 @@ def _refuse_doubles(kind: str, exporter: str, new: Sequence[Interface], known: M
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ComponentLifecycle(ABC):
-    """`state`, and the verbs between the states; what a component does on the way are its `_begin` and `_rest`."""
+    """Lifecycle `state` and its transitions; a component implements `_begin` and `_rest`."""
 
     def __init__(self) -> None:
         self.state = LifecycleState.UNCONFIGURED
@@ -352,30 +352,30 @@ class ComponentLifecycle(ABC):
         return False
 
     def configure(self) -> None:
-        """Let the states become known."""
+        """Start to read states."""
         if self.state is LifecycleState.UNCONFIGURED:
             self._begin()
             self.state = LifecycleState.INACTIVE
 
     def activate(self) -> None:
-        """Allow commands."""
+        """Permit commands."""
         if self.state is LifecycleState.INACTIVE:
             self.state = LifecycleState.ACTIVE
 
     def deactivate(self) -> None:
-        """Come to rest."""
+        """Stop all motion."""
         if self.state is LifecycleState.ACTIVE:
             self._rest()
             self.state = LifecycleState.INACTIVE
 
     def cleanup(self) -> None:
-        """Go back to the start."""
+        """Return to the initial state."""
         self.deactivate()
         if self.state is LifecycleState.INACTIVE:
             self.state = LifecycleState.UNCONFIGURED
 
     def shutdown(self) -> None:
-        """End for good."""
+        """Shut down permanently."""
         self.deactivate()
         self.state = LifecycleState.FINALIZED
 
@@ -383,16 +383,16 @@ class ComponentLifecycle(ABC):
         """Do nothing: nothing is simulated."""
 
     def act(self, what: WorldAct) -> None:  # noqa: B027 - as above
-        """Do nothing: it is in no world."""
+        """Do nothing: there is no world."""
 
     def scan(self) -> Sequence[LaserScanReading]:
-        """Return nothing: it has no lidars."""
+        """Return an empty list: there are no lidars."""
         return ()
 
     @abstractmethod
     def _begin(self) -> None:
-        """Make the states known."""
+        """Start to read states."""
 
     @abstractmethod
     def _rest(self) -> None:
-        """Stop what moves."""
+        """Stop all motion."""

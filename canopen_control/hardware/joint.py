@@ -44,9 +44,9 @@ if TYPE_CHECKING:
 
 
 class JointParts:
-    """A joint bound to one axis of one node; the interfaces are what controllers claim.
+    """Joint bound to one axis of one node; controllers claim its interfaces.
 
-    `tracking` is how well it follows its set-points.
+    `tracking` is the quality of following its set-points.
     """
 
     def __init__(self, description: ControlJoint, node: RemoteNode, image: ProcessImage, axis: int = 0) -> None:
@@ -74,33 +74,33 @@ class JointParts:
 
     @property
     def scale(self) -> Scale:
-        """Device units and SI."""
+        """Conversion between device units and SI."""
         return self.axis.scale
 
     @property
     def state(self) -> State | None:
-        """The CiA 402 state, None while the node is not there."""
+        """CiA 402 state, None while the node is absent."""
         return self.machine.state if self.node.ready else None
 
     @property
     def statusword(self) -> int | None:
-        """The newest statusword, None before the first; without its TPDO the one that SDO brought."""
+        """Newest statusword, None before the first; by SDO if its TPDO is missing."""
         status = self.axis.statusword
         return status.value if status.fresh and not status.pdo.overdue else self.machine.statusword
 
     @property
     def claimed(self) -> str | None:
-        """The command interface that a controller drives."""
+        """Command interface claimed by a controller."""
         return self.targets.claimed
 
     @property
     def wanted(self) -> bool:
-        """Whether it is to follow commands."""
+        """Whether the joint is meant to follow commands."""
         return self.power.wanted
 
     @property
     def following(self) -> bool:
-        """Whether targets are followed now; the command interfaces say the same as `enabled`."""
+        """Whether targets are followed now; equals `enabled` of the command interfaces."""
         return self.power.following
 
     @property
@@ -110,17 +110,17 @@ class JointParts:
 
     @property
     def homing(self) -> JointHoming | None:
-        """The homing under way."""
+        """Homing in progress."""
         return self.reference.homing
 
     @property
     def homed(self) -> bool:
-        """Whether its zero was found by a homing, and not lost since."""
+        """Whether a homing has found its zero, which was not lost since."""
         return self.reference.known
 
     @property
     def may_rise(self) -> bool:
-        """Whether nothing but its group keeps it from being enabled."""
+        """Whether only its group keeps the joint from being enabled."""
         machine = self.machine
         return machine.enabled or (machine.waiting and self.parameters.loaded)
 
@@ -130,11 +130,11 @@ class JointParts:
         return self.feedback.standing
 
     def age_ns(self, now: int) -> int | None:
-        """How old the newest statusword is."""
+        """Return the age of the newest statusword."""
         return self.axis.statusword.age_ns(now)
 
     def has_come_to_rest(self, now: int) -> bool:
-        """Whether a stop may end in disabling the drive."""
+        """Return whether a stop may end in disabling the drive."""
         if not self.node.ready or self.machine.state is not State.OPERATION_ENABLED:
             return True
         if self.axis.is_stale:
@@ -142,7 +142,7 @@ class JointParts:
         return self.power.state is AxisPhase.SETTLING and self.feedback.standing
 
     def events(self) -> list[JointEvent]:
-        """Return what happened since the last call."""
+        """Return the events since the last call."""
         happened, self._events = self._events, []
         return happened
 
@@ -160,7 +160,7 @@ class JointParts:
 
 
 def _holds_load(description: ControlJoint) -> bool:
-    """Read whether a joint's load would fall if its drive had no power; RobotConfigError for what is no truth value."""
+    """Return whether a joint's load would fall without power; RobotConfigError for an invalid value."""
     text = description.parameters.get("holds_load", "false").strip().lower()
     if text not in ("true", "false"):
         raise RobotConfigError(f"joint {description.name}: holds_load is {text!r}; it is true or false")
@@ -185,7 +185,7 @@ _BOOTING: Final = "; booting it again"  # what was told of the node already
 
 
 class FeedbackStatus(enum.Enum):
-    """Whether an axis is seen; the value says what it means."""
+    """Status of the feedback of an axis; the value describes it."""
 
     GONE = "its node is not operational"
     STALE = "its node is operational, and a TPDO with its feedback stays away"
@@ -227,7 +227,7 @@ class JointDrive(JointParts):
     # ------------------------------------------------------------------------------------------- verbs
 
     def require_enable(self) -> None:
-        """Raise the DriveError that `enable` would."""
+        """Raise the DriveError that `enable` would raise."""
         if not self.machine.remote:
             raise DriveError(
                 f"{self.axis.who}: under local control (statusword bit 9 is 0), "
@@ -239,7 +239,7 @@ class JointDrive(JointParts):
         self.machine.require_enable()
 
     def enable(self) -> None:
-        """Ask the drive into OPERATION_ENABLED; it follows commands from there. DriveError in a fault."""
+        """Request OPERATION_ENABLED, in which the drive follows commands. DriveError in a fault."""
         self.require_enable()
         self.resume, self.stopped_by = False, ""
         self.targets.feed_forward.zero()
@@ -249,7 +249,7 @@ class JointDrive(JointParts):
             pdo.changed = True  # whatever stands in the drive, its targets are at rest before it is enabled
 
     def stop(self, now: int) -> None:
-        """Ramp to zero, then disable together with its group."""
+        """Ramp to zero, then disable together with the group."""
         self._now = now
         self.resume = False
         if self._fire(PhaseTrigger.STOP) and self.power.falling:
@@ -260,11 +260,11 @@ class JointDrive(JointParts):
 
     @property
     def stopped(self) -> bool:
-        """Whether it moves under power no more, as far as anybody can see; waiting shows no more."""
+        """Whether the joint no longer moves under power, as far as can be observed."""
         return self.power.state in STOPPED and (self.machine.reached or self._status.invisible)
 
     def quick_stop(self) -> None:
-        """Use the drive's quick stop (0x605A); it is disabled or holds afterwards, as that says."""
+        """Use the drive's quick stop (0x605A); its option code decides whether it is disabled or holds afterwards."""
         self.resume = False
         self._fire(PhaseTrigger.QUICK_STOP)
         self._abort_homing("quick stop")
@@ -278,12 +278,12 @@ class JointDrive(JointParts):
         self._fire(PhaseTrigger.FAULT_RESET)
 
     def give_up(self) -> None:
-        """Take that the drive left operation on its own, or that its node is gone."""
+        """Process the loss of operation by the drive itself, or of its node."""
         self._fire(PhaseTrigger.DRIVE_LEFT if self.node.ready else PhaseTrigger.NODE_LOST)
         self._abort_homing("the drive left operation")
 
     def home(self, method: int | None) -> None:
-        """Begin homing; DriveError where the drive has no such method, or no homing."""
+        """Start homing; DriveError if the drive lacks the method, or homing."""
         require_mode(OperationMode.HM, listed_modes(self.axis, self.parameters))
         self.reference.begin(method, was_enabled=self.wanted)
         self._fire(PhaseTrigger.MUST_REST)
@@ -291,7 +291,7 @@ class JointDrive(JointParts):
     # ------------------------------------------------------------------------------------------- cycle
 
     def read(self, now: int) -> None:
-        """Latch the newest process data into the state interfaces; nan while the node is not there."""
+        """Latch the newest process data into the state interfaces; nan while the node is absent."""
         node = self.node
         link = _GONE if not node.ready else _STALE if node.stale else _LIVE
         if link is not self._link:
@@ -308,7 +308,7 @@ class JointDrive(JointParts):
                 self._events.append(JointEvent(*event, stops=True))
 
     def step(self, now: int) -> bool:
-        """Advance the state machine by one cycle; returns whether `events` tells anything."""
+        """Advance the state machine by one cycle; return whether `events` has any."""
         self._now = now
         machine, status, power = self.machine, self._status, self.power
         status.update(now)
@@ -336,7 +336,7 @@ class JointDrive(JointParts):
         return bool(self._events)
 
     def write(self, now: int, period: float) -> None:
-        """Set mode and targets, after every joint of the group has seen its statusword."""
+        """Set mode and targets, after every joint of the group has processed its statusword."""
         targets, power = self.targets, self.power
         if targets.pending is not None:
             targets.change()
@@ -360,7 +360,7 @@ class JointDrive(JointParts):
         targets.write_mode()
 
     def supervise(self) -> None:
-        """Look at what need not be seen in every cycle; ten times a second."""
+        """Check what need not be checked in every cycle; called ten times a second."""
         if self._watch.leaves_limit():
             self._events.append(JointEvent("limit_left", "the limit is left", Level.INFO))
         self._motion.look(self.targets.current, self.enabled)
@@ -384,13 +384,13 @@ class JointDrive(JointParts):
 
     @property
     def _stops_at_limits(self) -> bool:
-        """Whether a limit is the end of a motion that it makes together with others; not of homing, nor of an arm's."""
+        """Whether a limit ends a coordinated motion of the joint; not during homing, nor for an arm."""
         target = self.targets.current
         positions = target is not None and target.interface == POSITION and self.base is None
         return self.homing is None and len(self.group.joints) > 1 and not positions
 
     def _pushes(self) -> bool:
-        """Whether it is commanded beyond the limit that is active, which those that move with it must not follow."""
+        """Whether the command drives the axis further into its active limit switch."""
         target, claimed = self.targets.current, self.targets.claimed
         if not self.wanted or target is None or claimed is None or not self._stops_at_limits:
             return False
@@ -398,13 +398,13 @@ class JointDrive(JointParts):
         return target.interface == command.quantity and target.pushes(command.value)
 
     def _fire(self, trigger: PhaseTrigger) -> bool:
-        """Take a row of the chart; a new state is looked at by the group."""
+        """Fire a trigger of the chart; the group checks the new state."""
         changed = self.power.fire(trigger, self._now)
         self.group.busy |= changed
         return changed
 
     def _look_on(self, now: int) -> None:
-        """Look at a drive that is being enabled or stopped for what comes next."""
+        """Fire transitions that depend on the drive's state while it is being enabled or stopped."""
         power, machine = self.power, self.machine
         if power.state in RISING:
             if machine.enabled and self._fire(PhaseTrigger.DRIVE_ENABLED):
@@ -423,7 +423,10 @@ class JointDrive(JointParts):
             self._events.append(JointEvent("stop_overdue", _OVERDUE[power.state], Level.ERROR))
 
     def _brake(self, period: float) -> None:
-        """Make one cycle of a controlled stop; where the drive does not take targets any more they rest at once."""
+        """Execute one cycle of a controlled stop.
+
+        If the drive no longer follows targets they are set to rest at once.
+        """
         stands = True
         if self.machine.may_move:
             stands = self.targets.slow(period)
@@ -465,13 +468,13 @@ class JointDrive(JointParts):
         )
 
     def _became_stale(self) -> None:
-        """Stop when feedback stays away; the statusword is asked for by SDO meanwhile."""
+        """Stop because feedback is missing; the statusword is read by SDO meanwhile."""
         self._status.came()
         if self.axis.is_stale:
             self._events.append(JointEvent("feedback_stale", "its feedback is stale", Level.ERROR, stops=True))
 
     def _step_homing(self, run: JointHoming, now: int) -> None:
-        """Advance a homing by one cycle: enable in mode HM when its method is known, go back when it is over."""
+        """Advance a homing by one cycle: enable in mode HM once its method is known, return when it is over."""
         if run.phase is HomingPhase.KNOWN:
             run.phase = HomingPhase.ENABLE
             try:
@@ -493,7 +496,7 @@ class JointDrive(JointParts):
             self._leave_homing(self.homing)
 
     def _leave_homing(self, run: JointHoming) -> None:
-        """Go back to the mode and power from before; a homed axis counts from its new zero."""
+        """Return to the previous mode and power; a homed axis counts from its new zero."""
         self.reference.end(run)
         self._fire(PhaseTrigger.HOMING_ENDED)
         if run.homed:
@@ -507,7 +510,7 @@ class JointDrive(JointParts):
             self.stop(self._now)
 
     def _is_unserved(self, event: ModeTimedOut) -> bool:
-        """Whether an enabled drive stays in a mode that does not serve the interface which a controller commands."""
+        """Whether an enabled drive stays in a mode that does not serve the claimed interface."""
         claimed, restored = self.claimed, event.restored
         if not event.enabled or claimed in (None, TARGET):
             return False

@@ -41,7 +41,7 @@ _SIDES = {1: "positive", -1: "negative", 0: "unknown"}
 
 
 class JointEvent(NamedTuple):
-    """Something that happened to one joint; `stops` says that its group has to stop."""
+    """Event of one joint; `stops` means that its group has to stop."""
 
     kind: str
     text: str
@@ -64,7 +64,7 @@ _TABLE: Final[dict[type, tuple[str, Level, bool]]] = {
 
 
 def joint_event_of(event: DriveEvent) -> JointEvent:
-    """Return what an event of the drive's state machine means for its joint."""
+    """Return the joint's event for an event of the drive's state machine."""
     kind, level, stops = _TABLE[type(event)]
     if isinstance(event, events.TransitionTimedOut):
         stops = event.gave_up
@@ -75,7 +75,7 @@ def joint_event_of(event: DriveEvent) -> JointEvent:
 
 
 class StatusWatch:
-    """Looks at one axis; `action` is what a following error leads to: stop, warn or ignore."""
+    """Monitor of one axis; `action` is the reaction to a following error: stop, warn or ignore."""
 
     def __init__(self, axis: AxisProcessData, action: str) -> None:
         self._axis, self._action = axis, action
@@ -93,7 +93,7 @@ class StatusWatch:
     def look(
         self, word: int, mode: int | None, target: ModeTarget | None, stops_at_limits: bool = False
     ) -> list[JointEvent]:
-        """Take a statusword and return what began or ended with it."""
+        """Process a statusword and return the events that begin or end with it."""
         rose, fell = word & ~self._bits & _BITS, self._bits & ~word & _BITS
         if not rose | fell:
             return []
@@ -110,12 +110,12 @@ class StatusWatch:
         return found
 
     def pressed(self) -> JointEvent:
-        """Return what is told when the axis is commanded beyond its limit and moves with others."""
+        """Return the event of a command beyond the limit of an axis in a coordinated motion."""
         side = _SIDES[self._axis.limits.blocked]
         return JointEvent("limit", f"commanded beyond its limit, {side} side; {_BACK}", Level.ERROR, stops=True)
 
     def leaves_limit(self) -> bool:
-        """Look, ten times a second, whether a limit that shows no more was left: by a motion the other way."""
+        """Return whether an inactive limit was left by a motion in the other direction; called ten times a second."""
         limits = self._axis.limits
         if not limits.blocked or self._bits & INTERNAL_LIMIT:
             return False
@@ -126,7 +126,7 @@ class StatusWatch:
         return True
 
     def turns_the_wrong_way(self, enabled: bool) -> bool:
-        """Look, ten times a second, whether the axis turns against its velocity target."""
+        """Return whether the axis turns against its velocity target; called ten times a second."""
         output, actual = self._targets[0], self._axis.velocity
         if output is None or actual is None or not enabled or not actual.fresh:
             self._against = 0
@@ -138,7 +138,10 @@ class StatusWatch:
         return self._against == WRONG_LOOKS
 
     def refuses(self, interface: str | None) -> str | None:
-        """Return, ten times a second, that a controller's target does not fit its object; once until one fits again."""
+        """Return the text that a controller's target does not fit its object, once until one fits.
+
+        Called ten times a second.
+        """
         misfit, told = self._axis.misfit, self._misfit
         self._misfit = misfit
         if math.isnan(misfit) or not math.isnan(told):
@@ -146,7 +149,7 @@ class StatusWatch:
         return f"{interface} target {misfit:g} does not fit the drive's object; it stands"
 
     def held_back(self) -> str | None:
-        """Return, ten times a second, that targets are slowed down, where that begins."""
+        """Return the text that targets are limited, when that begins; called ten times a second."""
         limits = self._axis.limits
         held, limits.held = limits.held, False
         told, self._quiet = self._quiet > 0, _QUIET_LOOKS if held else max(0, self._quiet - 1)
@@ -166,7 +169,7 @@ class StatusWatch:
         return [JointEvent("limit", text, Level.ERROR if stops else Level.WARNING, stops)]
 
     def _direction(self, target: ModeTarget | None) -> int:
-        """Return the side of the limit: the switch that is closed, else where the target lies."""
+        """Return the side of the limit: the active switch, else the direction of the target."""
         inputs = self._axis.digital_inputs
         switches = inputs.value & 3 if inputs is not None and inputs.fresh else 0
         if switches in (_NEGATIVE_SWITCH, _POSITIVE_SWITCH):
@@ -180,7 +183,7 @@ class StatusWatch:
 
 
 class FaultReason:
-    """The error code of the last fault; `tell` is called with a sentence when it is known."""
+    """Error code of the last fault; `tell` is called with a sentence once it is known."""
 
     def __init__(self, axis: AxisProcessData, tell: Callable[[str], None]) -> None:
         self.code: int | None = None
@@ -188,14 +191,14 @@ class FaultReason:
         self._axis, self._tell = axis, tell
 
     def ask(self) -> None:
-        """Read it, where the drive has one."""
+        """Read the error code, if the drive has one."""
         if self._axis.has(objects.ERROR_CODE) and not self.asking:
             self.asking = True
             self._axis.node.read(self._axis.index(objects.ERROR_CODE), 0, self._answered)
 
     @property
     def text(self) -> str:
-        """What it is in words, "" while it is not known."""
+        """Text of the error code, "" while it is unknown."""
         return "" if not self.code else f"0x603F is 0x{self.code:04X} ({error_text(self.code)})"
 
     def _answered(self, request: SdoRequest) -> None:

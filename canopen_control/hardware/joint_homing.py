@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class HomingPhase(enum.Enum):
-    """How far a homing has come."""
+    """Phase of a homing."""
 
     METHOD = "the method is written, and the speeds are bounded"
     KNOWN = "the drive is to be enabled in mode HM"
@@ -37,11 +37,11 @@ class HomingPhase(enum.Enum):
 
 
 class JointHoming:
-    """A homing under way; `result` is None until it is over, then "" or the reason why it failed.
+    """Homing in progress; `result` is None until its end, then "" or the reason of a failure.
 
-    `mode_before` and `was_enabled` are what the axis goes back to. Raises DriveError for a method that is not among
-    those that the drive lists, `methods` (None: it lists none). `bound` keeps the speeds within the velocity limit, and
-    says in the end "" or why they are not: then there is no homing.
+    `mode_before` and `was_enabled` are restored afterwards. DriveError for a method that is not in `methods`, the list
+    of the drive (None: no list). `bound` keeps the speeds within the velocity limit, and returns "" or the reason why
+    it cannot: then there is no homing.
     """
 
     def __init__(
@@ -71,23 +71,23 @@ class JointHoming:
 
     @property
     def over(self) -> bool:
-        """Whether it has ended."""
+        """Whether the homing has ended."""
         return self.homed or self.phase is HomingPhase.FAILED
 
     @property
     def homed(self) -> bool:
-        """Whether it has ended well."""
+        """Whether the homing has ended successfully."""
         return self.phase is HomingPhase.HOMED
 
     def abort(self, reason: str) -> None:
-        """End it; bit 4 is 0 from the next cycle on."""
+        """End the homing; bit 4 is 0 from the next cycle on."""
         if not self.over:
             self._fail(reason)
 
     def step(self, wanted: bool, may_home: bool, now: int) -> int:
         """Return the mode's bits of the controlword for this cycle.
 
-        `wanted`: the axis is to be enabled still; `may_home`: its chart lets it move.
+        `wanted`: the axis is still meant to be enabled; `may_home`: its chart permits motion.
         """
         machine = self._machine
         ready = may_home and machine.may_move and machine.mode == OperationMode.HM
@@ -133,7 +133,7 @@ class JointHoming:
 
 
 class HomePosition:
-    """Whether the zero of an axis is known: its homing under way and, while what it found is true, the last one."""
+    """Home position of an axis: the homing in progress, and the last one while its result is valid."""
 
     def __init__(self, axis: AxisProcessData, machine: DriveMachine, parameters: AxisParameters) -> None:
         self.homing: JointHoming | None = None
@@ -142,16 +142,16 @@ class HomePosition:
 
     @property
     def known(self) -> bool:
-        """Whether the last homing has found the zero, and nothing has lost it since."""
+        """Whether the last homing has found the zero, and it was not lost since."""
         return self._last is not None and self._last.homed
 
     @property
     def result(self) -> str | None:
-        """Why the last homing failed, "" where it did not, None before its end."""
+        """Reason of the last failed homing, "" after a successful one, None before its end."""
         return None if self._last is None else self._last.result
 
     def begin(self, method: int | None, *, was_enabled: bool) -> None:
-        """Begin a homing; DriveError for a method that the drive does not list, and while one is under way."""
+        """Start a homing; DriveError for a method that the drive does not list, and during another homing."""
         node = self._axis.node
         if self.homing is not None:
             raise DriveError(f"{node.who}: homing is under way already")
@@ -164,10 +164,10 @@ class HomePosition:
         self._last = None
 
     def end(self, run: JointHoming) -> None:
-        """Take that a homing is over."""
+        """Process the end of a homing."""
         self.homing, self._last = None, run
 
     def forget(self) -> None:
-        """Take that the zero is not known any more."""
+        """Reset after the zero was lost."""
         if self.known:
             self._last = None

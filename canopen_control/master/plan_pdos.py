@@ -55,7 +55,7 @@ _SAFE: Final = "outputs are safe when the master dies"
 
 
 def plan_signals(builder: PlanBuilder, profile: Profile, axes: tuple[int, ...]) -> dict[str, Signal]:
-    """Return the signals of a node by name, and plan what they need."""
+    """Return the signals of a node by name, and plan the objects they need."""
     signals = profile_signals(builder.od, profile)
     moving = {index + offset for index in MOTION for offset in axes}
     named: set[str] = set()
@@ -77,7 +77,7 @@ def plan_signals(builder: PlanBuilder, profile: Profile, axes: tuple[int, ...]) 
 def _configured(
     builder: PlanBuilder, key: str, keys: SignalKeys, known: Signal | None, names: tuple[str, ...]
 ) -> Signal | None:
-    """Return a signal as bus.yml has it, None after complaining of what is wrong with it."""
+    """Return a signal as configured in bus.yml, None after a mistake was reported."""
     if keys.object is None:
         if known is None:
             text = f"no signal {keys.name!r} of the device's profile{nearest(keys.name, names)}; give its object"
@@ -113,7 +113,7 @@ def _object(builder: PlanBuilder, key: str, text: int | str) -> tuple[Entry, int
 
 
 def _is_output(builder: PlanBuilder, entry: Entry) -> bool:
-    """Whether an object is commanded: an RPDO that will be live carries it."""
+    """Whether an object is an output: an active RPDO contains it."""
     return entry.address in _mapped_signals(builder, "rpdo")
 
 
@@ -148,7 +148,7 @@ def _fits_numbers(builder: PlanBuilder, key: str, keys: SignalKeys, signal: Sign
 
 
 def _with(keys: SignalKeys, signal: Signal) -> Signal:
-    """Return a signal with what bus.yml says of it; a factor replaces all that the device says of its scale."""
+    """Return a signal with the settings of bus.yml; a factor replaces all scales of the device."""
     invalid = () if keys.invalid is None else keys.invalid
     return replace(
         signal,
@@ -167,7 +167,7 @@ def _with(keys: SignalKeys, signal: Signal) -> Signal:
 
 
 def _plan_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
-    """Let outputs be safe without the master, and tell those that cannot be."""
+    """Plan safe values of outputs without the master, and report outputs that have none."""
     live = _mapped_signals(builder, "rpdo")
     outputs = [each for each in safe_outputs(signals, builder.od) if each.output in live]
     keeping = [each for each in outputs if not _plan_safe(builder, each)]
@@ -177,7 +177,7 @@ def _plan_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
 
 
 def warn_of_unwatched_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
-    """Warn that a node which does not notice the death of its master has outputs."""
+    """Warn of outputs of a node that does not detect the loss of its master."""
     live = _mapped_signals(builder, "rpdo")
     if any(each.output in live for each in safe_outputs(signals, builder.od)):
         builder.warn(
@@ -186,7 +186,7 @@ def warn_of_unwatched_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -
 
 
 def _plan_safe(builder: PlanBuilder, output: SafeOutput) -> bool:
-    """Write error mode and error value of one object; return whether it leaves no output as it was by accident."""
+    """Plan error mode and error value of one object; return False if an output is unsafe by accident."""
     if output.mode_at is None:
         return not output.mode  # bus.yml says of each of them that it keeps what it has
     asked = builder.asked_value(*output.mode_at)
@@ -199,7 +199,7 @@ def _plan_safe(builder: PlanBuilder, output: SafeOutput) -> bool:
 
 
 def _plan_analogue_inputs(builder: PlanBuilder) -> None:
-    """Let analogue inputs be sent that only come when they change: 0x6423, and a least change where none is set."""
+    """Plan the event transmission of analogue inputs: 0x6423, and a minimum change if none is set."""
     inputs = [
         mapped.subindex
         for layout in builder.layouts["tpdo"]
@@ -219,7 +219,7 @@ def _plan_analogue_inputs(builder: PlanBuilder) -> None:
 
 
 def _plan_reads(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
-    """Read what inputs in TPDOs begin with, and the objects that say how a signal is scaled."""
+    """Plan reads of initial input values, and of the objects with scales."""
     sent = _mapped_signals(builder, "tpdo")
     wanted: dict[Address, None] = {}
     for signal in signals:
@@ -244,7 +244,7 @@ _EVENT_TIMER = _SETTINGS.index(5)
 
 @dataclass(frozen=True, slots=True)
 class _Wanted:
-    """What one PDO is to be."""
+    """Planned configuration of one PDO."""
 
     kind: str
     number: int
@@ -268,7 +268,7 @@ def is_pdo_record(index: int) -> bool:
 
 
 def plan_pdos(builder: PlanBuilder, kind: str) -> None:
-    """Configure the PDOs that bus.yml lists, in its order; use or switch off the others."""
+    """Configure the PDOs listed in bus.yml, in its order; use or switch off the others."""
     configured, listed = builder.node.boot.pdos(kind), builder.listed_pdos(kind)
     downloaded = _downloaded(builder, kind)
     for number, pdo in configured.items():
@@ -292,7 +292,7 @@ def plan_pdos(builder: PlanBuilder, kind: str) -> None:
 
 
 def _switch_off(builder: PlanBuilder, kind: str, number: int, cob_id: int | None, *, in_file: bool) -> None:
-    """Switch a PDO off that nobody lists, or whose COB-ID is none; also where the EDS has it off."""
+    """Switch off a PDO that is not listed, or has no valid COB-ID, even if the EDS has it off."""
     reason = STORED
     if cob_id is None or not (cob_id & INVALID_BIT or _usable(cob_id)):
         builder.remark(kind, f"{kind.upper()} {number} has no COB-ID in {builder.file} that a PDO may have; it is off")
@@ -312,7 +312,7 @@ def _switch_off(builder: PlanBuilder, kind: str, number: int, cob_id: int | None
 
 
 def _usable(cob_id: int) -> bool:
-    """Whether a COB-ID is one that this package sends or receives as a PDO (CiA 301, table 42)."""
+    """Whether a COB-ID is valid for a PDO (CiA 301, table 42)."""
     return not cob_id & EXTENDED_BIT and not is_restricted(cob_id & 0x7FF)
 
 
@@ -322,7 +322,7 @@ def _downloaded(builder: PlanBuilder, kind: str) -> set[int]:
 
 
 def _compare_listed(builder: PlanBuilder, kind: str, number: int) -> None:
-    """Refuse an entry of `sdo:` that says something else of a PDO than `rpdo` or `tpdo` does."""
+    """Report an entry of `sdo:` that contradicts `rpdo` or `tpdo`."""
     for address, (place, data) in builder.listed_records(kind, number).items():
         final, wanted = builder.final(*address), int.from_bytes(data, "little")
         same = final is not None and (final ^ wanted) & (~NO_RTR_BIT if address[1] == 1 else -1) == 0
@@ -333,9 +333,9 @@ def _compare_listed(builder: PlanBuilder, kind: str, number: int) -> None:
 
 
 def plan_downloaded_pdos(builder: PlanBuilder) -> None:
-    """Plan the PDO records of a file and of `sdo:`, in the order that a device accepts.
+    """Plan the PDO records of a file and of `sdo:`, in an order that devices accept.
 
-    Those of a file where bus.yml lists no PDO of that kind; those of `sdo:` where `rpdo` or `tpdo` does not have it.
+    Those of a file are used if bus.yml lists no PDO of this kind; those of `sdo:` if `rpdo` or `tpdo` lacks the PDO.
     """
     records: dict[tuple[str, int], dict[tuple[int, int], bytes]] = {}
     for index, subindex, data in builder.downloads:
@@ -357,7 +357,7 @@ def plan_downloaded_pdos(builder: PlanBuilder) -> None:
 def _plan_record(
     builder: PlanBuilder, kind: str, number: int, values: dict[tuple[int, int], bytes], reason: str
 ) -> None:
-    """Order what a file says of one PDO: invalid, settings, mapping, valid again if it is to be."""
+    """Order the records of one PDO in a file: invalid, settings, mapping, then valid if it is enabled."""
     communication, mapping, pdo = COMMUNICATION[kind] + number - 1, MAPPING[kind] + number - 1, (kind, number)
     cob_id = builder.default(communication, 1) or 0
 
@@ -381,7 +381,7 @@ def _plan_record(
 
 
 def _adopt(builder: PlanBuilder, kind: str, number: int, cob_id: int) -> None:
-    """Use a PDO as the device has it, or as a file has made it."""
+    """Use a PDO as configured in the device or in a file."""
     objects = _mapped(builder, kind, number, None)
     if objects:
         communication = COMMUNICATION[kind] + number - 1
@@ -420,9 +420,9 @@ def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig, reas
 
 
 def _check_fixed(builder: PlanBuilder, wanted: _Wanted, pdo: PdoConfig) -> None:
-    """Warn of a COB-ID that the EDS does not let be written and that is not the wanted one.
+    """Warn of a COB-ID that differs and is read-only in the EDS.
 
-    It is tried all the same: EDS files say `ro` or `const` of COB-IDs that can be written.
+    It is tried anyway: EDS files declare `ro` or `const` for COB-IDs that can be written.
     """
     entry, held = builder.od.get(wanted.communication, 1), builder.default(wanted.communication, 1)
     if entry is None or entry.writable or held is None or (held & INVALID_BIT and not pdo.enabled):
@@ -439,7 +439,7 @@ def _check_fixed(builder: PlanBuilder, wanted: _Wanted, pdo: PdoConfig) -> None:
 
 
 def _check_fixed_mapping(builder: PlanBuilder, wanted: _Wanted, objects: tuple[MappedObject, ...]) -> None:
-    """Warn of a mapping, and of a transmission type, that the EDS does not let be written and that is another one."""
+    """Warn of a mapping or transmission type that differs and is read-only in the EDS."""
     asked = {0: len(objects), **{slot: mapping_entry(each) for slot, each in enumerate(objects, 1)}}
     for subindex, value in asked.items():
         entry, held = builder.od.get(wanted.mapping, subindex), builder.default(wanted.mapping, subindex)
@@ -507,7 +507,7 @@ def _settings(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> t
 
 
 def _cob_id(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> int:
-    """Return the COB-ID with bit 30 as the EDS has it; an enabled PDO without one gets the predefined."""
+    """Return the COB-ID with bit 30 as in the EDS; an enabled PDO without one gets the predefined."""
     default, key = builder.default(COMMUNICATION[kind] + number - 1, 1) or 0, f"{kind}.{number}"
     if isinstance(pdo.cob_id, int):
         if pdo.cob_id & EXTENDED_BIT or is_restricted(pdo.cob_id & 0x7FF):
@@ -528,7 +528,7 @@ def _cob_id(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> int
 
 
 def _spare(builder: PlanBuilder, key: str, pdo: PdoConfig) -> int:
-    """Return the next COB-ID of those that ros2_canopen's generator gives to PDOs above 4."""
+    """Return the next of the COB-IDs that ros2_canopen's generator assigns to PDOs above 4."""
     if not pdo.enabled:
         return 0
     if pdo.cob_id is None:
@@ -540,7 +540,7 @@ def _spare(builder: PlanBuilder, key: str, pdo: PdoConfig) -> int:
 
 
 def _mapped(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig | None) -> tuple[MappedObject, ...]:
-    """Return the objects of a PDO, from bus.yml or as the device has them, with the types the EDS gives them."""
+    """Return the objects of a PDO, from bus.yml or as in the device, with the types of the EDS."""
     key = f"{kind}.{number}.mapping"
     wanted = _default_mapping(builder, kind, number)
     if pdo is not None and pdo.mapping is not None:
@@ -556,7 +556,7 @@ def _mapped(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig | None)
 
 
 def _map_one(builder: PlanBuilder, kind: str, key: str, index: int, subindex: int, part: int) -> MappedObject | None:
-    """Return an object as it is mapped; `part` are the bits that a default mapping takes of it, 0 for all."""
+    """Return a mapped object; `part` is its number of bits in a default mapping, 0 for all."""
     if index in DUMMY_TYPES and not subindex:
         return _map_dummy(builder, kind, key, index)
     entry = builder.od.get(index, subindex)
@@ -572,7 +572,7 @@ def _map_one(builder: PlanBuilder, kind: str, key: str, index: int, subindex: in
 
 
 def _map_dummy(builder: PlanBuilder, kind: str, key: str, index: int) -> MappedObject:
-    """Fill a gap of an RPDO with a data type, where the device allows it ([DummyUsage])."""
+    """Return the data type that fills a gap of an RPDO, if the device allows it ([DummyUsage])."""
     if kind != "rpdo" or index not in builder.od.dummy_usage:
         builder.complain(key, f"the dummy 0x{index:04X} is none that {builder.file} allows in a {kind.upper()}")
     return MappedObject(index, 0, DUMMY_TYPES[index].bits or 0, DUMMY_TYPES[index])

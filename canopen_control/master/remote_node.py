@@ -1,8 +1,8 @@
-"""One node as the master sees it: whether it is there, booted and alive, and what it reports.
+"""One node as seen by the master: presence, boot, supervision, events.
 
-The law of this file: a node is READY only between a finished boot and the first sign that something is wrong (silence,
-a boot-up nobody asked for, an NMT state nobody commanded). Whatever ends READY drops its process data and starts the
-boot again; whoever drives the node's axes sees `ready` fall and acts on it (`hardware.system`).
+A node is READY only between a completed boot and the first sign of an error (silence, an unexpected boot-up, an
+unexpected NMT state). The end of READY invalidates its process data and restarts the boot; the owner of its axes sees
+`ready` and reacts (`hardware.system`).
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ _HINTS = {
 
 
 class NodeLog:
-    """The events of one node, handed to `report`; `errors` are those it reported and has not taken back.
+    """Events of one node, passed to `report`; `errors` are those it has reported and not reset.
 
     `period_ns` is that of its heartbeat, 0 for none.
     """
@@ -71,27 +71,27 @@ class NodeLog:
     def tell(
         self, now: int, kind: str, text: str, level: Level = Level.INFO, details: EventDetails | None = None
     ) -> None:
-        """Tell something about the node; `text` goes on after its name and a colon."""
+        """Report an event of the node; `text` follows its name and a colon."""
         self._report(Event(now, kind, self._name, f"{self.who}: {text}", level, details))
 
     @property
     def deadline(self) -> int | None:
-        """When `tick` has something to tell."""
+        """Time at which `tick` has an event to report."""
         return self._gate.deadline
 
     def tick(self, now: int) -> None:
-        """Tell how many emergencies were kept back."""
+        """Report the number of suppressed emergencies."""
         if held := self._gate.summary(now):
             self.tell(now, "emcy_flood", f"{held} more EMCY within a second, not listed one by one", Level.WARNING)
 
     def heartbeat_changed(self, period_ns: int) -> None:
-        """Expect the heartbeats of the node in another period."""
+        """Expect heartbeats of the node in another period."""
         self._duplicates.set_period(period_ns)
 
     def emcy(self, message: EmcyMessage, now: int, hints: Mapping[int, str] | None = None) -> str | None:
-        """Tell an emergency that `errors` heard; returns the error in words, None where one is gone.
+        """Report an emergency recorded by `errors`; return the error as text, None for an error reset.
 
-        `hints` say what helps by EMCY code, before what is said otherwise.
+        `hints` are advice by EMCY code, before the general one.
         """
         told = self._gate.passes(now)
         if message.is_reset:
@@ -110,7 +110,7 @@ class NodeLog:
         return text
 
     def pdo(self, pdo: ReceivedPdo, now: int) -> None:
-        """Tell that a TPDO stays away, or is back."""
+        """Report that a TPDO is missing, or received again."""
         what = f"TPDO with identifier 0x{pdo.cob_id:03X}"
         if not pdo.overdue:
             self.tell(now, "pdo_back", f"its {what} is back")
@@ -124,7 +124,7 @@ class NodeLog:
             self.tell(now, "pdo_stale", text, Level.ERROR)
 
     def _astray_words(self, pdo: ReceivedPdo) -> str:
-        """Say that frames with the TPDO's default identifier come instead, "" where none do."""
+        """Return the text that frames with the TPDO's default identifier are received instead, "" otherwise."""
         default = self.astray.get(pdo)
         if default is None:
             return ""
@@ -134,7 +134,7 @@ class NodeLog:
         )
 
     def malformed(self, pdo: ReceivedPdo, length: int, now: int) -> None:
-        """Tell that a TPDO's length is not the mapping's: each wrong length once per boot and TPDO."""
+        """Report a TPDO with a wrong length: each length once per boot and TPDO."""
         if pdo.told_lengths & 1 << length:
             return
         pdo.told_lengths |= 1 << length
@@ -143,16 +143,16 @@ class NodeLog:
         self.tell(now, f"pdo_{kind}", text, Level.WARNING)
 
     def heartbeat(self, now: int, since: int | None = None) -> None:
-        """Take a heartbeat: too many of them come from two nodes."""
+        """Process a heartbeat: too many come from two nodes."""
         if self._duplicates.heartbeat(now, since):
             self._tell_duplicate("its heartbeats come twice as often as configured", now)
 
     def reset(self) -> None:
-        """Take that a reset is sent to the node."""
+        """Record that a reset is sent to the node."""
         self._duplicates.reset()
 
     def boot_up(self, now: int, since: int | None = None) -> None:
-        """Take a boot-up: whatever was wrong before is gone, and two at once come from two nodes."""
+        """Process a boot-up: it clears earlier errors; two in quick succession come from two nodes."""
         self.errors.forget()
         self.astray.clear()
         was_stuck = self._duplicates.stuck
@@ -181,7 +181,7 @@ RETRY_NS = 1_000_000_000  # CiA 302-2: a node that did not answer is asked again
 
 
 class NodeState(enum.Enum):
-    """Where the node is on its way to being used."""
+    """State of the node in the master."""
 
     WAITING = "waiting"  # for the next try
     BOOTING = "booting"
@@ -189,7 +189,7 @@ class NodeState(enum.Enum):
 
 
 class RemoteNode:
-    """A configured node: its SDO client, boot, supervision, and the PDOs that carry its process data."""
+    """Configured node: its SDO client, boot, supervision, and the PDOs of its process data."""
 
     def __init__(
         self,
@@ -239,16 +239,16 @@ class RemoteNode:
 
     @property
     def boot_step(self) -> str:
-        """What a boot under way is doing, "" if there is none."""
+        """Current step of a boot, "" without one."""
         return self._task.step if self._task is not None else ""
 
     @property
     def is_taken_out(self) -> bool:
-        """Whether an NMT command has taken it out of the robot, which leaves it alone until another one starts it."""
+        """Whether an NMT command has removed the node from the robot, until another one starts it."""
         return self.expected_state is not None
 
     def begin_boot(self, now: int, *, reset: bool = True) -> None:
-        """Start the boot, from the beginning if one is under way."""
+        """Start the boot, from the beginning if one is in progress."""
         self._abandon()
         self._guard(False, now)
         self._watch(self.node_id, 0)
@@ -272,23 +272,23 @@ class RemoteNode:
         self._settle(now)
 
     def read(self, index: int, subindex: int, done: Callable[[SdoRequest], None]) -> None:
-        """Upload an object; `done` is called with the request when it is over, well or badly."""
+        """Upload an object; `done` is called with the request at its end, with or without success."""
         self.sdo.read(index, subindex).context = done
         self._wake()
 
     def write(self, index: int, subindex: int, data: bytes, done: Callable[[SdoRequest], None] | None = None) -> None:
-        """Download an object; `done` is called with the request when it is over, well or badly."""
+        """Download an object; `done` is called with the request at its end, with or without success."""
         self.sdo.write(index, subindex, data).context = done
         self._wake()
 
     def lost(self, now: int, text: str, *, kind: str = "bus_lost") -> None:
-        """Take the node for lost, because its bus is: it is booted anew when that is back."""
+        """Set the node to lost because its bus is; it boots when the bus is back."""
         self.nmt_state = None
         self._drop(now, f"{self.who}: {text}", Level.ERROR, kind=kind)
         self._retry_at = None
 
     def command(self, command: NmtCommand, now: int, *, boot: bool = False) -> None:
-        """Send an NMT command for a user: the node is not used any more until it is started; `boot`: after a reset."""
+        """Send a user's NMT command: the node is not used until it is started; `boot`: after a reset."""
         self._send_command(command)
         if command is NmtCommand.START:
             self.begin_boot(now)
@@ -307,7 +307,7 @@ class RemoteNode:
         self._send_nmt(command, self.node_id)
 
     def on_heartbeat(self, event: HeartbeatEvent, now: int, since: int | None = None) -> None:
-        """Take what the heartbeat consumer tells of this node; its frame came between `since` and `now`."""
+        """Process an event of the heartbeat consumer; its frame arrived between `since` and `now`."""
         kind = event.kind
         if kind is HeartbeatEventKind.BOOT_UP:
             self._on_boot_up(now, since)
@@ -319,7 +319,7 @@ class RemoteNode:
             self._left_operational(event.state, now)
 
     def _on_silence(self, age_ns: int, now: int) -> None:
-        """Take a missing heartbeat; one of a node that was taken out is told, and its SDO transfers go on."""
+        """Process a missing heartbeat; that of a removed node is only reported, and its SDO transfers continue."""
         self.nmt_state = None
         lost = HeartbeatLost(self.node_id, age_ns / 1e9, self.name)
         if self.is_taken_out:
@@ -328,7 +328,7 @@ class RemoteNode:
         self._drop(now, str(lost), Level.ERROR, kind="heartbeat_lost", error=lost)
 
     def _on_return(self, now: int) -> None:
-        """Take that heartbeats come again: what was taken out stays out, for somebody may be writing into it."""
+        """Process returning heartbeats: a removed node stays removed, because a user may be writing to it."""
         if self.is_taken_out:
             self.log.tell(now, "heartbeat_back", "its heartbeat is back; it was taken out, and nmt start boots it")
             return
@@ -336,7 +336,7 @@ class RemoteNode:
         self.begin_boot(now)
 
     def on_state(self, state: NmtState | None, now: int, since: int | None = None) -> None:
-        """Take the state of any heartbeat, told or not."""
+        """Process the state in any heartbeat, whether it has an event or not."""
         self.nmt_state, self.last_seen = state, now
         self.log.heartbeat(now, since)
         if self.ready and state is not NmtState.OPERATIONAL:  # of a node whose heartbeat nobody waits for
@@ -346,7 +346,7 @@ class RemoteNode:
             self._settle(now)
 
     def on_guarding(self, event: GuardingEvent, now: int) -> None:
-        """Take what node guarding tells of this node."""
+        """Process an event of node guarding."""
         kind = event.kind
         if self.is_taken_out:
             self._guarded_outside(kind, now)
@@ -362,7 +362,7 @@ class RemoteNode:
             self._left_operational(event.state, now)
 
     def _guarded_outside(self, kind: GuardingEventKind, now: int) -> None:
-        """Take what guarding tells of a node that was taken out: it is told, and nothing is made of it."""
+        """Report an event of guarding of a removed node, without further action."""
         if kind is GuardingEventKind.MISSED:
             self.nmt_state = None
             self.log.tell(now, "guarding_lost", "no answer to node guarding; it was taken out", Level.WARNING)
@@ -371,7 +371,7 @@ class RemoteNode:
             self.log.tell(now, "guarding_back", text)
 
     def on_emcy(self, frame: CanFrame, now: int) -> None:
-        """Keep the newest EMCY and the errors that last, and tell them."""
+        """Record the newest EMCY and the active errors, and report them."""
         self.log.errors.receive(frame, now)
         for message in self.log.errors.events():
             self.emcy, self.last_seen = message, now
@@ -383,18 +383,18 @@ class RemoteNode:
 
     @property
     def _hints(self) -> dict[int, str]:
-        """What helps against an emergency while a boot is under way that takes its cause away."""
+        """Advice on emergencies whose cause a boot in progress removes."""
         if self._task is None or not any(write.index == _SYNC_OVERFLOW for write in self.plan.writes):
             return {}
         return {_SYNC_LENGTH: "; the SYNC counter is not yet set, the boot under way writes its 0x1019"}
 
     def on_pdo(self, pdo: ReceivedPdo, now: int) -> None:
-        """Take that a TPDO stays away, or is back."""
+        """Process a missing or returning TPDO."""
         self.stale = any(each.overdue for each in self.received)
         self.log.pdo(pdo, now)
 
     def pump(self, now: int) -> None:
-        """Hand finished SDO transfers to who asked for them."""
+        """Pass completed SDO transfers to their callers."""
         for request in self.sdo.events():
             if isinstance(request.error, SdoTimeout) and self.nmt_state is NmtState.STOPPED:
                 request.error = SdoStopped(request.error)
@@ -412,7 +412,7 @@ class RemoteNode:
         self._settle(now)
 
     def tick(self, now: int) -> None:
-        """Let time pass for the SDO client, the boot and the retry."""
+        """Process timers of the SDO client, the boot and the retry."""
         self.sdo.tick(now)
         if self._task is not None:
             self._task.tick(now)
@@ -434,7 +434,7 @@ class RemoteNode:
         return earliest
 
     def age_ns(self, now: int) -> int | None:
-        """Return how long ago the node gave a sign of life, None if never."""
+        """Return the time since the last sign of life, None if there was none."""
         newest = -1 if self.last_seen is None else self.last_seen
         for pdo in self.received:  # no generator: each sample of the state asks
             if pdo.stamp > newest:
@@ -460,7 +460,7 @@ class RemoteNode:
             self.begin_boot(now, reset=False)
 
     def _toggled(self, now: int) -> None:
-        """Take an answer to guarding with the wrong toggle bit: of this node, restarted, or of a second one."""
+        """Process a guarding answer with a wrong toggle bit: the node restarted, or there is a second one."""
         text = "its guarding toggle bit is wrong: it has restarted, or a second node has its id"
         if self.ready:
             self._drop(now, f"{self.who}: {text}; booting it again", Level.ERROR, kind="guarding_toggle")
@@ -474,7 +474,7 @@ class RemoteNode:
         self._retry_at = now + RETRY_NS
 
     def _drop(self, now: int, text: str, level: Level, *, kind: str, error: CanopenError | None = None) -> None:
-        """End READY or a boot: the process data are stale from here on."""
+        """End READY or a boot: the process data are invalid from here on."""
         was_used, was_ready = self.ready or self._task is not None, self.ready
         self._abandon()
         self.state, self.ready = NodeState.WAITING, False
@@ -492,9 +492,9 @@ class RemoteNode:
             self._report(Event(now, kind, self.name, text, level))
 
     def _bid_farewell(self, now: int) -> None:
-        """Go on sending for a while: a drive that is only silent, or no longer OPERATIONAL, can still be stopped.
+        """Keep sending for a while: a drive that is only silent, or not OPERATIONAL, can still be stopped.
 
-        What is sent is the business of whoever drives the axes; in NMT states without PDOs a quick stop goes by SDO.
+        The owner of the axes provides the content; in NMT states without PDOs a quick stop is sent by SDO.
         """
         self._farewell_until = now + FAREWELL_NS
         for offset in self.plan.axes:
@@ -502,10 +502,10 @@ class RemoteNode:
         self._wake()
 
     def _send_controlwords(self) -> None:
-        """Let the farewell go on beside a boot, by RPDOs that carry a controlword.
+        """Continue the stop during a boot, by RPDOs with a controlword.
 
-        A boot-up may be that of a second node, or a stray frame, and the drive turns on as before. One that did restart
-        has its stored mapping again, in which a target could be anything; a controlword comes first in all of them.
+        A boot-up may be that of a second node, or a stray frame, while the drive keeps turning. A node that did restart
+        has its stored mapping, in which a target could be anything; a controlword is first in all of them.
         """
         controlwords = [CONTROLWORD + offset for offset in self.plan.axes]
         for sent in self.sent:
@@ -523,7 +523,7 @@ class RemoteNode:
         self.sdo.cancel_all(BootError(self.node_id, "B", "given up, the node is booted anew", self.name))
 
     def _settle(self, now: int) -> None:
-        """Draw the consequence of a boot that ended."""
+        """Process the end of a boot."""
         task = self._task
         if task is None:
             return
@@ -565,10 +565,10 @@ class RemoteNode:
         )
 
     def _guard_at_once(self, request: SdoRequest, now: int) -> None:
-        """Guard the node from the moment on that it has its guard time or life time factor.
+        """Start guarding once the node has its guard time or life time factor.
 
-        Some devices wait for the first request from then on, and not from the first one on (CiA 301, 7.2.8.3.1): they
-        raise EMCY 0x8130 when it comes only after the life time.
+        Some devices expect requests from this time on instead of after the first one (CiA 301, 7.2.8.3.1): they raise
+        EMCY 0x8130 if it arrives only after the life time.
         """
         begins = request.index in (_GUARD_TIME, _LIFE_TIME_FACTOR) and self._task is not None
         if begins and self.plan.guard is not None and not self._guarding_boot:
@@ -576,7 +576,7 @@ class RemoteNode:
             self._guard(True, now)
 
     def _follow_heartbeat(self, request: SdoRequest, now: int) -> None:
-        """Expect the heartbeats in the period that somebody has just written into a node in use."""
+        """Expect heartbeats in the period that was just written to a node in use."""
         if request.index != _PRODUCER or self._task is not None or not self.plan.heartbeat_timeout_ns:
             return
         ms = int.from_bytes(request.data, "little")
@@ -600,7 +600,7 @@ class RemoteNode:
 
 
 def _is_absence(request: SdoRequest) -> bool:
-    """Whether a node said that it has not what was asked for: an answer, and no failure."""
+    """Whether the abort means "object does not exist"."""
     error = request.error
     return not request.is_write and isinstance(error, SdoAbort) and error.code in _ABSENT
 

@@ -1,7 +1,7 @@
-"""The requests that a boot (`boot.boot`) yields and that its runner (`boot_task.BootTask`) answers.
+"""Requests that a boot (`boot.boot`) yields and its runner (`boot.BootTask`) answers.
 
-A request is data, answered by what its docstring says, or by `SdoAbort`, `SdoTimeout` or
-`SdoLengthError` thrown into the generator.
+A request is data; its docstring gives the answer. `SdoAbort`, `SdoTimeout` or `SdoLengthError` may be thrown into the
+generator instead.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ LETTERS = {
 
 @dataclass(frozen=True, slots=True)
 class NextStep:
-    """From here on the boot does what `name` says; answered with None."""
+    """Start of the step `name`; answered with None."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class Read:
-    """Upload an object; answered with its bytes."""
+    """Upload of an object; answered with its bytes."""
 
     index: int
     subindex: int = 0
@@ -58,7 +58,7 @@ class Read:
 
 @dataclass(frozen=True, slots=True)
 class WriteObject:
-    """Download an object; answered with None. `timeout_ns` is for objects that take their time."""
+    """Download of an object; answered with None. `timeout_ns` is for slow objects."""
 
     index: int
     subindex: int
@@ -68,23 +68,23 @@ class WriteObject:
 
 @dataclass(frozen=True, slots=True)
 class SendNmt:
-    """Send an NMT command to the node; answered with None."""
+    """NMT command to the node; answered with None."""
 
     command: NmtCommand
 
 
 @dataclass(frozen=True, slots=True)
 class AwaitBootUp:
-    """Wait for the boot-up message; answered with whether it came."""
+    """Wait for the boot-up; answered with whether it was received."""
 
     timeout_ns: int
 
 
 @dataclass(frozen=True, slots=True)
 class AwaitState:
-    """Wait for a heartbeat, of a certain state if one is given; answered with whether it came.
+    """Wait for a heartbeat, of a certain state if given; answered with whether it was received.
 
-    A TPDO says OPERATIONAL as well as a heartbeat does: no other state sends any.
+    A TPDO proves OPERATIONAL too, because no other state sends any.
     """
 
     timeout_ns: int
@@ -93,7 +93,7 @@ class AwaitState:
 
 @dataclass(frozen=True, slots=True)
 class AwaitHeartbeat:
-    """Wait for a heartbeat; answered with the state it shows, or None."""
+    """Wait for a heartbeat; answered with its state, or None."""
 
     timeout_ns: int
 
@@ -103,9 +103,9 @@ Answer = bytes | bool | int | None
 
 
 class BootTransfers:
-    """The SDO requests of one boot, counted, and what it has to tell besides.
+    """SDO requests of one boot, counted, and its results.
 
-    `adopted` are the PDOs that are used as the node has them, `presets` the values that process data begin with.
+    `adopted` are the PDOs used with the node's own configuration, `presets` the initial values of process data.
     """
 
     def __init__(self) -> None:
@@ -118,11 +118,11 @@ class BootTransfers:
 
     @property
     def changed(self) -> bool:
-        """Whether the configuration of the node was changed by this boot."""
+        """Whether this boot has changed the configuration of the node."""
         return self.writes > self._before
 
     def begin_configuration(self) -> None:
-        """Count what is written from here on as changes of the configuration."""
+        """Count writes from here on as changes of the configuration."""
         self._before = self.writes
 
     def read(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes]:
@@ -132,9 +132,9 @@ class BootTransfers:
         return data if isinstance(data, bytes) else b""
 
     def try_read(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes | None]:
-        """Upload what a node need not have, or need not show: None where it refuses.
+        """Upload an optional object: None if the node refuses.
 
-        Raises SdoTimeout, SdoLengthError.
+        SdoTimeout, SdoLengthError.
         """
         try:
             return (yield from self.read(index, subindex))
@@ -142,9 +142,9 @@ class BootTransfers:
             return None
 
     def held(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes | None]:
-        """Upload what is to be compared: None, and a warning, for what has another length than the EDS says.
+        """Upload a value for comparison: None, with a warning, if its length differs from the EDS.
 
-        Raises SdoTimeout.
+        SdoTimeout.
         """
         try:
             return (yield from self.try_read(index, subindex))
@@ -153,25 +153,25 @@ class BootTransfers:
             return None
 
     def number(self, index: int, subindex: int = 0, *, signed: bool = False) -> Generator[Request, Answer, int | None]:
-        """Upload a number that a node need not have."""
+        """Upload an optional number."""
         data = yield from self.try_read(index, subindex)
         return None if data is None else int.from_bytes(data, "little", signed=signed)
 
     def write(
         self, index: int, subindex: int, data: bytes, timeout_ns: int | None = None
     ) -> Generator[Request, Answer, None]:
-        """Download; raises SdoAbort, SdoTimeout. Only what the node took is counted."""
+        """Download; SdoAbort, SdoTimeout. Only accepted writes are counted."""
         yield WriteObject(index, subindex, data, timeout_ns)
         self.writes += 1
 
 
 def boot_error(plan: NodePlan, letter: str, detail: str) -> BootError:
-    """Return the error of a boot, with the standard's words and the object or reason."""
+    """Return the error of a boot, with the text of the standard and the object or reason."""
     return BootError(plan.node_id, letter, f"{LETTERS[letter]}: {detail}", plan.name)
 
 
 def reason_of(error: SdoAbort | SdoTimeout | SdoLengthError) -> str:
-    """Return why an SDO request failed, without the node and object that the caller names itself."""
+    """Return the reason of a failed SDO request, without node and object."""
     if isinstance(error, SdoAbort):
         return f"abort 0x{error.code:08X} ({error.text})"
     if isinstance(error, SdoLengthError):

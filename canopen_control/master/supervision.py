@@ -1,7 +1,6 @@
-"""Supervision of a node beside its heartbeat: stale PDOs, duplicate node ids, floods of EMCY.
+"""Supervision of a node in addition to its heartbeat: stale PDOs, duplicate node ids, floods of EMCY.
 
-The law of this file: nothing here acts. Each watch takes what it sees, allocates nothing while all is well, and
-returns what is to be told, once per occasion and never faster than the log can bear.
+Nothing here acts. Each monitor allocates nothing in normal operation, and returns what to report once per occasion.
 """
 
 from __future__ import annotations
@@ -27,20 +26,20 @@ _STUCK: Final = 3  # distances as long as the one before
 
 
 class BusReader(Protocol):
-    """What reads the channel of a network."""
+    """Reader of a network's channel."""
 
     def catch_up(self) -> None:
-        """Read all that waits."""
+        """Read all waiting frames."""
 
     def follow_identifiers(self) -> None:
-        """Take that the network's `identifiers` have changed."""
+        """Update the filter after the network's `identifiers` have changed."""
 
 
 class PdoWatch:
-    """Counts the SYNCs that the synchronous TPDOs of a bus let pass; sets `overdue` of those that stay away.
+    """Counter of SYNCs without the synchronous TPDOs of a bus; sets `overdue` of missing ones.
 
-    SYNCs that a late process sends close together count as one: their answers have the time that `period_ns` apart
-    would give them, and `least_ns` at least. `reader` reads what waits before anything is overdue.
+    SYNCs that a late process sends in quick succession count as one: their answers get the time that `period_ns` would
+    give, and `least_ns` at least. `reader` reads waiting frames before a TPDO becomes overdue.
     """
 
     def __init__(self, period_ns: int = 0) -> None:
@@ -51,12 +50,12 @@ class PdoWatch:
         self._changes: list[ReceivedPdo] = []
 
     def add(self, pdo: ReceivedPdo) -> None:
-        """Watch a TPDO; one that is not sent with SYNCs (`every` 0) is not."""
+        """Monitor a TPDO; event-driven ones (`every` 0) are ignored."""
         if pdo.every:
             self._pdos.append(pdo)
 
     def sync(self, now: int = 0) -> Sequence[ReceivedPdo]:
-        """Count a SYNC that nothing can have answered yet; return the TPDOs that became overdue, or came back."""
+        """Count a SYNC before its answers; return the TPDOs that became overdue, or were received again."""
         changes = self._changes
         if changes:
             changes.clear()
@@ -81,7 +80,7 @@ class PdoWatch:
             self._changes.append(pdo)
 
     def _is_late(self, pdo: ReceivedPdo, now: int) -> bool:
-        """Whether an answer had its time and does not wait to be read; half a period for the jitter of SYNC."""
+        """Whether an answer had enough time and is not waiting to be read; half a period for the jitter of SYNC."""
         time = max((2 * pdo.allowed_silence - 3) * self._period // 2, self.least_ns - self._period)
         if now - pdo.since < time:
             return False
@@ -94,12 +93,12 @@ class PdoWatch:
 
 
 def _is_like(gap: int, other: int) -> bool:
-    """Whether two distances in time are the same but for jitter."""
+    """Whether two intervals are equal except for jitter."""
     return 4 * abs(gap - other) < other
 
 
 class EmcyGate:
-    """Lets a node's emergencies through to the log, ten a second; `held` counts those that were kept back."""
+    """Limiter of a node's reported emergencies, ten per second; `held` counts suppressed ones."""
 
     def __init__(self) -> None:
         self.held = 0
@@ -107,7 +106,7 @@ class EmcyGate:
         self._window = 0
 
     def passes(self, now: int) -> bool:
-        """Whether the next message may be told; what was held is told first."""
+        """Whether the next message may be reported; suppressed ones are reported first."""
         if now - self._window >= _SECOND and not self.held:
             self._window, self._passed = now, 0
         self._passed += 1
@@ -117,7 +116,7 @@ class EmcyGate:
         return True
 
     def summary(self, now: int) -> int:
-        """Return how many were kept back, once the second is over; 0 for nothing to tell."""
+        """Return the number of suppressed messages once the second is over; 0 for none."""
         if not self.held or now - self._window < _SECOND:
             return 0
         held, self.held = self.held, 0
@@ -125,17 +124,17 @@ class EmcyGate:
 
     @property
     def deadline(self) -> int | None:
-        """When `summary` has something to tell."""
+        """Time at which `summary` has a result."""
         return self._window + _SECOND if self.held else None
 
 
 class DuplicateWatch:
-    """Tells that two devices share a node id: heartbeats at twice the rate, or two boot-ups at once.
+    """Detector of two devices with one node id: heartbeats at twice the rate, or two boot-ups in quick succession.
 
-    Boot-ups at equal distances, as from a heartbeat, are no restarts and no second device: `stuck` is set for them. A
-    frame came between `since`, when none waited to be read, and `now`: what a late process reads in one go says nothing
-    of a rate, nor what comes in one go after a silence, since a hub, a gateway or an adapter may have held it up. It is
-    told again when for ten seconds nothing looked like it.
+    Boot-ups at equal intervals, like a heartbeat, are neither restarts nor a second device: they set `stuck`. A frame
+    arrived between `since`, when the receive queue was last empty, and `now`: frames that a late process reads together
+    give no rate, nor do frames after a silence, because a hub, a gateway or an adapter may have delayed them. A report
+    is repeated after ten seconds without a sign.
     """
 
     def __init__(self, period_ns: int) -> None:
@@ -153,13 +152,13 @@ class DuplicateWatch:
         self._gap = self._alike = 0  # between the last two boot-ups, and how many gaps in a row were as long
 
     def set_period(self, period_ns: int) -> None:
-        """Count heartbeats of another period; resets that were sent still wait for their boot-ups."""
+        """Expect heartbeats in another period; resets still wait for their boot-ups."""
         self._period = period_ns
         self._window = self._count = self._beat = self._held = self._alike = 0
         self.stuck = False
 
     def heartbeat(self, now: int, since: int | None = None) -> bool:
-        """Count a heartbeat; True when it shows that two devices share the node id."""
+        """Count a heartbeat; True if it shows that two devices share the node id."""
         self.stuck, self._alike = False, 0
         self._age_resets(now)
         if not self._period:
@@ -171,7 +170,7 @@ class DuplicateWatch:
         return self._count >= _DOUBLE and self._is_new(now)
 
     def _was_held(self, now: int) -> bool:
-        """Whether a heartbeat may be one of those that did not come before, while something on the way stood still."""
+        """Whether a heartbeat may be one that was delayed on its way."""
         gap, self._beat = now - self._beat, now
         if 2 * gap >= 3 * self._period:
             self._held += gap // self._period
@@ -183,19 +182,19 @@ class DuplicateWatch:
         return False
 
     def reset(self) -> None:
-        """Take that a reset is sent to the node, which answers by a boot-up, however many wait on the way."""
+        """Record that a reset is sent to the node, which answers with a boot-up."""
         self._resets = min(self._resets + 1, _MOST_RESETS)
         self._reset_at = None
 
     def _age_resets(self, now: int) -> None:
-        """Forget resets that were not answered in time; a heartbeat after one may have been sent before it."""
+        """Remove resets that were not answered in time; a heartbeat after one may have been sent before it."""
         if self._reset_at is None:
             self._reset_at = now
         elif now - self._reset_at > _RESET_ANSWERED_NS:
             self._resets = 0
 
     def boot_up(self, now: int, since: int | None = None) -> bool:
-        """Take a boot-up; True when another one came too shortly before, and fewer resets were sent."""
+        """Process a boot-up; True if another one was too recent, and fewer resets were sent."""
         self._age_resets(now)
         asked = self._resets > 0
         self._resets -= asked
@@ -209,6 +208,6 @@ class DuplicateWatch:
         return close and self._is_new(now)
 
     def _is_new(self, now: int) -> bool:
-        """Take a sign; whether the last one is long gone."""
+        """Whether the last sign of two devices is long past; record a new one."""
         before, self._sign = self._sign, now
         return now - before >= _FORGET_NS
