@@ -100,9 +100,19 @@ def _dispatch(arguments: list[str]) -> int:
 def _no_verb(word: str) -> str:
     import difflib
 
-    near = difflib.get_close_matches(word, VERBS, 2)
+    near = _with_action(word) or difflib.get_close_matches(word, VERBS, 2)
     hint = f"did you mean {' or '.join(near)}?" if near else "canopen-control help --all lists every verb"
     return f"no verb {word!r}; {hint}"
+
+
+def _with_action(word: str) -> list[str]:
+    """Return the verbs that have an action of this name, with it."""
+    return [
+        f"canopen-control {verb} {word}"
+        for verb in VERBS
+        for action in parser_of(verb)._actions  # noqa: SLF001 - no public way
+        if not action.option_strings and word in (action.choices or ())
+    ]
 
 
 class _TopParser(argparse.ArgumentParser):

@@ -38,6 +38,9 @@ def test_an_unknown_verb_is_a_usage_error(capsys):
     assert capsys.readouterr().err == "canopen-control: no verb 'xyzzy'; canopen-control help --all lists every verb\n"
     assert main(["statsu"]) == 2
     assert capsys.readouterr().err == "canopen-control: no verb 'statsu'; did you mean status?\n"
+    assert main(["fault-reset", "all"]) == 2
+    told = capsys.readouterr().err
+    assert told == "canopen-control: no verb 'fault-reset'; did you mean canopen-control axis fault-reset?\n"
 
 
 def test_nothing_at_all_prints_the_help_and_is_a_usage_error(capsys):
