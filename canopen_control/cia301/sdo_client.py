@@ -38,12 +38,10 @@ from canopen_control.cia301.sdo_transfers import BlockDownload, BlockUpload, Seg
 from canopen_control.errors import LocalProtocolError, SdoRestarted
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from canopen_control.cia301.sdo_exchange import Transfer
     from canopen_control.errors import CanopenError
     from canopen_control.frame import CanFrame
-    from canopen_control.od.model import Entry
+    from canopen_control.od.model import ObjectDictionary
 
 
 class Awaiting(Phase):
@@ -244,8 +242,8 @@ class SdoClient:
     """SDO client of one node, with a queue of requests.
 
     `timeout_ns` is the time for each answer, `retries` the number of tries after the first, `name` that of the node in
-    messages. `request_cob_id` and `answer_cob_id` default to the predefined connection set. `entry_of` returns an
-    object of the node's dictionary: the data of an upload must then fit its type, else the error is SdoLengthError.
+    messages. `request_cob_id` and `answer_cob_id` default to the predefined connection set. `od` is the node's
+    dictionary: the data of an upload must then fit the type of the object, else the error is SdoLengthError.
     LocalProtocolError for requests that SDO cannot express.
     """
 
@@ -257,7 +255,7 @@ class SdoClient:
         retries: int = 1,
         name: str = "",
         options: SdoOptions = _DEFAULTS,
-        entry_of: Callable[[int, int], Entry | None] | None = None,
+        od: ObjectDictionary | None = None,
         request_cob_id: int | None = None,
         answer_cob_id: int | None = None,
     ) -> None:
@@ -267,7 +265,7 @@ class SdoClient:
         self.request_cob_id = REQUEST_BASE + node_id if request_cob_id is None else request_cob_id
         self._queue: deque[SdoRequest] = deque()
         self._exchange = SdoTransfer(node_id, name, retries, options, self.request_cob_id, first_phase)
-        self._exchange.entry_of = entry_of
+        self._exchange.od = od
 
     # -- requests
 

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.errors import CanopenError
-    from canopen_control.od.model import Entry
+    from canopen_control.od.model import Entry, ObjectDictionary
 
     FirstPhase = Callable[["SdoTransfer", "SdoRequest"], tuple["Phase", bytes]]
     """Function that returns the first phase of a try, and its first frame."""
@@ -348,7 +348,7 @@ class SdoTransfer:
         self.request_cob_id, self._first_phase = request_cob_id, first_phase
         self.ignored = 0  # number of ignored frames of the server
         self.retried = 0  # number of tries after the first
-        self.entry_of: Callable[[int, int], Entry | None] | None = None  # from the dictionary of the node
+        self.od: ObjectDictionary | None = None  # of the node
         self.block_supported: bool | None = None  # None: unknown
         self.out: list[CanFrame] = []
         self.finished: list[SdoRequest] = []
@@ -453,7 +453,7 @@ class SdoTransfer:
     def uploaded(self, request: SdoRequest, data: bytes, sized: bool, now: int) -> None:
         """Complete an upload if its data fit the type of the object."""
         request.data = data
-        entry = None if self.entry_of is None else self.entry_of(request.index, request.subindex)
+        entry = None if self.od is None else self.od.get(request.index, request.subindex)
         if entry is not None:
             if (value := fitted(data, entry.data_type, told=sized)) is None:
                 self.finish(request, now, self._length_error(request, entry))

@@ -459,7 +459,7 @@ class _EventPrinter(RobotObserver):
 
     def event(self, event: Event) -> None:
         """Print an event."""
-        from canopen_control.cli.support.output import ENDS, is_printed, with_token
+        from canopen_control.cli.support.output import ENDS, is_printed
 
         session = self._session
         self._has_table = self._has_table and event.kind not in ENDS
@@ -471,7 +471,7 @@ class _EventPrinter(RobotObserver):
             text = f"{text} ({len(self._booted)} of {self._nodes} nodes)"
         if is_printed(event.kind, notable=event.level >= self._lowest):
             line = f"{self._prefix}{text}"
-            self._announcer.say(partial(with_token, line) if event.kind == _VIEW else line)
+            self._announcer.say(line, token=event.kind == _VIEW)
 
 
 _NO_DEMO = (

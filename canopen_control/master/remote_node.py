@@ -207,9 +207,7 @@ class RemoteNode:
     ) -> None:
         self.config, self.plan, self.od = config, plan, od
         self.name, self.node_id = config.name, config.node_id
-        self.sdo = SdoClient(
-            config.node_id, timeout_ns=config.boot.sdo_timeout_ms * 1_000_000, name=config.name, entry_of=od.get
-        )
+        self.sdo = SdoClient(config.node_id, timeout_ns=config.boot.sdo_timeout_ms * 1_000_000, name=config.name, od=od)
         self.state = NodeState.WAITING
         self.ready = False
         """Whether its process data are live."""

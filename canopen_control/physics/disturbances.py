@@ -8,8 +8,7 @@ same requests in the same order give identical results.
 from __future__ import annotations
 
 import heapq
-from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
 import mujoco
 import numpy as np
@@ -19,7 +18,7 @@ from canopen_control.physics.scenery import BOX
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -41,6 +40,11 @@ class JointBlocker(Protocol):
         """Block or release a joint of a robot."""
 
 
+class _EndOfPush(NamedTuple):
+    link: int
+    force: NDArray[np.float64]
+
+
 class Disturbances:
     """Disturbances of the robots in a simulation; `begin` sets its state, `blocker` blocks joints by robot and name.
 
@@ -57,7 +61,7 @@ class Disturbances:
         self._grip = self._floor
         self._before = {name: getattr(self._model, name).copy() for name in _CHANGED}
         self.blocker: JointBlocker | None = None
-        self._due: list[tuple[int, int, Callable[[], None]]] = []
+        self._due: list[tuple[int, int, WorldAct | _EndOfPush, str]] = []
         self._count = 0
         self._timeline, self._steps = world.timeline(), world.steps
         names = {str(self._model.body(number).name): number for number in range(1, self._model.nbody)}
@@ -82,7 +86,7 @@ class Disturbances:
         """Start at time 0 with this state."""
         self._data = data
         for at_ns, robot, act in self._timeline:
-            self._plan(at_ns, partial(self.act, act, at_ns, robot))
+            self._plan(at_ns, act, robot)
 
     def reset(self) -> None:
         """Undo all disturbances, after the state was reset."""
@@ -114,7 +118,11 @@ class Disturbances:
         """Apply the disturbances that are due; return whether there were any."""
         happened = False
         while self._due and self._due[0][0] <= now:
-            heapq.heappop(self._due)[2]()
+            at_ns, _, what, robot = heapq.heappop(self._due)
+            if isinstance(what, _EndOfPush):
+                self._data.xfrc_applied[what.link, :3] -= what.force
+            else:
+                self.act(what, at_ns, robot)
             happened = True
         return happened
 
@@ -150,9 +158,9 @@ class Disturbances:
             raise ConfigError(f"the robot has no link {name!r}{nearest(name, links)}")
         return links[name] if name else self._heaviest[robot]
 
-    def _plan(self, at_ns: int, work: Callable[[], None]) -> None:
+    def _plan(self, at_ns: int, what: WorldAct | _EndOfPush, robot: str = "") -> None:
         self._count += 1
-        heapq.heappush(self._due, (at_ns, self._count, work))
+        heapq.heappush(self._due, (at_ns, self._count, what, robot))
 
     # -- payload
 
@@ -181,10 +189,7 @@ class Disturbances:
 
     def _push(self, link: int, force: NDArray[np.float64], now: int, length_ns: int) -> None:
         self._data.xfrc_applied[link, :3] += force
-        self._plan(now + length_ns, partial(self._end_push, link, force))
-
-    def _end_push(self, link: int, force: NDArray[np.float64]) -> None:
-        self._data.xfrc_applied[link, :3] -= force
+        self._plan(now + length_ns, _EndOfPush(link, force))
 
     # -- friction
 

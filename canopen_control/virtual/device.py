@@ -63,6 +63,7 @@ class ParameterFile:
     def __init__(self, path: Path, say: Callable[[str], None]) -> None:
         self.path, self._say = path, say
         self._nodes = self._read()
+        self._keys: dict[VirtualNode, str] = {}
 
     def node_id(self, started_with: int) -> int:
         """Return the node id that LSS stored for the node started with another, or that one."""
@@ -77,7 +78,8 @@ class ParameterFile:
         record = self._nodes.get(key)
         if record is not None:
             self._restore(node, record)
-        node.on_stored(lambda: self._keep(node, key))
+        self._keys[node] = key
+        node.keeper = self
 
     def _restore(self, node: VirtualNode, record: _Record) -> None:
         device = _device(node)
@@ -97,8 +99,9 @@ class ParameterFile:
             except (KeyError, TypeError, ValueError):
                 self._say(f"{self.path}: {name} of node {node.node_id} does not fit its EDS and is ignored")
 
-    def _keep(self, node: VirtualNode, key: str) -> bool:
-        lss = node.lss
+    def keep(self, node: VirtualNode) -> bool:
+        """Write what a node stores; return whether that worked."""
+        key, lss = self._keys[node], node.lss
         values = {_name(a): encode(v, node.od[a].data_type).hex() for a, v in sorted(node.store.saved().items())}
         record: _Record = {
             "device": _device(node),

@@ -6,6 +6,7 @@ switched off. None of them has its name or its source: those are in `quirks`. Wi
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -60,20 +61,19 @@ class QuirkHooks:
         self.node = node
         self.outgoing: list[Outgoing] = []
         self.incoming: list[Incoming] = []
-        self._undo: list[Callable[[], object]] = []
+        self._undo = contextlib.ExitStack()
         self._gates: dict[int, ModeGate] = {}
 
     def undo(self) -> None:
         """Make everything as it was."""
-        while self._undo:
-            self._undo.pop()()
+        self._undo.close()
         self.outgoing.clear()
         self.incoming.clear()
         self._gates.clear()
 
     def later(self, undo: Callable[[], object]) -> None:
         """Call `undo` when the quirks are undone."""
-        self._undo.append(undo)
+        self._undo.callback(undo)
 
     def attribute(self, part: Any, name: str, value: object) -> None:  # noqa: ANN401 - any part of a node
         """Set an attribute."""

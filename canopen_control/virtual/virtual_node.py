@@ -232,6 +232,14 @@ class Timed(Protocol):
         """Let time pass."""
 
 
+class ParameterKeeper(Protocol):
+    """What keeps the parameters of nodes when they have no supply."""
+
+    def keep(self, node: VirtualNode) -> bool:
+        """Keep what 0x1010, 0x1011 or LSS has changed; return whether it is kept."""
+        ...
+
+
 class VirtualNode:
     """One node; `serial` (default: the node id) fills 0x1018:04 where the file has none, `plant` makes an axis's plant.
 
@@ -258,7 +266,7 @@ class VirtualNode:
         self._boot_at: int | None = 0
         self._reset_delay_ns: int | None = 0  # before the boot-up message, None: it never boots
         self._started = self._settling = False
-        self._on_stored: Callable[[], bool] | None = None
+        self.keeper: ParameterKeeper | None = None
         self.clock = NodeClock()
         self.store = store = VirtualStore(od)
         self.nmt = NmtSlave(node_id)
@@ -434,12 +442,8 @@ class VirtualNode:
         """Return the present value of an object; KeyError where there is none."""
         return self.store.get(index, subindex)
 
-    def on_stored(self, callback: Callable[[], bool]) -> None:
-        """Let `callback` hear when 0x1010, 0x1011 or LSS changed what outlasts the power; it returns: it is kept."""
-        self._on_stored = callback
-
     def _stored(self) -> bool:
-        return self._on_stored is None or self._on_stored()
+        return self.keeper is None or self.keeper.keep(self)
 
     # -- what is done to the node from outside
 

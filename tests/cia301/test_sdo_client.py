@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -583,7 +585,7 @@ ENTRIES = {
 class TestLengths:
     @pytest.fixture
     def client(self):
-        return SdoClient(NODE, name="left", entry_of=lambda *address: ENTRIES.get(address))
+        return SdoClient(NODE, name="left", od=SimpleNamespace(get=lambda *address: ENTRIES.get(address)))
 
     def test_an_answer_without_a_length_is_cut_to_what_is_known(self, client):
         request = client.read(0x6041, now=0)

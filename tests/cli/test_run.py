@@ -164,7 +164,7 @@ class Listener:
     def __init__(self):
         self.lines = []
 
-    def say(self, line):
+    def say(self, line, *, token=False):
         self.lines.append(line)
 
 

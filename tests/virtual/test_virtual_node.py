@@ -3,6 +3,7 @@ from __future__ import annotations
 import itertools
 import struct
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given, settings
@@ -95,7 +96,7 @@ def test_without_store_the_node_id_is_gone_with_the_power_and_with_it_it_stays()
 
 def test_a_store_that_fails_is_said():
     b = bench()
-    b.node.on_stored(lambda: False)
+    b.node.keeper = SimpleNamespace(keep=lambda _node: False)
     select(b)
     lss(b, 0x11, 9)
     assert lss(b, 0x17)[0][1] == 2
@@ -369,7 +370,7 @@ def test_a_sync_of_the_wrong_length_is_told_and_still_counts():
 def test_storing_needs_its_signature_and_survives_a_reset():
     bench = Bench(servo())
     stored = []
-    bench.node.on_stored(lambda: stored.append(True) or True)
+    bench.node.keeper = SimpleNamespace(keep=lambda _node: stored.append(True) or True)
     bench.write(0x6083, 777)
     assert bench.abort_of(0x1010, 0x12345678, 1) == 0x08000020
     bench.write(0x1010, 0x65766173, 1)

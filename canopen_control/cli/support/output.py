@@ -201,14 +201,14 @@ class Announcer:
     def __init__(self, stream: TextIO) -> None:
         self.dropped = 0
         self._stream = stream
-        self._lines: queue.Queue[str | Callable[[], str] | None] = queue.Queue(_WAITING_LINES)
+        self._lines: queue.Queue[tuple[str, bool] | None] = queue.Queue(_WAITING_LINES)
         self._thread = threading.Thread(target=self._print, name="announcer", daemon=True)
         self._thread.start()
 
-    def say(self, line: str | Callable[[], str]) -> None:
-        """Hand over a line, or what makes one on the thread that prints; never waits."""
+    def say(self, line: str, *, token: bool = False) -> None:
+        """Hand over a line, which is printed `with_token` if it names a page; never waits."""
         try:
-            self._lines.put_nowait(line)
+            self._lines.put_nowait((line, token))
         except queue.Full:
             self.dropped += 1
 
@@ -221,9 +221,10 @@ class Announcer:
         self._thread.join(_CLOSE_S)
 
     def _print(self) -> None:
-        while (line := self._lines.get()) is not None:
+        while (waiting := self._lines.get()) is not None:
+            line, token = waiting
             try:
-                print(line if isinstance(line, str) else line(), file=self._stream, flush=True)
+                print(with_token(line) if token else line, file=self._stream, flush=True)
             except (OSError, ValueError):  # the reader has gone; the robot goes on
                 self.dropped += 1
 
