@@ -32,6 +32,17 @@ REFUSED = {
     "heartbeat_absent": "0x1016:01",
     "consumer_refused": "0x1016:01",
 }
+KEYS = {  # with which such a drive works, or works without a wait
+    "switch_on_delay": "transition_timeouts_ms: {3: 10000}",
+    "sync_period_judged": "sdo: [{index: 0x1006, value: 10000}]",
+    "remote_when_enabled": "ignore_remote: true",
+    "remote_never": "ignore_remote: true",
+    "brake_delay": "enable_settle_ms: 600",
+    "mode_shown_late": "mode_timeout_ms: 8000",
+    "mode_fixed_while_enabled": "switching_state: 2",
+    "boot_delay=3": "boot_timeout_ms: 8000",
+    "enable_delay": "transition_timeouts_ms: {4: 2000}",
+}
 BREACHED = {"set_points_elsewhere", "parameter_clamped"}  # the drive does not do what its bus says: found, and reported
 
 
@@ -88,6 +99,19 @@ def test_a_robot_works_or_stands_and_says_why(name, tmp_path):
             assert moves(robot, "csp")
             assert robot.state == "running"
         assert name in BREACHED or robot.breaches == []
+    finally:
+        robot.close()
+
+
+@pytest.mark.rest
+@pytest.mark.parametrize("name", KEYS)
+def test_a_robot_with_the_key_for_a_quirk_works(name, tmp_path):
+    robot = Patient(setup_of(tmp_path, "csp", KEYS[name]), quirks={"all": [name]})
+    try:
+        robot.until(lambda: robot.state == "running", 20)
+        assert robot.state == "running", makers.sentences(robot)[-6:]
+        assert moves(robot, "csp")
+        assert robot.breaches == []
     finally:
         robot.close()
 
