@@ -1,1 +1,1 @@
-"""The sockets of this package: what is said on them (`messages`), the server and its clients, all typed."""
+"""Sockets of this package: typed messages (`messages`), servers and clients."""

@@ -1,10 +1,10 @@
-"""The blocking client of a socket: requests with typed answers, and what the server sends unasked.
+"""Blocking client of a socket, for requests with typed answers and for pushed messages; and a client for reactors.
 
-One connection carries both. Any number of threads may use it: whoever waits first reads the socket for all of them, and
-hands over when it has what it wanted. Nothing here starts a thread.
+One connection carries both. Any number of threads may use it: one waiting thread reads the socket for all of them, and
+hands over when it has its answer. No thread is started.
 
-Errors are RemoteError: what was refused has the class name of its error as `kind`; "BusClosed" means that the other
-side is gone, "Timeout" that it did not answer in time, "RemoteProtocolError" that it talks another language.
+Errors are RemoteError: `kind` is the class name of the server's error; "BusClosed" means that the server is gone,
+"Timeout" that it did not answer in time, "RemoteProtocolError" that it uses another protocol.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _KEPT: Final = 10_000  # of what came unasked and nobody has fetched
 
 
 def read_error(raw: wire.Raw) -> RemoteError:
-    """Return what a refusal says; one that cannot be read is shown as it came."""
+    """Return the error of a refusal; an unreadable one is returned as text."""
     try:
         refusal: Refusal = wire.decode(raw, Refusal)
     except ValueError:
@@ -61,10 +61,10 @@ def read_hello(api: Api[H, P], line: Line, label: str) -> H:
 
 
 class Client(Generic[H, P]):
-    """A connection to the server of an `Api`; closes `stream` also where that does not greet as it should.
+    """Connection to the server of an `Api`; closes `stream` even if the greeting is invalid.
 
-    `hello` is what it said of itself, `timeout` the seconds that a request may take, `dropped` the number of messages
-    sent unasked that nobody fetched in time.
+    `hello` is the greeting of the server, `timeout` the time of a request in s, `dropped` the number of pushed messages
+    that were not fetched in time.
     """
 
     def __init__(self, api: Api[H, P], stream: LineClient, timeout: float = 10.0) -> None:
@@ -91,11 +91,11 @@ class Client(Generic[H, P]):
         self.close()
 
     def fileno(self) -> int:
-        """Return the descriptor; when it is readable, `messages(0)` takes what has come."""
+        """Return the descriptor; when it is readable, `messages(0)` returns received messages."""
         return self._stream.fileno()
 
     def ask(self, request: Request[A], timeout: float | None = None) -> A:
-        """Ask and return the answer; waits up to `timeout` seconds. RemoteError when it is refused."""
+        """Send a request and return the answer; waits up to `timeout` s. RemoteError if it is refused."""
         method = self.api.of(type(request))
         answer = self._exchange(method.name, request, self.timeout if timeout is None else timeout)
         if "error" in answer:
@@ -103,14 +103,14 @@ class Client(Generic[H, P]):
         return cast("A", self._decoded(answer.get("result", wire.Raw(b"null")), method.answer))
 
     def notify(self, request: Request[Any]) -> None:
-        """Ask and do not wait: nothing is answered, not even a refusal."""
+        """Send a request without an answer, not even for a refusal."""
         self._send(wire.request_line(None, self.api.of(type(request)).name, request))
 
     def messages(self, timeout: float | None = None) -> Iterator[P]:
-        """Yield what was sent unasked, as it comes, until nothing has come for `timeout` seconds (None: for ever).
+        """Yield pushed messages until there was none for `timeout` s (None: forever).
 
-        `messages(0)` yields what is here already. RemoteError when the other side is gone; UnreadableMessage for one
-        that makes no sense, after which the others can be asked for again.
+        `messages(0)` yields those already received. RemoteError when the server is gone; UnreadableMessage for an
+        unreadable one, after which the iteration can be restarted.
         """
         while self._wait(lambda: bool(self._pushed), timeout):
             try:
@@ -122,7 +122,7 @@ class Client(Generic[H, P]):
                     yield self._pushed_message(line[key], kind)
 
     def close(self) -> None:
-        """Close the connection, also under a waiting thread; a second close is a no-op."""
+        """Close the connection, even while a thread waits; a second call is a no-op."""
         with self._changed:
             self._failure = self._failure or RemoteError(
                 "BusClosed", f"the connection to {self._stream.label} is closed"
@@ -174,7 +174,7 @@ class Client(Generic[H, P]):
         return read_hello(self.api, first, self._stream.label)
 
     def _wait(self, ready: Callable[[], bool], timeout: float | None) -> bool:
-        """Read, or let another thread read, until `ready`; False when the time is over. Looks at least once."""
+        """Read, or let another thread read, until `ready`; False after the timeout. Checks at least once."""
         deadline = None if timeout is None else time.monotonic() + timeout
         last_look = False
         with self._changed:
@@ -192,7 +192,7 @@ class Client(Generic[H, P]):
         return True
 
     def _read(self, timeout: float | None) -> None:
-        """Read one message without holding the lock, then sort it in."""
+        """Read one message without holding the lock, then store it."""
         self._reading = True
         self._changed.release()
         line, failure = None, None
@@ -237,7 +237,10 @@ _GARBAGE: Final = "the answer cannot be read: "
 
 
 class ReactorClient:
-    """A connection to the server of an `Api`; RemoteError when there is none. Everything on the reactor's thread."""
+    """Connection to the server of an `Api` on a reactor; RemoteError if there is no server.
+
+    Use it on the reactor's thread.
+    """
 
     def __init__(
         self, api: Api[Any, Any], path: Path, reactor: Reactor, *, label: str = "", timeout_ns: int = _TIMEOUT_NS
@@ -256,7 +259,7 @@ class ReactorClient:
         answer: Callable[[A | None, str | None], object],
         timeout_ns: int | None = None,
     ) -> None:
-        """Ask, and have `answer(result, None)` or `answer(None, why not)` called once, within `timeout_ns`."""
+        """Send a request; `answer(result, None)` or `answer(None, reason)` is called once, within `timeout_ns`."""
         if self._gone is not None:
             answer(None, self._gone)
             return
@@ -271,7 +274,7 @@ class ReactorClient:
             self._settle(number, error=str(error))
 
     def keep_saying(self, request: Request[Any], every_ns: int) -> None:
-        """Send a request that wants no answer again and again, from now on until this is left."""
+        """Repeat a request without an answer, from now on until the connection is closed."""
         if self._gone is not None:
             return
         self._saying = self._reactor.call_later(every_ns, lambda: self.keep_saying(request, every_ns))
@@ -288,7 +291,7 @@ class ReactorClient:
         return self._reactor.call_later(wait_ns, lambda: self._settle(number, error=too_late))
 
     def close(self) -> None:
-        """Leave; who still waits is told. A second call does nothing."""
+        """Close the connection; pending requests get an error. A second call does nothing."""
         self._leave(f"{self._stream.label} was left")
 
     def _on_readable(self) -> None:

@@ -1,4 +1,4 @@
-"""The server of a running robot's socket: the methods of `rpc/messages/robot.py`, and what is pushed to who watches."""
+"""Server of a running robot's socket: the methods of `rpc/messages/robot.py`, and pushed messages."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ _COMMUNICATING: Final = (LifecycleState.INACTIVE, LifecycleState.ACTIVE)
 
 
 def answer_control(robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
-    """Answer these methods on a server."""
+    """Register the methods about controllers and hardware components on a server."""
     answers = server.answers
     answers(messages.ListControllers, lambda call: call.reply(_controllers(robot, unloaded=call.request.all)))
     answers(messages.ListControllerTypes, lambda call: call.reply(sorted(TYPES)))
@@ -130,7 +130,10 @@ def _set_measured_states(robot: RobotCore, call: Call[messages.SetMeasuredStates
 
 
 def _component(robot: RobotCore, component: HardwareComponent) -> HardwareReading:
-    """Describe a component as `list_hardware_components` does; its interfaces are available while it is active."""
+    """Return a component as `list_hardware_components` describes it.
+
+    Its interfaces are available while it is active.
+    """
     tags = {each.name: each for each in robot.setup.description.hardware}
     tag = tags.get(component.name)
     commands, states = component.state is LifecycleState.ACTIVE, component.state in _COMMUNICATING
@@ -148,7 +151,7 @@ def _component(robot: RobotCore, component: HardwareComponent) -> HardwareReadin
 
 
 def _set_hardware_state(robot: RobotCore, call: Call[messages.SetHardwareState]) -> None:
-    """Activate, deactivate or clean up a component; who commands it is deactivated first."""
+    """Activate, deactivate or clean up a component; controllers that use it are deactivated first."""
     name, wanted = call.request.component, call.request.state
     component = next((each for each in robot.registry.components if each.name == name), None)
     if component is None:
@@ -171,7 +174,7 @@ def _set_hardware_state(robot: RobotCore, call: Call[messages.SetHardwareState])
 
 
 class ParameterMethods:
-    """Answers them on a server; what spawners set is added to the controllers of the robot's file."""
+    """Methods about parameters; values set by spawners are added to the controllers of the robot's file."""
 
     def __init__(self, robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
         self._robot, self._spawned = robot, SpawnedControllers(robot.setup.controllers)
@@ -198,7 +201,7 @@ class ParameterMethods:
         return tuple(sorted((*own, *self._of_controllers()), key=lambda each: each.name))
 
     def _of_controllers(self) -> Iterator[ParameterReading]:
-        """Yield what the manager's block says of each controller, or a spawner has set."""
+        """Yield the settings of each controller in the manager's block, or of a spawner."""
         for name, config in self._robot.setup.controllers.controllers.items():
             yield ParameterReading(name=f"{name}.type", kind="string", value=config.type)
             for key, texts in (("fallback_controllers", config.fallbacks), ("node_options_args", config.node_options)):
@@ -220,7 +223,7 @@ _HEAVIEST: Final = "the heaviest link"
 
 
 class SimulationMethods:
-    """Answers them on a server."""
+    """Methods about a simulation: pause, resume, step, reset, disturbances."""
 
     def __init__(self, robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
         self._robot = robot
@@ -234,7 +237,7 @@ class SimulationMethods:
             server.answers(kind, self._act)
 
     def _clock(self) -> RobotClock:
-        """Return the clock of the robot; ControlError if its time is not the simulation's."""
+        """Return the clock of the robot; ControlError if it is not simulated."""
         robot = self._robot
         if robot.cycle.clock.simulated:
             return robot.cycle.clock
@@ -249,7 +252,7 @@ class SimulationMethods:
         return Simulation(seconds=seconds, paused=clock.paused, period=period, changeable=bool(self._worlds()))
 
     def _worlds(self) -> list[HardwareComponent]:
-        """Return what physics moves: one at most."""
+        """Return the component in physics, if there is one."""
         return [component for component in self._robot.registry.components if component.changeable]
 
     def _get(self, call: Call[GetSimulation]) -> None:
@@ -287,7 +290,7 @@ class SimulationMethods:
             call.refuse(ControlError(error))
 
     def _act(self, call: Call[Any]) -> None:
-        """Let something happen in the world of a simulation plugin; a joint that is blocked has no drive to be told."""
+        """Apply a disturbance to the world of a simulation plugin; a blocked joint has no drive to report to."""
         self._clock()
         worlds = self._worlds()
         if not worlds:
@@ -317,7 +320,7 @@ class SimulationMethods:
 
 
 def _told(act: WorldAct) -> str:
-    """Say what happens, as an event."""
+    """Return the text of an event about a disturbance."""
     if isinstance(act, BlockJoint):
         return f"{act.joint} is {'blocked' if act.on else 'let go'}"
     if isinstance(act, AddPayload):
@@ -334,7 +337,7 @@ Commands = TypeVar("Commands", messages.CommandController, messages.CommandByNam
 
 
 class _Subscription:
-    """What a connection watches; `every` is in cycles, 0 for no state."""
+    """Subscription of a connection; `every` is in cycles, 0 for no state."""
 
     __slots__ = ("events", "every", "pdos", "requests")
 
@@ -342,25 +345,25 @@ class _Subscription:
         self.every, self.events, self.pdos, self.requests = 0, False, False, False
 
     def wants_state(self, cycle: int) -> bool:
-        """Whether it is to be told the state after this cycle."""
+        """Whether the state must be sent after this cycle."""
         return self.every > 0 and cycle % self.every == 0
 
     def is_due(self, cycle: int) -> bool:
-        """Whether it is to be told something of this cycle, events apart."""
+        """Whether anything but events must be sent after this cycle."""
         return self.pdos or self.wants_state(cycle)
 
 
 class RequestObserver(Protocol):
-    """What follows the requests of a robot's clients."""
+    """Observer of the requests of a robot's clients."""
 
     def requested(self, asked: messages.Asked) -> None:
-        """Take a request, with the time in s at which it came."""
+        """Record a request, with its time of arrival in s."""
 
 
 class ApiServer(RobotObserver):
-    """Serves one robot; the socket exists from construction to `close`, unless a `listener` stands for it.
+    """API server of one robot; its socket exists from construction to `close`, unless a `listener` replaces it.
 
-    `observer` takes each request that was not refused at once, but of those that only read.
+    `observer` receives each request that was not refused at once, except reads.
     """
 
     def __init__(self, robot: RobotCore, listener: socket.socket | None = None) -> None:
@@ -389,7 +392,7 @@ class ApiServer(RobotObserver):
         robot.observers.append(self)
 
     def _answer(self) -> None:
-        """Give every method its handler, but those of controllers and of objects."""
+        """Register the handlers of all methods but those of controllers and of objects."""
         robot, answers = self._robot, self._server.answers
         answers(messages.GetStatus, lambda call: call.reply(status_message(robot)))
         answers(messages.Subscribe, self._subscribe)
@@ -409,7 +412,7 @@ class ApiServer(RobotObserver):
         answers(messages.Tell, self._tell)
 
     def close(self) -> None:
-        """End every connection and remove the socket."""
+        """Close all connections and remove the socket."""
         self._flush_events()
         self._server.close()
 
@@ -424,11 +427,11 @@ class ApiServer(RobotObserver):
             self._robot.report(Event(self._robot.reactor.now(), "client_dropped", "", text, Level.WARNING))
 
     def _keeps(self, connection: Connection) -> bool:
-        """Whether a connection may be silent: it is told something, or what it commands ends with it."""
+        """Whether a connection may be silent: it has a subscription, or a command that ends with it."""
         return connection in self._subscriptions or connection in self._robot.manager.running.holders
 
     def _keep(self, connection: Connection) -> None:
-        """Refuse one more of those who stay; the places that are left are for `stop`, `status` and their like."""
+        """Refuse further permanent connections; the remaining places are for `stop`, `status` and similar requests."""
         if (
             not self._keeps(connection)
             and len({*self._subscriptions, *self._robot.manager.running.holders}) >= MAX_KEPT
@@ -438,14 +441,14 @@ class ApiServer(RobotObserver):
     # ------------------------------------------------------------------------------------------- what is pushed
 
     def after_cycle(self, now: int) -> None:
-        """Have what is new told to those who watch, between this cycle and the next: what has come is read before."""
+        """Send new data to subscribers, between this cycle and the next, after received data were read."""
         del now
         robot, watched = self._robot, self._subscriptions
         if robot.events.waiting or (watched and any(each.is_due(robot.pacer.count) for each in watched.values())):
             robot.reactor.call_soon(self._push)
 
     def _push(self) -> None:
-        """Send what is new; each rate's sample is encoded once."""
+        """Send new data; the sample of each rate is encoded once."""
         if self._robot.events.waiting:
             self._flush_events()
         count = self._robot.pacer.count
@@ -462,7 +465,7 @@ class ApiServer(RobotObserver):
             self._server.push(messages.ProcessData(self._unix_time(), changes), watchers)
 
     def done(self, method: str, params: Raw) -> None:
-        """Tell a request to those who watch requests."""
+        """Send a request to the subscribers of requests."""
         if self.observer is not None:
             self.observer.requested(messages.Asked(self._unix_time(), method, params))
         watchers = [connection for connection, wanted in self._subscriptions.items() if wanted.requests]
@@ -479,7 +482,7 @@ class ApiServer(RobotObserver):
             self._server.push(event_message(self._robot, event), watchers)
 
     def sends_events_to(self, pid: int | None) -> bool:
-        """Whether a client of that process has asked for events."""
+        """Return whether a client of this process has subscribed to events."""
         return any(wanted.events and connection.pid == pid for connection, wanted in self._subscriptions.items())
 
     def _subscribe(self, call: Call[messages.Subscribe]) -> None:
@@ -511,7 +514,7 @@ class ApiServer(RobotObserver):
         call.reply(Done())
 
     def _require_interface(self, wanted: messages.CommandController) -> None:
-        """Refuse values that their sender takes for something else than the controller does now; ControlError."""
+        """Raise ControlError for values meant for another quantity than the controller's present one."""
         name, manager = wanted.controller, self._robot.manager
         takes = manager.get(name).interface if name in manager.states else None
         if takes is not None and wanted.interface not in (None, takes):
@@ -525,7 +528,7 @@ class ApiServer(RobotObserver):
         call.reply(Done())
 
     def _twist_values(self, wanted: messages.TwistController) -> list[float]:
-        """Return a twist by the axes that the base has; ControlError for one that it cannot drive."""
+        """Return a twist by the axes of the base; ControlError for one that it cannot drive."""
         name, manager = wanted.controller, self._robot.manager
         axes: tuple[str, ...] = _PLANAR
         if name in manager.states:
@@ -538,7 +541,7 @@ class ApiServer(RobotObserver):
         return [twist[axis] for axis in axes]
 
     def _holder(self, call: Call[Commands]) -> Connection | None:
-        """Return with whom a command ends: the connection it came on, where that was asked for."""
+        """Return the connection with which a command ends, if it requested that."""
         if not call.request.dead_man:
             return None
         self._keep(call.connection)

@@ -1,4 +1,4 @@
-"""The API's methods about nodes and their objects: NMT commands, SDO transfers, process data that is written."""
+"""API methods about nodes and their objects: NMT commands, SDO transfers, process data."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ _MOST: Final = 64  # of clients and nodes that are remembered
 
 
 def written_words(od: ObjectDictionary, index: int, subindex: int, data: bytes) -> str:
-    """Return what was written in words: the value by the EDS, else how many bytes."""
+    """Return a written value as text: by the EDS, else the number of bytes."""
     address, entry = f"0x{index:04X}:{subindex:02X}", od.get(index, subindex)
     whole = None if entry is None else fitted(data, entry.data_type)
     if entry is None or whole is None:
@@ -67,13 +67,13 @@ def written_words(od: ObjectDictionary, index: int, subindex: int, data: bytes) 
 
 
 class WriteLog:
-    """Counts the writes of each client at each node."""
+    """Counter of the writes of each client at each node."""
 
     def __init__(self) -> None:
         self._counts: dict[tuple[str, str], tuple[int, int]] = {}  # how many in a row, and when the last one was
 
     def words(self, now: int, node: str, who: str, what: str) -> str:
-        """Return the sentence of a write; `now` in monotonic ns."""
+        """Return the sentence about a write; `now` in monotonic ns."""
         count, last = self._counts.pop((node, who), (0, now))
         count = 1 if now - last > WINDOW_NS else count + 1
         if len(self._counts) >= _MOST:
@@ -94,7 +94,7 @@ _FIRST_OBJECT = 0x1000  # below it are the types, which fill gaps
 
 
 class _Watched:
-    """One TPDO of a node, and what was told of it."""
+    """TPDO of a node with its values reported last."""
 
     __slots__ = ("count", "node", "objects", "pdo", "values")
 
@@ -103,7 +103,7 @@ class _Watched:
         self.count, self.values = 0, tuple[Any, ...]()
 
     def changed(self) -> list[MappedValue]:
-        """Return the objects that have another value than the last time."""
+        """Return the objects whose value has changed since the last call."""
         pdo, before = self.pdo, self.values
         if pdo.count == self.count:
             return []
@@ -117,7 +117,7 @@ class _Watched:
 
 
 class ProcessDataFeed:
-    """The received process data of all nodes, by node."""
+    """Received process data of all nodes, by node."""
 
     def __init__(self, nodes: Iterable[RemoteNode]) -> None:
         self._watched = [
@@ -127,7 +127,7 @@ class ProcessDataFeed:
         ]
 
     def everything(self) -> dict[str, list[MappedValue]]:
-        """Return all objects that have come since their node has booted."""
+        """Return all objects received since their node has booted."""
         found: dict[str, list[MappedValue]] = {}
         for each in self._watched:
             if each.pdo.stamp >= 0:
@@ -138,7 +138,7 @@ class ProcessDataFeed:
         return found
 
     def changes(self) -> dict[str, list[MappedValue]]:
-        """Return what has changed since the last call; {} for nothing."""
+        """Return the changes since the last call; {} for none."""
         found: dict[str, list[MappedValue]] = {}
         for each in self._watched:
             if told := each.changed():
@@ -147,10 +147,10 @@ class ProcessDataFeed:
 
 
 def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, data: bytes) -> None:
-    """Send an object in the RPDOs that map it, from the next cycle on; raises ControlError.
+    """Send an object in the RPDOs that map it, from the next cycle on; ControlError.
 
-    It is refused for what moves an axis, for digital outputs that a controller commands, and while the node is not
-    operational. An RPDO that moves no axis is sent once for it.
+    It is refused for objects that move an axis, for digital outputs that a controller commands, and while the node is
+    not OPERATIONAL. An RPDO that moves no axis is sent once for it.
     """
     what = f"{node.who}: 0x{index:04X}:{subindex:02X}"
     output = robot.bus_of(node).network.image.output(node.node_id, index, subindex)
@@ -169,7 +169,7 @@ def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, 
 
 
 def _number(data: bytes, mapped: MappedObject, what: str) -> int:
-    """Return what the RPDO packs; ControlError for what it could not, since the cycle must never find that out."""
+    """Return the value to pack into the RPDO; ControlError if it does not fit, since the cycle must not fail."""
     try:
         value = decode(data, mapped.data_type)
         PdoCodec((mapped,)).pack([value])
@@ -188,7 +188,7 @@ def _told(mapped: MappedObject, value: Value) -> MappedValue:
 
 
 class ObjectMethods:
-    """Answers them on a server; `forget` drops what a connection has begun to write."""
+    """Methods about nodes and objects; `forget` discards the pieces that a connection has sent."""
 
     def __init__(self, robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
         self._robot = robot
@@ -202,7 +202,7 @@ class ObjectMethods:
         server.answers(PdoWrite, self._write_pdo)
 
     def forget(self, connection: Connection) -> None:
-        """Drop the pieces of a connection that has ended."""
+        """Discard the pieces of a connection that has ended."""
         self._pieces.pop(connection, None)
 
     def _nmt(self, call: Call[NmtRequest]) -> None:

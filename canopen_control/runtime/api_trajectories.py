@@ -1,7 +1,7 @@
-"""The API's methods about trajectories: a connection has one goal, which ends with it; its end is told to who asks.
+"""API methods about trajectories and grippers: a connection has one goal, which ends with it; its end is reported.
 
-A sender that has promised a heartbeat is gone when it falls silent, though its connection stands: it hangs, or was
-stopped by a signal.
+A sender that has promised a heartbeat counts as gone when it falls silent, even if its connection remains: it may be
+blocked or stopped by a signal.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ R = TypeVar("R")
 
 
 class TrajectoryMethods(RobotObserver):
-    """Answers these methods on a server; `keep` refuses one more of those who hold a command."""
+    """Methods about trajectories; `keep` refuses further permanent connections."""
 
     def __init__(
         self, robot: RobotCore, server: Server[RobotHello, RobotPush], keep: Callable[[Connection], None]
@@ -80,7 +80,7 @@ class TrajectoryMethods(RobotObserver):
         robot.observers.append(self)
 
     def forget(self, connection: Connection) -> None:
-        """Drop what a connection has sent of a trajectory, and its goal."""
+        """Discard the points and the goal of a connection."""
         self._coming.pop(connection, None)
         self._sent.pop(connection, None)
         self._promised.pop(connection, None)
@@ -92,7 +92,7 @@ class TrajectoryMethods(RobotObserver):
         call.reply(Done())
 
     def _collect(self, connection: Connection, points: Sequence[TrajectoryPoint]) -> PointBuffer:
-        """Return all points that a connection has sent; ControlError, and they are dropped, if those are too many."""
+        """Return all points that a connection has sent; ControlError, and they are discarded, if there are too many."""
         kept = self._coming.setdefault(connection, PointBuffer())
         if len(kept) + len(points) > MAX_POINTS:
             del self._coming[connection]
@@ -101,7 +101,7 @@ class TrajectoryMethods(RobotObserver):
         return kept
 
     def _trajectory(self, call: Call[FollowTrajectory] | Call[SendTrajectory] | Call[SetTrajectory]) -> JointTrajectory:
-        """Return the trajectory of a request, with the points that came before it."""
+        """Return the trajectory of a request, with the points sent before it."""
         wanted = call.request
         points = self._collect(call.connection, wanted.points)
         del self._coming[call.connection]
@@ -123,9 +123,9 @@ class TrajectoryMethods(RobotObserver):
     # ------------------------------------------------------------------------------------------------- heartbeats
 
     def promise(self, connection: Connection, controller: str, heartbeat: float | None) -> None:
-        """Count a connection as gone when it has not sent a heartbeat for so many seconds; None: no more.
+        """Require a heartbeat of a connection every `heartbeat` seconds for its command of `controller`.
 
-        It counts for the command that `controller` has of it.
+        None: no more.
         """
         self._promised.pop(connection, None)
         if heartbeat is not None:
@@ -139,7 +139,7 @@ class TrajectoryMethods(RobotObserver):
         call.reply(Done())
 
     def after_cycle(self, now: int) -> None:
-        """Take those who have not kept their promise for gone, unless what they sent has ended."""
+        """End the goals of senders that missed their heartbeat."""
         if not self._promised:
             return
         for connection in [each for each, promise in self._promised.items() if promise.is_broken(now)]:
@@ -153,7 +153,7 @@ class TrajectoryMethods(RobotObserver):
         self._give(call).tell(call)
 
     def _send(self, call: Call[SendTrajectory]) -> None:
-        """Answer whether a goal is accepted; drives that are off and a latched stop are reasons like any other."""
+        """Answer whether a goal is accepted; disabled drives and a latched stop are refusals like any other."""
         try:
             goal = self._give(call).goal
         except ControlError as error:
@@ -165,7 +165,7 @@ class TrajectoryMethods(RobotObserver):
             )
 
     def _give(self, call: Call[FollowTrajectory] | Call[SendTrajectory]) -> _SentTrajectory:
-        """Have a goal executed, the connection's only one from now on; ControlError if it is refused."""
+        """Start a goal, the connection's only one from now on; ControlError if it is refused."""
         wanted, robot = call.request, self._robot
         trajectory = self._trajectory(call)
         tolerances = GoalTolerances(
@@ -212,9 +212,9 @@ class TrajectoryMethods(RobotObserver):
 
 
 class _Promise:
-    """That a connection says that it is there, every so many ns at most; `heard` is when it did last.
+    """Required heartbeat of a connection, at least every so many ns; `heard` is the time of the last.
 
-    It counts for the command whose `life` is held by the connection.
+    It applies to the command whose `life` belongs to the connection.
     """
 
     __slots__ = ("heard", "life", "within_ns")
@@ -223,24 +223,24 @@ class _Promise:
         self.life, self.within_ns, self.heard = life, within_ns, heard
 
     def is_broken(self, now: int) -> bool:
-        """Whether it was not kept."""
+        """Whether the heartbeat was missed."""
         return now - self.heard > self.within_ns
 
 
 class SentGoal(Generic[R]):
-    """A goal that came on a connection, and who waits to be told of its end; `result` is None until then."""
+    """Goal of a connection, with the requests that wait for its end; `result` is None until then."""
 
     def __init__(self, result: Callable[[], R | None]) -> None:
         self._result = result
         self._waiting: list[Call[Request[R]]] = []
 
     def tell(self, call: Call[Request[R]]) -> None:
-        """Answer when it has ended."""
+        """Answer a request when the goal has ended."""
         self._waiting.append(call)
         self.settle()
 
     def settle(self) -> None:
-        """Answer those who wait, if it has ended."""
+        """Answer the waiting requests, if the goal has ended."""
         result = self._result()
         if result is None:
             return
@@ -269,9 +269,9 @@ def _tolerances(given: Sequence[TrajectoryTolerance]) -> tuple[JointTolerance, .
 
 
 class GripperMethods:
-    """Answers these methods on a server; `keep` refuses one more of those who hold a command.
+    """Methods about grippers; `keep` refuses further permanent connections.
 
-    `promise` takes the heartbeat that a connection promises, None for none.
+    `promise` receives the heartbeat that a connection promises, None for none.
     """
 
     def __init__(
@@ -289,11 +289,11 @@ class GripperMethods:
         server.answers(CancelGripper, self._cancel)
 
     def forget(self, connection: Connection) -> None:
-        """Drop the goal that a connection has sent."""
+        """Discard the goal of a connection."""
         self._sent.pop(connection, None)
 
     def _send(self, call: Call[SendGripper]) -> None:
-        """Answer whether a goal is accepted; drives that are off and a latched stop are reasons like any other."""
+        """Answer whether a goal is accepted; disabled drives and a latched stop are refusals like any other."""
         try:
             goal, _ = self._give(call)
         except ControlError as error:
@@ -302,7 +302,7 @@ class GripperMethods:
             call.reply(GripperVerdict(accepted=True, feedback_rate=goal.feedback_rate))
 
     def _give(self, call: Call[MoveGripper] | Call[SendGripper]) -> tuple[GripperGoal, Sent]:
-        """Have a goal executed, the connection's only one from now on; ControlError if it is refused."""
+        """Start a goal, the connection's only one from now on; ControlError if it is refused."""
         wanted, robot, connection = call.request, self._robot, call.connection
         goal = GripperGoal(
             wanted.position, wanted.max_effort, wanted.max_velocity, lambda: robot.reactor.call_soon(sent.settle)
@@ -332,7 +332,7 @@ class GripperMethods:
 
 
 def _gripper_result(goal: GripperGoal) -> GripperResult | None:
-    """Return the result of a goal, None while it has none."""
+    """Return the result of a goal, None before its end."""
     if not goal.ended:
         return None
     return GripperResult(

@@ -1,7 +1,7 @@
-"""Builds a robot from its files: buses with their nodes, hardware components, joints.
+"""Assembly of a robot from its files: buses with their nodes, hardware components, joints.
 
-Nothing is opened and nothing moves. Buses are made only where something of the description is on
-one; a tag that nobody can build is refused with the line it stands at.
+No channel is opened and nothing moves. Buses are created only if the description uses them; a tag without an
+implementation is refused with its line.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ _INTERFACES: Final = ("position", "velocity")
 
 
 def read_pids(path: Path, tag: Ros2ControlSystem) -> Loops:
-    """Return the loops of a tag's joints; RobotConfigError with every mistake of the file and its place."""
+    """Return the loops of a tag's joints; RobotConfigError with all mistakes of the file and their places."""
     root, found = tree(path, error=RobotConfigError), Loops()
     blocks = [gains for node in _parameters(root) if (gains := node.get(_GAINS)) is not None]
     if not blocks:
@@ -82,20 +82,20 @@ def read_pids(path: Path, tag: Ros2ControlSystem) -> Loops:
 
 
 def _mapping(node: Node, wanted: str) -> list[tuple[str, Node]]:
-    """Return what is below a node, nothing after reporting that there is something else than what is wanted."""
+    """Return the entries of a mapping node, nothing after reporting another kind of node."""
     if node.kind != "mapping":
         node.error(f"write {wanted}")
     return node.items()
 
 
 def _parameters(root: Node) -> list[Node]:
-    """Return the parameters of each node that the file names, whatever its name."""
+    """Return the parameters of each node in the file, whatever its name."""
     nodes = [value for _, value in root.items()]
     return [found for node in nodes if node.kind == "mapping" and (found := node.get(_PARAMETERS)) is not None]
 
 
 def _check(place: Node, joint: str, interface: str, commands: dict[str, tuple[str, ...]]) -> None:
-    """Report a joint that is not there, or does not take such commands."""
+    """Report a joint that is missing, or does not accept such commands."""
     if joint not in commands:
         place.error(f"no joint {joint!r} in the description's <ros2_control>{nearest(joint, commands)}")
     elif interface not in commands[joint]:
@@ -117,9 +117,9 @@ _PIDS: Final = "pids_config_file"
 def simulation_engine(
     setup: RobotSetup, kinds: Sequence[PluginKind], report: Callable[[str, str], None]
 ) -> Engine | None:
-    """Return the physics of a robot's one simulated tag, None for simple motors; RobotConfigError, PhysicsError.
+    """Return the physics of a robot's only simulated tag, None for simple motors; RobotConfigError, PhysicsError.
 
-    `report` takes the kind and the text of what was guessed, or keeps it from physics.
+    `report` receives the kind and the text of guesses, or of the reason why there is no physics.
     """
     tags = [tag for tag, kind in zip(setup.description.hardware, kinds, strict=True) if kind is PluginKind.SIMULATION]
     wanted = setup.world is not None or any(tag.plugin == PHYSICS_PLUGIN for tag in tags)
@@ -140,7 +140,7 @@ def simulation_engine(
 
 
 def _engine(setup: RobotSetup, tag: Ros2ControlSystem, report: Callable[[str, str], None]) -> Engine:
-    """Make the world of a tag."""
+    """Create the world of a tag."""
     from canopen_control.physics.plugin_robot import make_simulated
 
     folder = Path(setup.description.path).parent
@@ -167,10 +167,10 @@ def _world(path: Path) -> WorldDescription:
 
 @dataclass(slots=True)
 class Assembly:
-    """The parts by their names; RobotConfigError for what cannot be built.
+    """Parts of a robot by name; RobotConfigError for those that cannot be built.
 
-    `systems` are the components on buses, `sensed` those that a world tells. `report` takes the events of nodes and
-    joints, `on_lost` the end of a bus, `lead` the SYNCs that somebody else sends.
+    `systems` are the components on buses, `sensed` those measured by a world. `report` receives the events of nodes and
+    joints, `on_lost` the end of a bus, `lead` external SYNCs.
     """
 
     setup: RobotSetup
@@ -208,7 +208,7 @@ class Assembly:
                 self.registry.register(made_up(setup.description, tag, kind, engine))
 
     def _tell_once_it_runs(self, kind: str, text: str) -> None:
-        """Report what was found while it is built: nobody listens yet."""
+        """Report an event of the assembly later, when there are listeners."""
         self.reactor.call_soon(lambda: self.report(Event(self.reactor.now(), kind, "", text)))
 
     def _add_buses(self) -> None:
@@ -235,7 +235,7 @@ class Assembly:
             self.bus_by_node.update(dict.fromkeys(bus.network.nodes, bus))
 
     def _kernel_can(self, bus: RobotBus) -> bool:
-        """Whether the kernel can send SYNC on a bus; where it lacks something, that is told."""
+        """Return whether the kernel can send SYNC on a bus; if not, the reason is reported."""
         why = bus.why_no_kernel_sync()
         if why:
             text = f"{why}; this program sends it, as evenly as the machine lets it"

@@ -1,6 +1,6 @@
-"""Requests to axes that take time (enable, halt, home ...): answered when reached, failed, or out of time.
+"""Asynchronous requests to axes (enable, halt, home ...): answered when reached, failed, or after a timeout.
 
-Whatever can be refused is refused for all axes before any of them is touched.
+All refusals are decided for all axes before any of them is changed.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _PROBE = {
 
 
 def _is_disabled(joint: JointDrive) -> bool:
-    """Whether a joint has no power; a node that is there and shows no statusword may have some."""
+    """Return whether a joint has no power; a present node without a statusword may have some."""
     return joint.state not in POWERED_STATES and (joint.state is not None or not joint.node.ready)
 
 
@@ -63,12 +63,12 @@ _REACHED: Final[Mapping[Action, Callable[[JointDrive], bool]]] = MappingProxyTyp
 
 
 def reached(joint: JointDrive, action: Action) -> bool:
-    """Return whether what was asked of a joint has been done."""
+    """Return whether an action on a joint is complete."""
     return _REACHED[action](joint)
 
 
 def find_node(nodes: Mapping[str, RemoteNode], name: str) -> RemoteNode:
-    """Return a node by its name or node id; raises UnknownName."""
+    """Return a node by its name or node id; UnknownName."""
     for node in nodes.values():
         if name in (node.name, str(node.node_id)):
             return node
@@ -79,7 +79,7 @@ def find_node(nodes: Mapping[str, RemoteNode], name: str) -> RemoteNode:
 def axes_of(
     nodes: Mapping[str, RemoteNode], joints: Collection[JointDrive], name: str, only: str | None = None
 ) -> tuple[JointDrive, ...]:
-    """Return the axes of a node or of "all" nodes, or the one of the joint `only`; raises ControlError, UnknownName."""
+    """Return the axes of a node or of "all" nodes, or the one of the joint `only`; ControlError, UnknownName."""
     found = tuple(joints)
     if name == "all" and nodes and not found:
         raise ControlError("no node drives a joint: there is no axis")
@@ -96,7 +96,7 @@ def axes_of(
 
 
 def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[JointDrive, ...], str]:
-    """Return the joints with those that a base moves together with them, and a sentence where these are more."""
+    """Return the joints with those of the same base, and a sentence if there are more."""
     whole = list(joints)
     told = []
     for joint in joints:
@@ -110,7 +110,7 @@ def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[Joi
 
 
 class PendingAxisRequest:
-    """`action` on `joints`; `done` is called once, with None or a sentence that names who did not do it and why."""
+    """Pending `action` on `joints`; `done` is called once, with None or a sentence about the joint that failed."""
 
     def __init__(
         self, joints: Sequence[JointDrive], action: Action, deadline: int, done: Callable[[str | None], None]
@@ -119,7 +119,7 @@ class PendingAxisRequest:
         self._cycles = 0
 
     def settle(self, now: int) -> bool:
-        """Look whether it is over, once per cycle; the first look comes after the drives had a chance to answer."""
+        """Check for the end, once per cycle; the first check is after the drives could have answered."""
         self._cycles += 1
         late = [joint for joint in self._joints if not reached(joint, self._action)]
         if self._cycles > 1 and not late:
@@ -133,15 +133,15 @@ class PendingAxisRequest:
         return False
 
     def fail(self, reason: str) -> None:
-        """End it without success."""
+        """End it with an error."""
         self._done(reason)
 
     def _explaining(self, now: int) -> bool:
-        """Whether a drive is still being asked why it is in a fault."""
+        """Whether a drive's fault reason is still being read."""
         return now <= self._deadline and any(joint.reason.asking for joint in self._joints)
 
     def _refused(self, joint: JointDrive) -> bool:
-        """Whether waiting longer is of no use."""
+        """Whether further waiting is useless."""
         if self._action is Action.ENABLE:
             return not joint.wanted
         if self._action is Action.HOME:
@@ -165,7 +165,7 @@ class PendingAxisRequest:
 
 
 class ProbeReading:
-    """One read-out of the touch probes of an axis (0x60B8 to 0x60BD) by SDO; what the drive lacks is left out."""
+    """One reading of the touch probes of an axis (0x60B8 to 0x60BD) by SDO; missing objects are omitted."""
 
     def __init__(self, axis: AxisProcessData, done: Callable[[dict[str, int] | str], None]) -> None:
         self._done = done
@@ -203,9 +203,9 @@ def begin_action(
     method: int | None = None,
     mode: str | None = None,
 ) -> int:
-    """Begin what a user asks of these axes; returns how many ns it may take beyond the ordinary.
+    """Start a user's action on these axes; return the additional time in ns that it may take.
 
-    Raises ControlError or DriveError where it cannot be, before any drive was touched.
+    ControlError or DriveError if it is impossible, before any drive was changed.
     """
     if action is Action.ENABLE:
         parts = [(system, [joint for joint in joints if joint in system.joints]) for system in systems]
@@ -228,7 +228,7 @@ def begin_action(
 
 
 def _home_axes(joints: Sequence[JointDrive], method: int | None) -> None:
-    """Begin homing of all these axes, or of none; raises ControlError or DriveError."""
+    """Start homing of all these axes, or of none; ControlError or DriveError."""
     for joint in joints:
         _require_there(joint)
         require_mode(OperationMode.HM, listed_modes(joint.axis, joint.parameters))
@@ -239,7 +239,7 @@ def _home_axes(joints: Sequence[JointDrive], method: int | None) -> None:
 
 
 def _change_mode(joints: Sequence[JointDrive], text: str) -> None:
-    """Ask for a mode of operation; raises ControlError or DriveError before any drive was touched."""
+    """Request a mode of operation; ControlError or DriveError before any drive was changed."""
     mode = _mode_of(text)
     for joint in joints:
         _require_there(joint)

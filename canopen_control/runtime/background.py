@@ -1,8 +1,7 @@
 """`BackgroundRobot`: a robot on a thread of this process, for the library.
 
-Everything that touches the robot runs on its own thread; who wants something of it is a client of
-its API, as from another process. A script that dies leaves the drives to their heartbeat consumers, like any master
-that dies.
+The robot is used only on its own thread; other code is a client of its API, as in another process. If a script dies the
+drives stop by their heartbeat consumers, as with any master that dies.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ _SETTLED = ("running", "stop_latched")  # what is latched waits for `release` wi
 
 
 class _SettledObserver(RobotObserver):
-    """Sets `settled` when the robot runs, or waits for the release of STOP."""
+    """Observer that sets `settled` when the robot runs, or waits for the release of STOP."""
 
     def __init__(self, settled: threading.Event) -> None:
         self._settled = settled
@@ -38,7 +37,7 @@ class _SettledObserver(RobotObserver):
 
 
 class BackgroundRobot:
-    """A robot that runs between `start` and `shutdown`; both may be called from any thread.
+    """Robot that runs between `start` and `shutdown`; both are thread-safe.
 
     `prepare` is called with its core, on its own thread, before it boots.
     """
@@ -62,9 +61,9 @@ class BackgroundRobot:
         return self._session is not None and self._thread is not None and self._thread.is_alive()
 
     def start(self) -> None:
-        """Boot, activate the controllers, and return when the robot runs; raises what kept it from it.
+        """Boot, activate the controllers, and return when the robot runs; raises errors of the start.
 
-        Where STOP is latched, from an earlier run too, it returns at once: nothing moves before `release`.
+        If STOP is latched, even from an earlier run, it returns at once: nothing moves before `release`.
         """
         if self._thread is not None:
             return
@@ -79,7 +78,7 @@ class BackgroundRobot:
             raise CanopenError(f"robot {self.name} did not run within {START_S:g} s of its start")
 
     def shutdown(self) -> None:
-        """Stop along the ramp, disable, and leave the bus; a second call does nothing."""
+        """Ramp to zero, disable, and leave the bus; a second call does nothing."""
         thread, session = self._thread, self._session
         if thread is None:
             return

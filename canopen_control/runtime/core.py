@@ -1,4 +1,4 @@
-"""The robot in its one thread: buses, hardware, controllers, and the cycle that runs through them.
+"""Robot in its one thread: buses, hardware, controllers, and the cycle.
 
 No exception of a node, a controller or a client ends the cycle (`RobotCycle`). Nothing moves before a controller is
 active. Every end of the robot (a user, a signal, the end of its duration, a lost bus) is the same stop: targets to
@@ -76,10 +76,9 @@ CAUGHT_UP: Final = 2  # skipped edges whose set-points are passed over
 
 
 class RobotCycle:
-    """The cycle of a robot at the edges of `pacer`; `sent_at` is when the newest cycle's frames had left.
+    """Cycle of a robot at the edges of `pacer`; `sent_at` is the time at which the newest cycle's frames were sent.
 
-    The `robot` takes the steps of its start and its end, and comes last. `clock` is the
-    time that the controllers have.
+    The `robot` advances its start and its end, last in the cycle. `clock` is the time of the controllers.
     """
 
     def __init__(
@@ -103,14 +102,14 @@ class RobotCycle:
         self.clock = RobotClock(reactor, pacer.period_ns, simulated=simulated)
 
     def step(self, now: int) -> None:
-        """Do a cycle with all that has come: ports that are watched were served before, as in every turn."""
+        """Execute a cycle with all received frames: watched ports were read before, as in every turn."""
         if self.clock.simulated:
             self._simulate(now)
         else:
             self._exchange(now)
 
     def _exchange(self, now: int) -> None:
-        """Do the cycle of a robot on its buses, or of one without that lives in this computer's time."""
+        """Execute the cycle of a robot on its buses, or of one without buses in real time."""
         pacer = self._pacer
         for bus in self._buses:
             if not bus.watched:
@@ -135,7 +134,7 @@ class RobotCycle:
         self._robot.after_cycle(now)
 
     def _simulate(self, now: int) -> None:
-        """Do the cycle of a robot without buses, none while its time stands, or those that it is to step."""
+        """Execute the cycle of a robot without buses: none while its time is paused, or the requested steps."""
         clock, edge, skipped = self.clock, self._pacer.edge, self._pacer.skipped
         self._robot.advance(now)
         if clock.take(edge):
@@ -149,7 +148,7 @@ class RobotCycle:
             clock.tell_steps()
 
     def _turn(self, edge: int, period: float) -> None:
-        """Read, update and write at an edge, and tell what became of it."""
+        """Read, update and write at an edge, and report the result."""
         for component in self._registry.components:
             if component.read(edge, period) is ERROR:
                 self._failed(component, "read", edge)
@@ -160,18 +159,18 @@ class RobotCycle:
         self._manager.broadcast(edge, period)
 
     def _skip(self, skipped: int) -> float:
-        """Take that edges were skipped; return the time on the grid since the last cycle in s."""
+        """Account for missed cycles and return the period to use, in s."""
         if not self._following:
             self._skipped(skipped)
         return self._period * (1 + min(skipped, CAUGHT_UP))
 
     def step_now(self, now: int) -> None:
-        """Do a cycle that is of no edge, for whoever does not leave them to the pacer and has read what has come."""
+        """Execute a cycle between edges, for callers without a pacer that have read all frames."""
         self._pacer.edge, self._pacer.skipped = now, 0
         self.step(now)
 
     def _supervise(self, now: int) -> None:
-        """Let time pass for what acts in the next cycle: heartbeats, time-outs, what is looked at now and then."""
+        """Process timers before the next cycle: heartbeats, timeouts, periodic checks."""
         for bus in self._buses:
             bus.tick(now)
         if now >= self._look_at and self._pacer.running:
@@ -198,7 +197,7 @@ _NEVER: Final = 1 << 62  # boot_time 0: wait for the nodes for ever
 
 
 class RobotState(enum.Enum):
-    """What the robot is doing as a whole; DISABLED: drives that a controller claims are off and wait for an enable."""
+    """State of the robot as a whole; DISABLED: drives claimed by a controller are off and wait for an enable."""
 
     STARTING = "starting"
     RUNNING = "running"
@@ -209,9 +208,9 @@ class RobotState(enum.Enum):
 
 
 class RobotCore:
-    """Everything between the ports and the API; `failure` says why the run failed.
+    """Everything between the ports and the API; `failure` is the reason of a failed run.
 
-    `observers` are called in their order. `in_virtual_time`: its clock is that of a simulation, which is told as such.
+    `observers` are called in order. `in_virtual_time`: its clock is that of a simulation, and clients are informed.
     """
 
     def __init__(self, setup: RobotSetup, reactor: Reactor) -> None:
@@ -256,17 +255,20 @@ class RobotCore:
 
     @property
     def state(self) -> RobotState:
-        """The state of the robot; FAULT while running and a node is missing or a drive is in fault."""
+        """State of the robot; FAULT while running and a node is missing or a drive is in fault."""
         return self._state(self._waiting())
 
     @property
     def hint(self) -> str | None:
-        """What keeps it from moving, and what to do next, in one sentence; None while it could move, starts or ends."""
+        """Reason why the robot does not move, with advice, in one sentence.
+
+        None while it could move, starts or ends.
+        """
         return self._hint(self._waiting())
 
     @property
     def state_and_hint(self) -> tuple[RobotState, str | None]:
-        """State and hint, of one look at the drives."""
+        """State and hint, from one evaluation of the drives."""
         waiting = self._waiting()
         return self._state(waiting), self._hint(waiting)
 
@@ -288,7 +290,7 @@ class RobotCore:
         return self.needed.hint or enable_hint(waiting)
 
     def _silent_hint(self) -> str | None:
-        """Return which drives were started and have not sent a statusword; None where none has to be waited for."""
+        """Return the drives that were started and have not sent a statusword; None if none must be awaited."""
         silent = [
             joint.node.name
             for joint in self.joints.values()
@@ -302,16 +304,16 @@ class RobotCore:
         return f"no TPDO has brought the statusword of {names}; see: canopen-control trace --service pdo"
 
     def join(self) -> None:
-        """Open the buses, which starts those that a program serves; raises BusError. `start` begins."""
+        """Open the buses, which starts those that a program serves; BusError. `start` begins."""
         self._with_buses(RobotBus.join)
 
     def has_heard(self, names: Iterable[str]) -> bool:
-        """Whether the boot-ups of these nodes have come since `join`; until then they are on their way."""
+        """Return whether the boot-ups of these nodes were received since `join`."""
         nodes = [self.nodes[name] for name in names]
         return all(node.node_id in self.bus_of(node).booted_up for node in nodes)
 
     def start(self) -> None:
-        """Begin, on the buses that are opened if need be; raises BusError when a channel cannot be opened."""
+        """Start, on the buses that are opened if necessary; BusError if a channel cannot be opened."""
         if self._phase is not RobotState.STARTING:
             return  # it was ended before it began
         self._with_buses(RobotBus.open)
@@ -328,7 +330,7 @@ class RobotCore:
         self.pacer.start()
 
     def _with_buses(self, verb: Callable[[RobotBus], None]) -> None:
-        """Do something to all buses; where that fails, leave them all."""
+        """Apply a method to all buses; if it fails, leave them all."""
         try:
             for bus in self.buses.values():
                 verb(bus)
@@ -337,7 +339,7 @@ class RobotCore:
             raise
 
     def shutdown(self, why: str) -> None:
-        """Begin the end: ramp to zero, disable, leave the buses; a second call does nothing."""
+        """Start the end: ramp to zero, disable, leave the buses; a second call does nothing."""
         if self._phase in (RobotState.STOPPING, RobotState.STOPPED):
             return
         now = self.reactor.now()
@@ -350,7 +352,7 @@ class RobotCore:
             self._end("has stopped before it began")
 
     def close(self) -> None:
-        """Leave everything at once; for the end, or after a failed start."""
+        """Close everything at once, at the end or after a failed start."""
         self.pacer.stop()
         self.cycle.clock.end()
         for bus in self.buses.values():
@@ -363,7 +365,7 @@ class RobotCore:
     # ------------------------------------------------------------------------------------------- verbs
 
     def report(self, event: Event) -> None:
-        """Tell everyone who listens; what repeats itself once, and then in sum."""
+        """Report an event to all listeners; repetitions once, and then as a summary."""
         self._tell(self.events.add(event))
 
     def _tell(self, events: Iterable[Event]) -> None:
@@ -380,9 +382,9 @@ class RobotCore:
         *,
         holder: object = None,
     ) -> None:
-        """Hand a command to a controller; `stamp` is when it was made, in Unix seconds. Raises ControlError.
+        """Pass a command to a controller; `stamp` is its creation in Unix s. ControlError.
 
-        With a `holder` the command ends as soon as `let_go` says that he is gone, else by its time-out alone.
+        With a `holder` the command ends as soon as `let_go` reports that it is gone, otherwise only by its timeout.
         """
         self.latch.refuse("a command to", controller)
         self._require_active(controller, source)
@@ -392,16 +394,16 @@ class RobotCore:
 
     @property
     def wall_offset_ns(self) -> int:
-        """What makes Unix time of the reactor's, in ns."""
+        """Offset from the reactor's time to Unix time in ns."""
         return self.wall.offset_ns
 
     def time_of(self, unix: float) -> int:
-        """Return a time in Unix seconds as the robot's clock counts it, in ns."""
+        """Return a Unix time in s on the robot's clock, in ns."""
         self._tell_clock_step(self.wall.follow())
         return self.cycle.clock.of(round(unix * 1e9) - self.wall_offset_ns)
 
     def made_at(self, stamp: float) -> int:
-        """Return when a command with this stamp, in Unix seconds, was made, as the robot's clock counts it, in ns."""
+        """Return the creation of a command with this stamp, in Unix s, on the robot's clock, in ns."""
         self._tell_clock_step(self.wall.follow())
         return self.cycle.clock.of(self.wall.made_at(round(stamp * 1e9)))
 
@@ -410,14 +412,14 @@ class RobotCore:
             self.report(Event(self.reactor.now(), "clock_step", "", step_words(moved), Level.WARNING))
 
     def send_goal(self, controller: str, goal: AnyGoal, source: str, *, holder: object = None) -> None:
-        """Hand a goal to a controller; with a `holder` it ends when `let_go` says that he is gone."""
+        """Pass a goal to a controller; with a `holder` it ends when `let_go` reports that it is gone."""
         self.latch.refuse("a goal to", controller)
         self._require_active(controller, source)
         self.manager.send_goal(controller, goal, self.cycle.clock.now(), source=source, holder=holder)
         self.commander = source
 
     def _require_active(self, controller: str, source: str) -> None:
-        """Raise ControlError for a controller that is not active; that is told once, as other refusals are."""
+        """Raise ControlError for an inactive controller; reported once, as other refusals are."""
         try:
             require_active(self.setup, self.manager, controller)
         except ControlError as error:
@@ -429,7 +431,7 @@ class RobotCore:
         self.manager.running.let_go(holder, why)
 
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:
-        """Switch controllers, loading and configuring those that are not; ControlError, and nothing is changed."""
+        """Switch controllers, loading and configuring them if necessary; ControlError, and nothing is changed."""
         switch_controllers(
             self.setup, self.manager, activate, deactivate, strict=strict, check=self.needed.check_controllers
         )
@@ -437,7 +439,7 @@ class RobotCore:
     def stop(self, done: Callable[[str | None], None], latched_by: str | None = None, by: str = "somebody") -> None:
         """Ramp to zero and disable; `done(error)` when no drive moves under power any more.
 
-        `latched_by` latches it as well, see `readiness`; `by` says who stops, for the commands that end with it.
+        `latched_by` latches it as well, see `StopLatch`; `by` names the client, for the commands that end with it.
         """
         now = self.reactor.now()
         if latched_by is None:
@@ -461,11 +463,11 @@ class RobotCore:
         method: int | None = None,
         mode: str | None = None,
     ) -> str:
-        """Do something to the axes of a node, or of "all"; `done(error)` when it is reached. Raises ControlError.
+        """Execute an action on the axes of a node, or of "all"; `done(error)` when it is complete. ControlError.
 
-        Axes that a base controller holds are used together; returns the sentence that says so, "" where they were
-        meant anyway. `joint` is the one that is meant, of a node with several axes.
-        `method` is the homing method (None: what 0x6098 holds), `mode` the mode of operation by name or number.
+        Axes of one base are used together; returns the sentence about that, "" otherwise. `joint` selects one of
+        several axes of a node. `method` is the homing method (None: the one in 0x6098), `mode` the mode of operation by
+        name or number.
         """
         now = self.reactor.now()
         self.needed.check_action(action)
@@ -479,21 +481,21 @@ class RobotCore:
         return together
 
     def touch_probe(self, name: str, done: Callable[[dict[str, int] | str], None]) -> None:
-        """Read what the touch probes of a node caught; `done` gets the values by name, or a sentence."""
+        """Read the touch probes of a node; `done` receives the values by name, or a sentence."""
         ProbeReading(axes_of(self.nodes, self.joints.values(), name)[0].axis, done)
 
     def node(self, name: str) -> RemoteNode:
-        """Return a node by its name or node id; raises UnknownName."""
+        """Return a node by its name or node id; UnknownName."""
         return find_node(self.nodes, name)
 
     def bus_of(self, node: RemoteNode) -> RobotBus:
-        """Return the bus a node is on."""
+        """Return the bus of a node."""
         return self._bus_by_node[node.name]
 
     # ------------------------------------------------------------------------------------------- cycle
 
     def after_cycle(self, now: int) -> None:
-        """Tell what the cycle, whose frames are on their way, has brought."""
+        """Report the results of the cycle, whose frames were sent."""
         if moved := self.wall.look(now):
             self._tell_clock_step(moved)
         if self._requests:
@@ -512,14 +514,14 @@ class RobotCore:
             observer.after_cycle(now)
 
     def advance(self, now: int) -> None:
-        """Take the next step of starting or stopping, if there is one."""
+        """Execute the next step of starting or stopping, if there is one."""
         if self._phase is RobotState.STARTING:
             self._advance_start(now)
         elif self._phase is RobotState.STOPPING:
             self._advance_stop(now)
 
     def _advance_start(self, now: int) -> None:
-        """Take the next step of starting."""
+        """Execute the next step of starting."""
         missing = [node for node in self.nodes.values() if node.config.required and not node.ready]
         self._was_latched |= self.latch.held
         if not missing and not self._activated and not self.latch.held:
@@ -538,7 +540,7 @@ class RobotCore:
             self.fail(why_not_started(self.buses.values(), [(self.bus_of(node), node) for node in missing]))
 
     def _advance_stop(self, now: int) -> None:
-        """Take the next step of stopping."""
+        """Execute the next step of stopping."""
         late = now > self._stopping_until
         if not late and not all(system.stopped for system in self.systems):
             return
@@ -560,7 +562,7 @@ class RobotCore:
             observer.stopped()
 
     def _activate(self) -> None:
-        """Do what the spawners of the tutorial do: load, configure and activate, broadcasters first."""
+        """Load, configure and activate the controllers as the spawners of the tutorial do, broadcasters first."""
         try:
             for component in self.registry.components:
                 component.configure()
@@ -570,13 +572,13 @@ class RobotCore:
             self.fail(str(error))
 
     def fail(self, text: str) -> None:
-        """End the run because of what `text` says."""
+        """End the run because of the error `text`."""
         self.failure = self.failure or text
         self.report(Event(self.reactor.now(), "failed", "", text, Level.ERROR))
         self.shutdown("the run failed")
 
     def controllers_switched(self) -> None:
-        """Put together what the base controllers that are active now hold; one that would move in part is stopped."""
+        """Update the stop groups of the active base controllers; stop one that would move in part."""
         regroup(self.joints.values(), self.manager.bases, self.reactor.now())
         for system in self.systems:
             system.regroup()
@@ -590,7 +592,7 @@ class RobotCore:
             system.stop(now)
 
     def _on_bus_lost(self, error: BusError) -> None:
-        """End the run: a bus that is gone carries no stop, the drives stop when our heartbeat is missing."""
+        """End the run: a lost bus carries no stop, and the drives stop because our heartbeat is missing."""
         self.failure = self.failure or str(error)
         self.close()
         self.reactor.call_soon(self._tell_stopped)

@@ -1,7 +1,7 @@
-"""Which drives follow commands, and what to do about those that do not: one sentence for every face.
+"""Enable status: which drives follow commands, with advice for the others; mandatory nodes; the STOP latch.
 
-A robot whose controllers claim drives that are off is not running, it is disabled; whoever shows
-that says what to call next. What is named is the node as users know it.
+A robot whose controllers claim disabled drives is not running but disabled; its status names the action to call. Nodes
+are named as users know them.
 """
 
 from __future__ import annotations
@@ -39,31 +39,31 @@ _RESET: Final = "canopen-control axis fault-reset all"
 
 
 def is_off(joint: JointDrive) -> bool:
-    """Whether a drive is off, halted, or still on its way up."""
+    """Return whether a drive is off, halted, or being enabled."""
     return not joint.machine.enabled or not joint.wanted or joint.machine.halted
 
 
 def is_rising(joint: JointDrive) -> bool:
-    """Whether nothing but time keeps it from following commands: it is being enabled, or homed."""
+    """Return whether a joint will follow commands after some time: it is being enabled, or homed."""
     return joint.wanted and joint.node.ready and not joint.machine.halted
 
 
 def claimed_off(joints: Iterable[JointDrive]) -> list[JointDrive]:
-    """Return the drives that a running controller claims and that are off."""
+    """Return the drives claimed by a running controller that are off."""
     return [joint for joint in _claimed(joints) if is_off(joint)]
 
 
 def _claimed(joints: Iterable[JointDrive]) -> list[JointDrive]:
-    """Return the drives that running controllers claim.
+    """Return the drives claimed by running controllers.
 
-    One that takes targets by itself is enabled by a user's word alone: beside others nobody waits for it.
+    Drives with their own target controller are enabled only by users: others do not wait for them.
     """
     claimed = [joint for joint in joints if joint.claimed is not None]
     return [joint for joint in claimed if joint.claimed != TARGET] or claimed
 
 
 def enable_hint(joints: Sequence[JointDrive]) -> str | None:
-    """Say which of these drives follow no command, and what to call; None where there are none."""
+    """Return a sentence about the drives that follow no commands, with the action to call; None if there are none."""
     if not joints:
         return None
     waiting = [joint for joint in joints if not is_rising(joint)]
@@ -74,13 +74,13 @@ def enable_hint(joints: Sequence[JointDrive]) -> str | None:
 
 
 class DriveEnableStatus(EnableStatus):
-    """The enable status of the drives of `joints`, by the names of their joints."""
+    """Enable status of the drives of `joints`, by the names of their joints."""
 
     def __init__(self, joints: Mapping[str, JointDrive]) -> None:
         self._joints = joints
 
     def error(self, waiting: Sequence[CommandInterface]) -> NotEnabled:
-        """Return what is raised for a command to joints that do not follow it."""
+        """Return the error for a command to joints that do not follow it."""
         joints = self._joints
         drives = [joints[name] for name in dict.fromkeys(each.joint for each in waiting) if name in joints]
         text = enable_hint(drives) or ", ".join(each.name for each in waiting)
@@ -88,7 +88,7 @@ class DriveEnableStatus(EnableStatus):
         return kind(f"{text}; a command that comes before is refused and not kept")
 
     def reason(self, waiting: Sequence[CommandInterface]) -> str:
-        """Return which joints follow no command, and what to call: the lost alone, else the faulty, the halted, all."""
+        """Return the joints that follow no commands with advice: only the lost, else the faulty, the halted, or all."""
         drives = {each.joint: self._joints[each.joint] for each in waiting if each.joint in self._joints}
         causes = {
             "lost": [name for name, each in drives.items() if each.state is None or each.axis.statusword.pdo.overdue],
@@ -103,7 +103,7 @@ class DriveEnableStatus(EnableStatus):
         return super().reason(waiting)
 
     def stop_groups(self, ends: Ends) -> list[Ends]:
-        """Return interfaces in parts that stop together; what has no drive is a part by its name."""
+        """Return interfaces in groups that stop together; an interface without a drive is a group of its own."""
         groups: dict[int | str, list[CommandInterface]] = {}
         for each in ends:
             joint = self._joints.get(each.joint)
@@ -112,7 +112,7 @@ class DriveEnableStatus(EnableStatus):
 
 
 def in_fault(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
-    """Whether a node that is required is missing, or a drive is in fault."""
+    """Return whether a required node is missing, or a drive is in fault."""
     for node in nodes:  # loops and no generators: each sample of the state asks
         if (not node.ready or node.stale) and node.config.required:
             return True
@@ -123,7 +123,7 @@ def in_fault(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
 
 
 def startup_complete(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
-    """Whether no drive is on its way to be enabled any more: it is, or it has a reason not to be."""
+    """Return whether every drive is enabled, or has a reason not to be."""
     drives = tuple(joints)
     claimed = _claimed(drives)
     # one that is not there and need not be, and with it all that move together
@@ -132,7 +132,7 @@ def startup_complete(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) 
 
 
 def why_not_started(buses: Collection[RobotBus], missing: Iterable[tuple[RobotBus, RemoteNode]]) -> str:
-    """Say why the robot could not start: nobody is there at all, or these nodes are missing on their buses."""
+    """Return why the robot could not start: no node answered at all, or these are missing on their buses."""
     silent = [bus for bus in buses if bus.port is not None and bus.port.stats.rx == 0]
     if silent and len(silent) == len(buses):
         return "; ".join(_why_silent(bus) for bus in silent)
@@ -156,7 +156,7 @@ def _why_missing(bus: RobotBus, node: RemoteNode) -> str:
 
 
 def stop_summary(joints: Iterable[JointDrive]) -> str:
-    """Say what the drives are at the end of a run: disabled, still with power, or seen by nobody; "" without any."""
+    """Return the state of the drives at the end of a run: disabled, with power, or unknown; "" without any."""
     seen = [(joint.node.name, joint.state) for joint in joints]
     parts = [
         f"{name} has power still ({state.name.replace('_', ' ')}): cut its supply if it moves"
@@ -191,7 +191,7 @@ def _remedy(joints: Sequence[JointDrive]) -> str:
 
 
 def way_back(absent: Iterable[RemoteNode]) -> str:
-    """Say what brings nodes back that are not ready: who took one out starts it, the others come by themselves."""
+    """Return how absent nodes return: a removed one must be started, the others return automatically."""
     nodes = list(dict.fromkeys(absent))
     taken = [node.name for node in nodes if node.is_taken_out]
     if taken:
@@ -217,9 +217,10 @@ _RISING: Final = (Action.ENABLE, Action.HOME)
 
 
 class MandatoryNodes(RobotObserver):
-    """Watches the nodes of a robot that it needs and that move none of its joints, beside the `latch` of STOP.
+    """Monitor of the mandatory nodes that move no joint, together with the `latch` of STOP.
 
-    `forget(now, why)` has every controller forget its command; it is one of the robot's `observers` where it has nodes.
+    `forget(now, why)` clears the commands of all controllers; it is one of the robot's `observers` if there are such
+    nodes.
     """
 
     def __init__(
@@ -239,20 +240,20 @@ class MandatoryNodes(RobotObserver):
 
     @property
     def hint(self) -> str | None:
-        """What keeps every axis from moving, STOP first; None where nothing does."""
+        """Reason why no axis may move, STOP first; None if there is none."""
         missing = self._missing()
         if missing and self._latch.hint is None:
             return f"nothing moves while bus.yml requires {missing}: {way_back(self._absent)}"
         return self._latch.hint
 
     def check_action(self, action: Action) -> None:
-        """Refuse what would move an axis while one of them is missing, or STOP is latched; ControlError."""
+        """Raise ControlError for actions that move an axis while a mandatory node is missing, or STOP is latched."""
         self._latch.check_action(action)
         if action in _RISING:
             self._require(f"axis {action.value}")
 
     def check_controllers(self, controllers: Iterable[Controller]) -> None:
-        """Refuse to activate controllers that command something, likewise; ControlError."""
+        """Raise ControlError for controllers with commands, for the same reasons."""
         wanted = list(controllers)
         self._latch.check_controllers(wanted)
         for each in wanted:
@@ -260,7 +261,7 @@ class MandatoryNodes(RobotObserver):
                 self._require(f"activating {each.name}")
 
     def after_cycle(self, now: int) -> None:
-        """Stop all axes when one of them was lost."""
+        """Stop all axes when a mandatory node was lost."""
         for node in self._nodes:
             if node.ready is not self._ready[node]:
                 self._ready[node] = node.ready
@@ -276,7 +277,7 @@ class MandatoryNodes(RobotObserver):
         return [node for node in self._nodes if not node.ready]
 
     def _missing(self) -> str:
-        """Return who is missing and why, "" where all are there."""
+        """Return the missing nodes with reasons, "" if all are present."""
         return ", ".join(f"{each.who} ({each.error or 'it has not booted yet'})" for each in self._absent)
 
     def _stop(self, node: RemoteNode, now: int) -> None:
@@ -306,7 +307,7 @@ _MOVING = (Action.ENABLE, Action.HOME)
 
 
 class StopLatch:
-    """Whether STOP is latched: `by` says who did it, None while it is not. `report` is told of both ends."""
+    """Latch of STOP: `by` names the client, None while it is not latched. `report` receives both ends."""
 
     __slots__ = ("_path", "_report", "by")
 
@@ -316,7 +317,7 @@ class StopLatch:
         self.by: str | None = None
 
     def keep(self, path: Path) -> None:
-        """Outlive this process in the file `path`, and be what that says: latched, if it is there."""
+        """Store the latch in the file `path`, and restore it from there."""
         self._path = path
         try:
             self.by = str(json.loads(path.read_text())["by"])
@@ -326,13 +327,13 @@ class StopLatch:
             self.by = "somebody before"
 
     def tell(self, now: int) -> None:
-        """Say, at the start, that it is latched still."""
+        """Report at the start that STOP is still latched."""
         if self.by is not None:
             text = f"STOP is latched since an earlier run (by {self.by}): nothing moves; release it: {RELEASE}"
             self._report(Event(now, "stop_latched", "", text, Level.WARNING))
 
     def _write_down(self, now: int) -> None:
-        """Make the file what the latch is; a file that cannot be written is told, and the latch holds all the same."""
+        """Write the state of the latch to its file; a failure is reported, and the latch remains effective."""
         if self._path is None:
             return
         try:
@@ -350,16 +351,16 @@ class StopLatch:
 
     @property
     def held(self) -> bool:
-        """Whether nothing may move."""
+        """Whether STOP is latched."""
         return self.by is not None
 
     @property
     def hint(self) -> str | None:
-        """What to do next while nothing may move."""
+        """Advice while STOP is latched."""
         return None if self.by is None else f"STOP is latched (by {self.by}): {RELEASE}"
 
     def hold(self, by: str, now: int) -> None:
-        """Latch it; a second one leaves the credit to the first."""
+        """Latch STOP; a second call does not change `by`."""
         if self.by is None:
             self.by = by
             text = f"STOP by {by}, latched: nothing moves before it is released"
@@ -367,7 +368,7 @@ class StopLatch:
             self._write_down(now)
 
     def release(self, by: str, now: int) -> None:
-        """Let go; a second call does nothing."""
+        """Release the latch; a second call does nothing."""
         if self.by is not None:
             self.by = None
             text = f"STOP was released by {by}; the drives stay disabled until somebody enables them"
@@ -375,28 +376,28 @@ class StopLatch:
             self._write_down(now)
 
     def refuse(self, *what: str) -> None:
-        """Raise ControlError while it is latched; the sentence begins with `what` and says how to go on."""
+        """Raise ControlError while STOP is latched; the sentence begins with `what` and gives advice."""
         if self.by is not None:
             doing = " ".join(what)
             raise ControlError(f"{doing} is refused: STOP is latched (by {self.by}); release it first: {RELEASE}")
 
     def check_action(self, action: Action) -> None:
-        """Refuse what would move an axis; disabling, halting and acknowledging faults stay possible."""
+        """Refuse actions that move an axis; disabling, halting and resetting faults stay possible."""
         if action in _MOVING:
             self.refuse("axis", action.value)
 
     def check_controllers(self, controllers: Iterable[Controller]) -> None:
-        """Refuse to activate controllers that command something."""
+        """Refuse to activate controllers with commands."""
         for controller in controllers:
             if controller.command_interface_names():
                 self.refuse("activating", controller.name)
 
     def check_write(self, index: int) -> None:
-        """Refuse a controlword past the controllers, by SDO."""
+        """Refuse a controlword written by SDO, which bypasses the controllers."""
         if is_controlword(index):
             self.refuse(f"writing the controlword (0x{index:04X})")
 
 
 def is_controlword(index: int) -> bool:
-    """Whether an object is the controlword of one of a device's axes."""
+    """Return whether an object is the controlword of one of a device's axes."""
     return axis_of(index)[0] == CONTROLWORD

@@ -33,7 +33,7 @@ _LOOK_BACK_S: Final = 0.2  # the most that odometry is carried to the time of a 
 
 
 class TruePoseTracker:
-    """Puts true poses and odometry side by side; `reading` is the newest, None while nothing is known. Sans-IO."""
+    """Comparison of true poses and odometry; `reading` is the newest, None while unknown. Sans-IO."""
 
     def __init__(self) -> None:
         self.reading: TruePose | None = None
@@ -41,11 +41,11 @@ class TruePoseTracker:
         self._odom: Planar | None = None
 
     def align(self) -> None:
-        """Bring the two frames together with the next true pose: odometry was set."""
+        """Align the two frames with the next true pose, because odometry was set."""
         self._odom = None
 
     def take(self, base: BasePose, odometry: tuple[str, Planar] | None, wall_offset_ns: int) -> None:
-        """Take a true pose, and what odometry of which base controller said at that time (None: none is active)."""
+        """Process a true pose, and the odometry of a base controller at that time (None: none is active)."""
         name, pose = (None, None) if odometry is None else odometry
         if name is not None and (self._odom is None or name != self._controller):
             self._controller, self._odom = name, _frame_of(base, pose or (0.0, 0.0, 0.0))
@@ -58,7 +58,7 @@ class TruePoseTracker:
 
 
 def _frame_of(base: BasePose, odometry: Planar) -> Planar:
-    """Return where the frame of odometry is in the world, when the base is in both where it is said to be."""
+    """Return the pose of the odometry frame in the world."""
     x, y, heading = odometry
     turn = base.heading - heading
     cosine, sine = math.cos(turn), math.sin(turn)
@@ -66,7 +66,7 @@ def _frame_of(base: BasePose, odometry: Planar) -> Planar:
 
 
 def odometry_at(manager: ControllerManager, ahead_ns: int) -> tuple[str, Planar] | None:
-    """Return the name and the pose of the active base controller, carried by a short time; None without one."""
+    """Return the name and the pose of the active base controller, extrapolated by a short time; None without one."""
     ahead = max(-_LOOK_BACK_S, min(0.0, ahead_ns / 1e9))
     for name in manager.bases:
         pose = manager.get(name).dead_reckoning(ahead)
@@ -97,7 +97,7 @@ class TruePoseQuery:
         self._closed = False
 
     def start(self) -> None:
-        """Begin; the drives of a robot that move no base are asked once, and then no more."""
+        """Start to query; if no drive moves a base they are queried once."""
         if not self._closed:
             self._drives = iter(self._names)
             self._try_next()
@@ -142,6 +142,6 @@ class TruePoseQuery:
             client.close()
 
     def close(self) -> None:
-        """Ask no more."""
+        """Stop to query."""
         self._closed, self._drives = True, iter(())
         self._leave()

@@ -1,4 +1,4 @@
-"""The nodes as status and state samples tell them; what has not changed since the last ones is not gathered again."""
+"""Readings of nodes for status and state samples; unchanged parts are reused."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class NodeReadings:
-    """The readings of all nodes of a robot, by name."""
+    """Readings of all nodes of a robot, by name."""
 
     def __init__(
         self,
@@ -34,12 +34,12 @@ class NodeReadings:
         }
 
     def at(self, now: int) -> dict[str, NodeReading]:
-        """Return what is read at `now` in ns."""
+        """Return the readings at `now` in ns."""
         return {name: node.at(now) for name, node in self._nodes.items()}
 
 
 class _ReadNode:
-    """One node; all but the age of its last sign of life is kept as long as what it is made of stays the same."""
+    """One node; all but the age of its last sign of life is reused while its inputs are unchanged."""
 
     def __init__(
         self, node: RemoteNode, bus: str, joints: Sequence[JointDrive], devices: Sequence[DeviceParts]
@@ -74,7 +74,7 @@ class _ReadNode:
         )
 
     def _look(self) -> tuple[object, ...]:
-        """Return everything that the kept parts are made of."""
+        """Return all inputs of the reused parts."""
         node = self._node
         seen: list[object] = [node.nmt_state, node.error, node.sdo_reads, node.sdo_writes, node.sdo_failed]
         for joint in self._joints:
@@ -93,7 +93,7 @@ class _ReadNode:
 
 
 def _mode(joint: JointDrive) -> int | None:
-    """Return the mode that the drive shows, else the one that was asked for; None where none was."""
+    """Return the mode shown by the drive, else the requested one; None if there is none."""
     request = joint.machine.mode_request
     return request.mode if request.mode is None else request.display or request.mode
 

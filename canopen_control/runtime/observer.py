@@ -12,16 +12,16 @@ if TYPE_CHECKING:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class RobotObserver:
-    """Is called by a robot in whose `observers` it is, on the robot's thread; does nothing but what is overridden."""
+    """Base of the `observers` of a robot, called on the robot's thread; does nothing unless overridden."""
 
     def event(self, event: Event) -> None:
-        """Take an event."""
+        """Process an event."""
 
     def running(self) -> None:
-        """Take that the robot runs; once."""
+        """Process the start of running; called once."""
 
     def stopped(self) -> None:
-        """Take that the robot has stopped; once."""
+        """Process the stop of the robot; called once."""
 
     def after_cycle(self, now: int) -> None:
-        """Take that a cycle has ended, whose frames are on their way; `now` in ns."""
+        """Process the end of a cycle, whose frames were sent; `now` in ns."""

@@ -37,9 +37,9 @@ _NONE: Final = 1 << 62
 
 
 class SyncPhase:
-    """Keeps the edges of a cycle of `period_ns` at `behind_ns` after the SYNCs that are heard.
+    """Phase lock that keeps the edges of a cycle of `period_ns` at `behind_ns` after the SYNCs received.
 
-    `locked` is whether they are there; until then the next SYNC is believed.
+    `locked` is whether they are there; until then the next SYNC is used directly.
     """
 
     __slots__ = (
@@ -62,7 +62,7 @@ class SyncPhase:
         self._first = self._second = _NONE
 
     def heard(self, tick: int, edge: int) -> int:
-        """Take a SYNC seen at `tick` while the next edge is to come at `edge`; return by how much that is put off."""
+        """Process a SYNC at `tick` while the next edge is due at `edge`; return the shift of this edge."""
         period = self.period_ns
         if not self.locked:
             self.locked = True
@@ -87,7 +87,7 @@ class SyncPhase:
         return 0
 
     def step(self) -> int:
-        """Return by how much the edge after the next one comes later than a period, negative for earlier."""
+        """Return by how much the edge after the next one is later than a period, negative for earlier."""
         left, longer = self._left, self._longer
         if not left:
             return longer
@@ -99,7 +99,7 @@ class SyncPhase:
         return longer + step
 
     def _learn(self, off: int) -> None:
-        """Take by what a window of SYNCs was off; where that was put right before, the periods differ."""
+        """Correct the learned difference of periods by the error of a window of SYNCs."""
         before, put_right = self._off, not self._left
         self._off = self._left = off
         again = min(abs(before), abs(off)) if before * off > 0 and put_right else 0
@@ -139,11 +139,11 @@ class Pacer:
 
     @property
     def running(self) -> bool:
-        """Whether edges are coming."""
+        """Whether edges are scheduled."""
         return self._timer is not None
 
     def newly_missed(self, now: int) -> int:
-        """Return how many edges were missed since it was last told, at most once a second; 0 for none to tell."""
+        """Return the number of missed edges not yet reported, at most once a second; 0 for none."""
         missed = self.missed - self.told
         if not missed or now < self._tell_at:
             return 0
@@ -151,18 +151,18 @@ class Pacer:
         return missed
 
     def start(self) -> None:
-        """Begin with an edge one period from now."""
+        """Start with an edge one period from now."""
         if self._timer is None:
             self._arm(self._reactor.now() + self.period_ns)
 
     def stop(self) -> None:
-        """Stop; a second call does nothing."""
+        """Stop the edges; a second call does nothing."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
 
     def lead(self, tick: int) -> None:
-        """Keep the grid in phase with another clock, of which a tick was seen at `tick`."""
+        """Keep the grid in phase with another clock, by its tick at `tick`."""
         if self._timer is None:
             return
         if shift := self.phase.heard(tick, self._edge):

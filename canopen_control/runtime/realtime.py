@@ -65,13 +65,13 @@ class RealTime:
             self.text = f"real-time: {', '.join(words)}" if priority is not None else f"runs {words[0]}"
 
     def pin(self) -> None:
-        """Stay on the processor from now on."""
+        """Pin the thread to its processor."""
         if self._cpu is not None:
             os.sched_setaffinity(0, {self._cpu})
             self._undo.callback(os.sched_setaffinity, 0, self._processors)
 
     def release(self, pid: int) -> None:
-        """Let a child run on every processor again."""
+        """Allow a child process all processors again."""
         if self._cpu is not None:
             with contextlib.suppress(ProcessLookupError):
                 os.sched_setaffinity(pid, self._processors)
@@ -103,7 +103,7 @@ class RealTime:
         self._undo.callback(os.sched_setscheduler, 0, *before)
 
     def _lock_memory(self, priority: int) -> None:
-        """Keep every page in memory, those to come too; refused where a limit would make a later allocation fail."""
+        """Lock all pages in memory, including future ones; refused if a limit would make a later allocation fail."""
         import ctypes
         import resource
 
@@ -121,7 +121,7 @@ class RealTime:
 
 
 def keep_garbage_small(undo: contextlib.ExitStack, observers: list[RobotObserver], *, by_hand: bool) -> None:
-    """Put what exists out of the collector's sight; `by_hand`, let it run only between cycles."""
+    """Freeze existing objects for the collector; with `by_hand`, let it run only between cycles."""
     gc.collect()
     gc.freeze()
     undo.callback(gc.unfreeze)
@@ -133,7 +133,7 @@ def keep_garbage_small(undo: contextlib.ExitStack, observers: list[RobotObserver
 
 
 class _Collector(RobotObserver):
-    """Collects garbage between two cycles, now and then."""
+    """Garbage collection between two cycles, from time to time."""
 
     _due = 0
 
@@ -144,14 +144,14 @@ class _Collector(RobotObserver):
 
 
 def _may_lock_all() -> bool:
-    """Whether no limit of locked memory counts for this process (CAP_IPC_LOCK)."""
+    """Return whether locked memory is unlimited for this process (CAP_IPC_LOCK)."""
     with open("/proc/self/status", encoding="ascii") as status:
         capabilities = next(line for line in status if line.startswith("CapEff:")).split()[1]
     return bool(int(capabilities, 16) >> _CAP_IPC_LOCK & 1)
 
 
 def _refused(what: str, error: OSError, priority: int) -> ConfigError:
-    """Return the error with what to type: for this shell and, without that, for good."""
+    """Return the error with the commands to type: for this shell and, without that, permanently."""
     import pwd
 
     if os.geteuid() == 0:

@@ -1,4 +1,4 @@
-"""One bus of a robot: its port, the master's network on it, and counters of what was carried."""
+"""One bus of a robot: its port, the master's network on it, counters, and external SYNC."""
 
 from __future__ import annotations
 
@@ -44,31 +44,31 @@ _LATENCY_US = 100  # beyond that it is no latency: the machine stands still at t
 
 
 class SyncTask(Protocol):
-    """What sends SYNC; `sender` names it, and `correction` says what is done while none comes."""
+    """Sender of SYNC; `sender` names it, and `correction` is the action while SYNC is missing."""
 
     @property
     def sender(self) -> str:
-        """Who sends SYNC on this bus."""
+        """Name of the sender of SYNC on this bus."""
 
     @property
     def correction(self) -> str:
-        """What is done about SYNC that is missing; empty while it comes."""
+        """Action while SYNC is missing; empty otherwise."""
 
     def start(self, period_us: int) -> None:
-        """Send every `period_us`, also when it did already; raise BusError."""
+        """Send every `period_us`, also when it is already running; BusError."""
 
     def adjust(self, period_us: int) -> None:
-        """Go on with another period, without a SYNC in between; raise BusError."""
+        """Change the period without a SYNC in between; BusError."""
 
     def close(self) -> None:
-        """Send no more."""
+        """Stop sending."""
 
 
 class _Excess:
-    """By how much the periods between SYNCs are longer than `period_ns`: of what came first in each block.
+    """Difference of the SYNC period to `period_ns`, from the earliest SYNC of each block.
 
-    A SYNC is seen late or in time, never early, so that the earliest of a block say when it was sent; the least of
-    several blocks counts, since a machine that stands still for a moment delays all SYNCs after it.
+    A SYNC is seen late or in time, never early, so that the earliest of a block show when it was sent; the minimum of
+    several blocks counts, since a pause of the machine delays all SYNCs after it.
     """
 
     __slots__ = ("_before", "_count", "_due", "_least", "_longer", "_period_ns")
@@ -78,13 +78,13 @@ class _Excess:
         self.restart()
 
     def restart(self) -> None:
-        """Forget what was seen."""
+        """Clear the measurements."""
         self._count = self._due = self._least = 0
         self._before: int | None = None
         self._longer: list[int] = []
 
     def heard(self, now: int) -> int | None:
-        """Take a SYNC; return by how many ns a period is too long once that is known, else None."""
+        """Process a SYNC; return by how many ns a period is too long once that is known, else None."""
         if not self._count:
             self._due = self._least = now
         self._count += 1
@@ -103,7 +103,7 @@ class _Excess:
 
 
 class NodeSync:
-    """The SYNC of a node, with which nothing can be done but to listen."""
+    """SYNC of a node, which can only be received."""
 
     sender = "a node of the bus (sync_producer: other)"
     correction = (
@@ -111,20 +111,20 @@ class NodeSync:
     )
 
     def start(self, period_us: int) -> None:
-        """Do nothing: it is sent already, or will be."""
+        """Do nothing: the node sends it."""
 
     def adjust(self, period_us: int) -> None:
-        """Do nothing: its clock is its own."""
+        """Do nothing: the node has its own clock."""
 
     def close(self) -> None:
         """Do nothing."""
 
 
 class ExternalSync:
-    """The SYNC of one bus; `lead(now)` is called with every one that is heard, None for a bus that is not followed.
+    """SYNC of one bus; `lead(now)` is called for each one received, None for a bus that is not followed.
 
-    `count` is how many were heard; `first_wait_ns` is how much later the first one may come: it waits for the boot of
-    a node that sends it.
+    `count` is the number received; `first_wait_ns` is the additional time for the first one, which waits for the boot
+    of a node that sends it.
     """
 
     def __init__(
@@ -143,12 +143,12 @@ class ExternalSync:
         self._excess, self._trimmed_us = _Excess(period_us * 1000), 0
 
     def start(self, now: int) -> None:
-        """Let the kernel begin; raise BusError."""
+        """Start SYNC of the kernel; BusError."""
         self._begin()
         self._deadline = now + self._first_wait + self._timeout
 
     def heard(self, now: int) -> None:
-        """Take a SYNC that came over the bus."""
+        """Process a received SYNC."""
         self.count += 1
         self._deadline = now + self._timeout
         self._silent = False
@@ -163,7 +163,7 @@ class ExternalSync:
         self._task.start(self._period_us)
 
     def _trim(self, longer_us: int) -> None:
-        """Tell the kernel a period that is shorter by what it adds; it adds, and never takes away."""
+        """Reduce the kernel's period by the latency it adds."""
         most = min(self._period_us // _MOST_TRIMMED, _LATENCY_US)
         trimmed = max(0, min(most, self._trimmed_us + longer_us))
         if trimmed != self._trimmed_us:
@@ -172,7 +172,7 @@ class ExternalSync:
                 self._task.adjust(self._period_us - trimmed)
 
     def tick(self, now: int) -> None:
-        """Set it up again when it is not heard, every half a second until it is."""
+        """Set SYNC up again while none is received, every half a second."""
         if now < self._deadline:
             return
         self._deadline = now + _RETRY_NS
@@ -187,7 +187,7 @@ class ExternalSync:
             self._report(Event(now, "sync_lost", "", f"no SYNC comes from {self._task.sender}; {why}", Level.WARNING))
 
     def close(self) -> None:
-        """Let the kernel end; a second call does nothing."""
+        """Stop SYNC of the kernel; a second call does nothing."""
         self._task.close()
 
 
@@ -204,7 +204,7 @@ _LOST_WHILE_SILENT: Final = ("bus_frames_lost", "while it carried nothing")
 
 
 def is_simulated(channel: str) -> bool:
-    """Whether a channel is one between processes of this computer, without a wire."""
+    """Return whether a channel is one between processes of this computer, without a wire."""
     parsed = parse_channel(channel)
     virtual = parsed.kind is ChannelKind.SOCKETCAN and parsed.name.startswith(("vcan", "vxcan"))
     return virtual or parsed.kind is ChannelKind.LOCAL
@@ -266,11 +266,11 @@ class RobotBus:
 
     @property
     def follows_sync(self) -> bool:
-        """Whether somebody else sends SYNC."""
+        """Whether another sender provides SYNC."""
         return self._followed is not None
 
     def unserved_syncs(self) -> int:
-        """Return at how many SYNCs that somebody else sent since the last call no new RPDOs were there."""
+        """Return the number of external SYNCs since the last call without new RPDOs."""
         if self._followed is None:
             return 0
         heard, self._syncs = self._followed.count - self._syncs, self._followed.count
@@ -278,11 +278,11 @@ class RobotBus:
 
     @property
     def sync_words(self) -> str:
-        """Who sends SYNC, and when."""
+        """Sender and timing of SYNC as text."""
         return self.config.master.sync_words(by_kernel=self._by_kernel)
 
     def why_no_kernel_sync(self) -> str | None:
-        """Return why the kernel cannot send SYNC on this SocketCAN interface, None where it can."""
+        """Return the reason why the kernel cannot send SYNC on this SocketCAN interface, None if it can."""
         return KernelSync(parse_channel(self.channel).name, ()).why_not()
 
     def leave_sync_to_kernel(self, lead: Callable[[int], None] | None) -> None:
@@ -293,7 +293,7 @@ class RobotBus:
         self._follow(ExternalSync(task, self.config.master.sync_period, lead, self._report))
 
     def follow_sync(self, lead: Callable[[int], None] | None) -> None:
-        """Send no SYNC, since a node of the bus does, and call `lead(now)` for each; before `open`."""
+        """Send no SYNC, because a node of the bus does, and call `lead(now)` for each; before `open`."""
         master = self.config.master
         first_wait_ns = (master.boot_time or DEFAULT_BOOT_MS) * 1_000_000
         self._follow(ExternalSync(NodeSync(), master.sync_period, lead, self._report, first_wait_ns))
@@ -303,13 +303,13 @@ class RobotBus:
         self.network.hear_sync(sync.heard)
 
     def join(self) -> None:
-        """Open the channel; raises BusError. What it carries is nobody's business before `open`."""
+        """Open the channel; BusError. Frames are ignored before `open`."""
         if self.port is None:
             self.port = open_port(self.channel, label="master")
             self._reactor.add_reader(self.port.fileno(), self._pass_over)
 
     def open(self) -> None:
-        """Hear the channel from now on, having joined it if need be; raises BusError."""
+        """Process frames of the channel from now on, opening it if necessary; BusError."""
         self.join()
         if self.port is None:
             return
@@ -321,13 +321,13 @@ class RobotBus:
         self.watch()
 
     def watch(self) -> None:
-        """Read what comes as it comes."""
+        """Read frames as they arrive."""
         self.watched = True
         if self.port is not None:
             self._reactor.add_reader(self.port.fileno(), self.receive)
 
     def rest_or_watch(self) -> None:
-        """Leave what comes to the edges while nothing is waited for; for who does cycles at edges."""
+        """Read frames only at the edges while nothing is awaited; for callers that cycle at edges."""
         rests = self._may_rest and self._followed is None and not self.network.waits
         if rests is not self.watched:
             return
@@ -338,13 +338,13 @@ class RobotBus:
             self._reactor.remove_reader(self.port.fileno())
 
     def _take(self) -> bytes:
-        """Return what waits to be sent; an answer to it is read as it comes."""
+        """Return the records to send; answers to them are read as they arrive."""
         if not self.watched and self.network.waits:
             self.watch()
         return self.network.take()
 
     def _pass_over(self) -> None:
-        """Take what waits and keep of it who has booted up; the end of the channel is told."""
+        """Read waiting frames only for boot-ups; the end of the channel is reported."""
         try:
             records = b"" if self.port is None else self.port.receive()
         except BusError as error:
@@ -355,12 +355,12 @@ class RobotBus:
         )
 
     def follow_identifiers(self) -> None:
-        """Have the channel pass the identifiers that the network now hears."""
+        """Set the filter of the channel to the identifiers of the network."""
         if self.port is not None:
             set_filter(self.port, self.network.identifiers)
 
     def receive(self, edge: int | None = None) -> None:
-        """Take everything that waits, and send what it calls for; `edge` is when it counts as come, by default now."""
+        """Process all waiting frames, and send the results; `edge` is their nominal time, default now."""
         port, network = self.port, self.network
         if port is None:
             return
@@ -379,7 +379,7 @@ class RobotBus:
             self._on_bus_event(event)
 
     def tick(self, now: int) -> None:
-        """Let time pass for the network's services, and send what that brings."""
+        """Process timers of the network's services, and send the results."""
         network = self.network
         if now - self._looked_at > self._away_ns:
             self.catch_up()
@@ -399,12 +399,12 @@ class RobotBus:
             self._tell_lost(port.stats.lost, now)
 
     def send_sync(self, now: int) -> None:
-        """Send SYNC by itself, at the begin of the cycle."""
+        """Send SYNC separately, at the begin of the cycle."""
         self._send(self.network.sync_record())
         self._sent_sync(now)
 
     def send_cycle(self, now: int) -> None:
-        """Send what waits, the RPDOs that are due, and SYNC unless it went first."""
+        """Send waiting frames, the RPDOs that are due, and SYNC unless it was sent first."""
         network = self.network
         with_sync = self._synchronous and self._sync_with_rpdos
         records = network.cycle(sync=with_sync)
@@ -418,7 +418,7 @@ class RobotBus:
             network.synced(now)
 
     def catch_up(self) -> None:
-        """Read all that waits at the port, for a process that was late."""
+        """Read all frames waiting at the port, for a process that was late."""
         for _ in range(_BACKLOG):
             port = self.port
             before = port.stats.rx if port is not None else 0
@@ -427,7 +427,7 @@ class RobotBus:
                 return
 
     def send_waiting(self) -> None:
-        """Send what waits, process data apart."""
+        """Send waiting frames except process data."""
         self.network.changed()
         self._send(self._take())
 
@@ -481,7 +481,7 @@ class RobotBus:
         self._on_lost(error)
 
     def _on_bus_event(self, event: BusEvent) -> None:
-        """Tell it; a bus that carries nothing has lost all its nodes, one that is back boots them anew."""
+        """Report a channel event; a dead bus sets all its nodes to lost, and one that is back boots them."""
         now = self._reactor.now()
         kind = event.kind.value.replace("-", "_")
         level = Level.INFO if kind in ("up", "error_active") else Level.WARNING
@@ -494,7 +494,7 @@ class RobotBus:
             self.network.bus_back(now)
 
     def _tell_lost(self, lost: int, now: int) -> None:
-        """Tell that frames were lost and why, at most once a second; of a bus that carries nothing when it is back."""
+        """Report lost frames with the reason, at most once a second; for a dead bus when it is back."""
         if now - self._told_lost < _WINDOW_NS or self._carries_nothing:
             return
         kind, why = ("bus_queue_full", "its queue was full") if not self._was_silent else _LOST_WHILE_SILENT
@@ -504,7 +504,7 @@ class RobotBus:
         self._lost_frames, self._told_lost = lost, now
 
     def _measure(self, stats: PortStats, now: int) -> None:
-        """Work out the load of the last second, stuff bits left out."""
+        """Compute the load of the last second, without stuff bits."""
         bits = FRAME_BITS * (stats.rx + stats.tx) + 8 * self._data_bytes
         if self._window is not None and self.bitrate > 0:
             since, before = self._window

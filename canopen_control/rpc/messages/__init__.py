@@ -1,1 +1,1 @@
-"""The messages of every socket, as frozen structures: no I/O, free to be imported by every subpackage."""
+"""Messages of all sockets as frozen structures, without I/O, for every subpackage."""

@@ -46,26 +46,26 @@ R = TypeVar("R", bound="Request[Any]")
 
 
 class Request(msgspec.Struct, Generic[A], frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What is asked by a method; `A` is the type of its answer."""
+    """Request of a method; `A` is the type of its answer."""
 
 
 class Document(msgspec.Struct, frozen=True):
-    """What a file holds, or `--json` prints: the fields are its keys."""
+    """Content of a file, or output of `--json`: the fields are its keys."""
 
 
 class Done(msgspec.Struct, frozen=True):
-    """The answer of a method that has nothing to tell but that it was done."""
+    """Empty answer of a method: it was done."""
 
 
 class Refusal(msgspec.Struct, frozen=True):
-    """Why something was not done; `kind` is a class of errors.py."""
+    """Error of a request; `kind` is a class of errors.py."""
 
     kind: str = "RemoteError"
     message: str = "refused without a reason"
 
 
 class Effect(enum.Enum):
-    """What a method may do; what moves is refused while a stop is latched."""
+    """Effect of a method; methods that move are refused while a stop is latched."""
 
     READS = "reads"
     CHANGES = "changes settings or states, moves nothing"
@@ -74,7 +74,7 @@ class Effect(enum.Enum):
 
 
 class Method(NamedTuple):
-    """One method of a socket."""
+    """Method of a socket."""
 
     name: str
     request: type[Request[Any]]
@@ -83,12 +83,12 @@ class Method(NamedTuple):
 
     @property
     def text(self) -> str:
-        """What it does, the first paragraph of its docstring on one line."""
+        """Description: the first paragraph of its docstring on one line."""
         return " ".join((self.request.__doc__ or "").strip().split("\n\n")[0].split())
 
 
 class Api(Generic[H, P]):
-    """The methods of one socket by name, its greeting `H` and what it sends unasked, `P`, by the key it comes under."""
+    """Methods of one socket by name, its greeting `H` and its pushed messages `P`, by key."""
 
     def __init__(self, name: str, hello: type[H], pushes: Mapping[str, type[P]]) -> None:
         self.name, self.hello, self.pushes = name, hello, pushes
@@ -97,7 +97,7 @@ class Api(Generic[H, P]):
         self._keys = {kind: key for key, kind in pushes.items()}
 
     def method(self, name: str, effect: Effect) -> Callable[[type[R]], type[R]]:
-        """Declare the request that is decorated as that of a method."""
+        """Declare the decorated request as that of a method."""
 
         def declare(request: type[R]) -> type[R]:
             (base,) = vars(request)["__orig_bases__"]
@@ -108,7 +108,7 @@ class Api(Generic[H, P]):
         return declare
 
     def declare(self, methods: Iterable[tuple[str, Effect, type[Request[Any]]]]) -> None:
-        """Declare methods whose requests stand in a file of their own: name, effect, request."""
+        """Declare methods whose requests are in another module: name, effect, request."""
         for name, effect, request in methods:
             self.method(name, effect)(request)
 
@@ -117,5 +117,5 @@ class Api(Generic[H, P]):
         return self.methods[self._names[request]]
 
     def key_of(self, push: type[P]) -> str:
-        """Return the key that a message comes under when it is sent unasked."""
+        """Return the key of a pushed message."""
         return self._keys[push]

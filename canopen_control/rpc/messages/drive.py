@@ -1,7 +1,7 @@
-"""The socket of a virtual node, for who looks past the bus or breaks it: its methods and what it pushes.
+"""Control socket of a virtual node: state, inputs and fault injection.
 
-A real drive has no such socket. Positions and velocities of a plant are the motor's own counts and counts/s, its torque
-and all forces on it per mille of the rated torque; those of an axis are what the drive shows of them on the bus.
+Real drives have no such socket. Positions and velocities of a plant are the motor's own counts and counts/s, its torque
+and all forces on it per mille of the rated torque; those of an axis are the values on the bus.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ Inputs = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]
 
 
 class DriveHello(msgspec.Struct, frozen=True, kw_only=True):
-    """How a virtual node greets; `channel` is its bus, such as "local:robby", `pid` its process."""
+    """Greeting of a virtual node; `channel` is its bus, such as "local:robby", `pid` its process."""
 
     node_id: int
     name: str = ""
@@ -48,7 +48,7 @@ class DriveHello(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class DriveEvent(msgspec.Struct, frozen=True):
-    """Something happened to the node, as a sentence."""
+    """Event of the node, as a sentence."""
 
     text: str
 
@@ -82,7 +82,7 @@ class ListFaults(Request[tuple[FaultListing, ...]], frozen=True):
 
 
 class ActiveFaults(msgspec.Struct, frozen=True):
-    """The names of the faults that are on."""
+    """Names of the active faults."""
 
     active: list[str]
 
@@ -149,7 +149,7 @@ class PlantState(msgspec.Struct, frozen=True):
 
 
 class Spread(msgspec.Struct, frozen=True):
-    """The least, the mean and the greatest of many values."""
+    """Minimum, mean and maximum of many values."""
 
     min: float
     mean: float
@@ -180,10 +180,10 @@ class SetPointQuality(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=T
 
 
 class AxisState(msgspec.Struct, frozen=True, kw_only=True):
-    """An axis: `state` is that of CiA 402, such as "SWITCHED_ON", `mode` such as "PV".
+    """State of an axis: `state` is that of CiA 402, such as "SWITCHED_ON", `mode` such as "PV".
 
     `statusword` is 0x6041, `controlword` 0x6040, `position` 0x6064 and `velocity` 0x606C in the units of the drive;
-    `set_points` is there once the axis was enabled in a cyclic mode (CSP, CSV, CST, interpolated position).
+    `set_points` exists after the axis was enabled in a cyclic mode (CSP, CSV, CST, interpolated position).
     """
 
     axis: int
@@ -198,10 +198,10 @@ class AxisState(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BasePose(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Where a base is in its world: m and rad, the heading not wrapped, at monotonic ns.
+    """Pose of a base in its world: m and rad, the heading not wrapped, at monotonic ns.
 
-    `z` is above the floor that it started on, `roll` and `pitch` are those of REP 103, positive to the right side and
-    to the front down.
+    `z` is above the floor of its start, `roll` and `pitch` are those of REP 103, positive to the right side and to the
+    front down.
     """
 
     x: float

@@ -1,6 +1,6 @@
-"""What a running robot may be asked of a gripper action controller.
+"""Requests to a gripper action controller of a running robot.
 
-A goal has an end that is told; a connection has one at a time, the one that it sent last. SI units: rad or m, Nm or N.
+The end of a goal is reported; a connection has one goal at a time, the last one sent. SI units: rad or m, Nm or N.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class SendGripper(_Goal[GripperVerdict], frozen=True, kw_only=True):
 
 
 class GripperEnd(Request[GripperResult], frozen=True, kw_only=True):
-    """The end of the goal that this connection has sent last; answered when it has ended."""
+    """Wait for the end of the goal that this connection sent last."""
 
 
 class CancelGripper(Request[Done], frozen=True, kw_only=True):

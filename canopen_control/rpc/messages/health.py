@@ -1,8 +1,8 @@
-"""How a drive is: the one judgement that /diagnostics, bags, the page and diagnostics broadcasters show.
+"""Health of a drive, as shown by /diagnostics, bags, the page and diagnostics broadcasters.
 
-The law of the file (REP 107), in this order: no news is STALE; a fault is an ERROR, and so is whatever is wrong with a
-drive that does not run; a drive that is there and is being booted or not enabled is a WARN, since that may be meant,
-and so is what is wrong with one that runs; else OK.
+The first matching rule counts (REP 107): no data is STALE; a fault, and an error of a drive that does not run, is an
+ERROR; a drive that is being booted or not enabled, which may be intended, and an error of a running one, is a WARN;
+otherwise OK.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _FAULTS: Final = (State.FAULT.name, State.FAULT_REACTION_ACTIVE.name)
 
 
 class Health(enum.IntEnum):
-    """The levels of diagnostic_msgs/msg/DiagnosticStatus."""
+    """Levels of diagnostic_msgs/msg/DiagnosticStatus."""
 
     OK = 0
     WARN = 1
@@ -31,14 +31,17 @@ class Health(enum.IntEnum):
 
 
 class Verdict(NamedTuple):
-    """How a drive is, and why in a few words."""
+    """Health of a drive, with a short reason."""
 
     level: Health
     message: str
 
 
 def stale(age: float | None, after: float, *, known: bool) -> Verdict | None:
-    """Judge by its age in s a drive of which anything is `known` or nothing; None if it is fresh."""
+    """Return the verdict for a drive by the age of its data in s and whether anything is `known`.
+
+    None if it is fresh.
+    """
     if not known:
         return Verdict(Health.STALE, "nothing is heard of it")
     if age is not None and age > after:
@@ -47,7 +50,7 @@ def stale(age: float | None, after: float, *, known: bool) -> Verdict | None:
 
 
 def judge(states: Sequence[str | None], *, ready: bool, nmt: str | None, error: str | None) -> Verdict:
-    """Judge a drive by the CiA 402 states of its axes, whether it has booted, its NMT state, and what is wrong."""
+    """Return the verdict for a drive by the CiA 402 states of its axes, its boot, its NMT state, and its error."""
     if any(state in _FAULTS for state in states):
         return Verdict(Health.ERROR, error or "the drive is in fault")
     if not ready:
@@ -62,14 +65,14 @@ def judge(states: Sequence[str | None], *, ready: bool, nmt: str | None, error: 
 
 
 def judge_node(node: NodeReading) -> Verdict:
-    """Judge a node with all its axes."""
+    """Return the verdict for a node with all its axes."""
     states = [axis.state for axis in node.axes]
     error = node.error or next((axis.error for axis in node.axes if axis.error), None)
     return judge(states, ready=node.ready, nmt=_seen(node), error=error)
 
 
 def judge_axis(node: NodeReading, axis: AxisReading | None) -> Verdict:
-    """Judge one axis of a node, or a node that has none."""
+    """Return the verdict for one axis of a node, or for a node without axes."""
     states = [] if axis is None else [axis.state]
     error = (axis.error if axis is not None else None) or node.error
     return judge(states, ready=node.ready, nmt=_seen(node), error=error)

@@ -1,4 +1,4 @@
-"""The PDO layout of the buses as messages, for those who listen: trace, monitor, exports. Keys are never renamed."""
+"""PDO layout of the buses as messages for listeners: trace, monitor, exports. Keys are never renamed."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ Direction = Literal["rpdo", "tpdo"]
 
 
 class MappedEntry(msgspec.Struct, frozen=True):
-    """An object in a PDO; `data_type` is a name of CiA 301, `name` what the EDS calls it.
+    """Object in a PDO; `data_type` is a name of CiA 301, `name` that of the EDS.
 
-    Times `factor` plus `offset` its number is in `unit`, where the robot's files say so; the unit is empty elsewhere.
+    Its value times `factor` plus `offset` is in `unit`, if the robot's files contain it; otherwise the unit is empty.
     """
 
     index: Index
@@ -28,7 +28,7 @@ class MappedEntry(msgspec.Struct, frozen=True):
 
 
 class PdoLayout(msgspec.Struct, frozen=True):
-    """A live PDO; `direction` is the device's, "rpdo" or "tpdo", `cob_id` has the flag of a 29-bit identifier."""
+    """Active PDO; `direction` is that of the device, "rpdo" or "tpdo", `cob_id` has the flag of a 29-bit identifier."""
 
     cob_id: Identifier
     direction: Direction
@@ -38,7 +38,7 @@ class PdoLayout(msgspec.Struct, frozen=True):
 
 
 class NodeLayout(msgspec.Struct, frozen=True):
-    """The PDOs of a node; `eds` is a path, empty where there is none."""
+    """PDOs of a node; `eds` is a path, empty without one."""
 
     name: str
     node_id: NodeId
@@ -47,7 +47,7 @@ class NodeLayout(msgspec.Struct, frozen=True):
 
 
 class BusLayout(msgspec.Struct, frozen=True):
-    """A bus; `bitrate` in bit/s."""
+    """Bus; `bitrate` in bit/s."""
 
     channel: str
     bitrate: BitRate
@@ -58,6 +58,6 @@ class BusLayout(msgspec.Struct, frozen=True):
 
 
 class Layout(msgspec.Struct, frozen=True):
-    """What the PDOs of each bus carry, by its name."""
+    """Content of the PDOs of each bus, by its name."""
 
     buses: dict[str, BusLayout] = {}

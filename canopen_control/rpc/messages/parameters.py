@@ -28,7 +28,7 @@ _SPECIAL: Final = {".nan": math.nan, ".inf": math.inf, "-.inf": -math.inf}
 
 
 def told(value: object) -> Told:
-    """Return a value as it goes over the wire; None for what no parameter is."""
+    """Return a value in its form on the wire; None for a value that cannot be a parameter."""
     if isinstance(value, list | tuple):
         elements = [told(each) for each in value]
         return [each for each in elements if each is not None and not isinstance(each, list)]
@@ -38,14 +38,14 @@ def told(value: object) -> Told:
 
 
 def number_of(value: Scalar) -> float:
-    """Return a double that came over the wire; ValueError for what is none."""
+    """Return a double in its form on the wire as a number; ValueError if it is invalid."""
     if isinstance(value, bool):
         raise ValueError(f"{value} is no number")
     return _SPECIAL[value] if isinstance(value, str) and value in _SPECIAL else float(value)
 
 
 class ParameterValue(msgspec.Struct, frozen=True, kw_only=True):
-    """A parameter by its dotted name; `kind` is one of `KINDS`."""
+    """Parameter by its dotted name; `kind` is one of `KINDS`."""
 
     name: str
     kind: str
@@ -53,7 +53,7 @@ class ParameterValue(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def plain(self) -> Told:
-        """The value as Python has it, doubles that are not finite too; ValueError if it is not of its kind."""
+        """Value in Python, including doubles that are not finite; ValueError if it does not match its kind."""
         element = KINDS.get(self.kind)
         if self.kind == "double" and not isinstance(self.value, list | None):
             return number_of(self.value)
@@ -63,9 +63,9 @@ class ParameterValue(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ParameterReading(ParameterValue, frozen=True, kw_only=True, omit_defaults=True):
-    """A parameter and what may be set: `low` and `high` bound a number, `choices` are the texts that it may be.
+    """Parameter and its valid values: `low` and `high` bound a number, `choices` are the valid texts.
 
-    One that is `read_only` is what it was when its controller was configured. `text` is what it means.
+    A `read_only` one cannot change after its controller was configured. `text` is its description.
     """
 
     read_only: bool = False

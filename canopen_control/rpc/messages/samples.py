@@ -1,7 +1,7 @@
-"""What controllers tell of themselves: one structure for each kind of sample, told apart by its `kind`.
+"""Samples of controllers: one structure for each kind, distinguished by its `kind`.
 
-A sample is of its controller's last publication: two who look see the same stamps with the same values.
-SI units, None where nothing is known. A new kind is a structure here and a member of `ControllerSample`.
+A sample belongs to its controller's last publication: all readers see the same stamps with the same values. SI units,
+None if unknown. A new kind is a structure here and a member of `ControllerSample`.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ M = TypeVar("M", bound=msgspec.Struct)
 
 
 class Sample(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="none"):
-    """What every sample has: `time` of the publication in Unix seconds."""
+    """Common fields of all samples: `time` of the publication in Unix s."""
 
     time: float
 
 
 class OdometrySample(Sample, frozen=True, kw_only=True, tag="odometry"):
-    """Where a base controller believes to be.
+    """Pose of a base controller by odometry.
 
-    Metres, rad, seconds; `lateral` is to the left, of a base that drives sideways; each covariance by the six of its
-    diagonal. `limited` is the twist after the limits where it is published.
+    Metres, rad, seconds; `lateral` is to the left, of a holonomic base; each covariance by the six values of its
+    diagonal. `limited` is the twist after the limits if it is published.
     """
 
     x: float
@@ -251,15 +251,15 @@ ControllerSample: TypeAlias = (
 
 
 def grown(kind: type[S], sample: Sample, **more: Any) -> S:  # noqa: ANN401 - fields of any type
-    """Return a sample of a kind that has all of another one's fields, and `more`."""
+    """Return a sample of a derived kind with all fields of another one, and `more`."""
     return kind(**(msgspec.structs.asdict(sample) | more))
 
 
 def stamped(message: M, time: float, **more: Any) -> M:  # noqa: ANN401 - fields of any type
-    """Return a message of another `time`, and with `more`."""
+    """Return a copy of a message with another `time`, and with `more`."""
     return msgspec.structs.replace(message, time=time, **more)
 
 
 def kind_of(sample: type[Sample]) -> str:
-    """Return the `kind` that a type of sample has on the wire."""
+    """Return the `kind` of a type of sample on the wire."""
     return str(sample.__struct_config__.tag)
