@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from canopen_control.controllers.limiter import VelocityLimits
 from canopen_control.controllers.params import CommonParams
@@ -12,7 +12,9 @@ from canopen_control.errors import RobotConfigError
 from canopen_control.yamlfile.convert import setting
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from canopen_control.controllers.params import Params
 
 
 NAN: Final = math.nan
@@ -67,6 +69,10 @@ class BaseParams(CommonParams):
     twist_covariance_diagonal: Six = setting((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), help="of the odometry's twist")
     enable_odom_tf: bool = setting(True, help="publishes odom to base as a transform")
 
+    def mistakes(self) -> Iterator[tuple[bool, str]]:
+        """Yield what could be wrong, each with whether it is."""
+        return iter(())
+
     def frame_ids(self, namespace: str = "") -> tuple[str, str]:
         """Return the names of the odometry and the base frame."""
         prefix = self.frame_prefix(namespace)
@@ -76,6 +82,9 @@ class BaseParams(CommonParams):
         """Return what stands before the names of frames."""
         del namespace
         return ""
+
+
+P = TypeVar("P", bound=BaseParams)
 
 
 @dataclass(frozen=True)
@@ -88,6 +97,13 @@ class PrefixedParams(BaseParams):
     def frame_prefix(self, namespace: str) -> str:
         """Return the prefix, see `tf_prefix`."""
         return tf_prefix(self.tf_frame_prefix, namespace, enable=self.tf_frame_prefix_enable)
+
+
+def read_checked(params: Params, cls: type[P], renames: Mapping[str, str] | None = None) -> P:
+    """Return the parameters of a base; RobotConfigError with every mistake. `renames` as in `Params.read`."""
+    given = params.read(cls, renames)
+    refuse(params.name, given.mistakes())
+    return given
 
 
 def refuse(name: str, checks: Iterable[tuple[bool, str]]) -> None:

@@ -11,8 +11,9 @@ import math
 from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import DriveGeometry, finite
+from canopen_control.controllers.base_params import read_checked
 from canopen_control.controllers.holonomic_base import HOLONOMIC, HolonomicBase
-from canopen_control.controllers.mecanum_params import MecanumParams, read_params
+from canopen_control.controllers.mecanum_params import MecanumParams
 from canopen_control.controllers.planar_pose import MIN_DT, HolonomicKinematics
 from canopen_control.rpc.messages.samples import MecanumSample, grown
 from canopen_control.urdf.joint_element import VELOCITY
@@ -84,7 +85,7 @@ class MecanumDriveController(HolonomicBase):
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; the pose becomes 0."""
-        self.params = given = read_params(params)
+        self.params = given = read_checked(params, MecanumParams)
         self.kinematics = MecanumKinematics(given.radius, given.reach, given.offset)
         self.move_by(self.kinematics)
         self.joints, self.interface = given.commanded, VELOCITY
@@ -92,7 +93,7 @@ class MecanumDriveController(HolonomicBase):
 
     def on_set(self, params: Params) -> None:
         """Take other limits and another timeout, from the next update on."""
-        given = read_params(params)
+        given = read_checked(params, MecanumParams)
         self.take(given, given.reference_timeout, given.limits)
         self.params = given
 

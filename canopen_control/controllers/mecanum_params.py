@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.base_params import PrefixedParams, Six, TwistAxisLimits, refuse
+from canopen_control.controllers.base_params import PrefixedParams, Six, TwistAxisLimits
 from canopen_control.yamlfile.convert import setting
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    from canopen_control.controllers.params import Params
 
 
 WHEELS: Final = ("front_left", "front_right", "rear_right", "rear_left")
@@ -81,10 +79,3 @@ class MecanumParams(PrefixedParams):
         yield bool(both), f"{', '.join(both)} is the joint of several wheels; give each its own"
         yield self.radius <= 0.0, f"{_RADIUS} is missing or 0; give it in m"
         yield self.reach <= 0.0, f"{_REACH} is missing or 0; give the distances of a wheel along x and y, added, in m"
-
-
-def read_params(params: Params) -> MecanumParams:
-    """Return checked parameters; RobotConfigError with every mistake."""
-    given = params.read(MecanumParams)
-    refuse(params.name, given.mistakes())
-    return given

@@ -11,8 +11,9 @@ import math
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from canopen_control.controllers.base import DriveGeometry
+from canopen_control.controllers.base_params import read_checked
 from canopen_control.controllers.holonomic_base import HolonomicBase
-from canopen_control.controllers.omni_params import LEAST_WHEELS, OmniParams, read_params
+from canopen_control.controllers.omni_params import LEAST_WHEELS, OmniParams
 from canopen_control.controllers.planar_pose import HolonomicKinematics
 from canopen_control.urdf.joint_element import VELOCITY
 
@@ -84,7 +85,7 @@ class OmniWheelDriveController(HolonomicBase):
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; the pose becomes 0."""
-        self.params = given = read_params(params)
+        self.params = given = read_checked(params, OmniParams)
         count = len(given.wheel_names)
         self.kinematics = OmniKinematics(count, given.robot_radius, given.wheel_radius, given.wheel_offset or 0.0)
         self.move_by(self.kinematics)
@@ -94,7 +95,7 @@ class OmniWheelDriveController(HolonomicBase):
 
     def on_set(self, params: Params) -> None:
         """Take another timeout, other things to publish, from the next update on."""
-        given = read_params(params)
+        given = read_checked(params, OmniParams)
         self.take(given, given.cmd_vel_timeout)
         self.params = given
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.base_params import PrefixedParams, Six, refuse
+from canopen_control.controllers.base_params import PrefixedParams, Six
 from canopen_control.yamlfile.convert import setting
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    from canopen_control.controllers.params import Params
 
 
 LEAST_WHEELS: Final = 3
@@ -52,10 +50,3 @@ class OmniParams(PrefixedParams):
             "robot_radius is missing or 0; give the distance of the wheels from the middle in m",
         )
         yield self.wheel_radius <= 0.0, "wheel_radius is missing or 0; give it in m"
-
-
-def read_params(params: Params) -> OmniParams:
-    """Return checked parameters; RobotConfigError with every mistake."""
-    given = params.read(OmniParams)
-    refuse(params.name, given.mistakes())
-    return given

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Final
 
-from canopen_control.controllers.base_params import BaseParams, Six, TwistAxisLimits, refuse
+from canopen_control.controllers.base_params import BaseParams, Six, TwistAxisLimits, read_checked
 from canopen_control.controllers.diff_drive_params import SwitchedLimits
 from canopen_control.controllers.steering_kinematics import (
     AckermannKinematics,
@@ -175,9 +175,7 @@ _ALWAYS: Final = {
 
 def read_params(params: Params, cls: type[SteeringParams]) -> SteeringParams:
     """Return checked parameters; RobotConfigError with every mistake."""
-    given = params.read(cls, _renames(params, cls))
-    refuse(params.name, given.mistakes())
-    return given
+    return read_checked(params, cls, _renames(params, cls))
 
 
 def _renames(params: Params, cls: type[SteeringParams]) -> dict[str, str]:

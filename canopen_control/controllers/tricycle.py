@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from canopen_control.controllers.base import DriveGeometry
-from canopen_control.controllers.base_params import BaseParams, refuse
+from canopen_control.controllers.base_params import BaseParams, read_checked
 from canopen_control.controllers.limiter import NAN, RateLimiter, VelocityLimits
 from canopen_control.controllers.mobile_base import MobileBase
 from canopen_control.controllers.planar_pose import PlanarPose, RollingMean
@@ -164,7 +164,7 @@ class TricycleController(MobileBase):
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; the pose becomes 0."""
-        self.params = given = self._read(params)
+        self.params = given = read_checked(params, DrivenWheelParams, _RENAMES)
         self.kinematics = DrivenWheelPose(given.wheel_radius, given.wheelbase, given.velocity_rolling_window_size)
         self.pose = self.kinematics
         self.joints = (given.traction_joint_name, given.steering_joint_name)
@@ -173,15 +173,10 @@ class TricycleController(MobileBase):
 
     def on_set(self, params: Params) -> None:
         """Take other limits and another timeout, from the next update on."""
-        given = self._read(params)
+        given = read_checked(params, DrivenWheelParams, _RENAMES)
         self.take(given, given.cmd_vel_timeout / _PER_MS)
         self.params = given
         self._take_limits()
-
-    def _read(self, params: Params) -> DrivenWheelParams:
-        given = params.read(DrivenWheelParams, _RENAMES)
-        refuse(self.name, given.mistakes())
-        return given
 
     def _take_limits(self) -> None:
         self._limiters = self.params.traction.limiter(), self.params.steering.limiter()

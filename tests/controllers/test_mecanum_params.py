@@ -5,17 +5,18 @@ import math
 import pytest
 from support.bases import MECANUM, PARAMS
 
-from canopen_control.controllers.mecanum_params import read_params
+from canopen_control.controllers.base_params import read_checked
+from canopen_control.controllers.mecanum_params import MecanumParams
 from canopen_control.controllers.params import Params
 from canopen_control.errors import RobotConfigError
 
 
 def read(**changes):
-    return read_params(Params.of({**PARAMS[MECANUM], **changes}, "base"))
+    return read_checked(Params.of({**PARAMS[MECANUM], **changes}, "base"), MecanumParams)
 
 
 def test_defaults_are_upstreams():
-    given = read_params(Params.of({k: v for k, v in PARAMS[MECANUM].items() if "timeout" not in k}))
+    given = read_checked(Params.of({k: v for k, v in PARAMS[MECANUM].items() if "timeout" not in k}), MecanumParams)
     assert (given.reference_timeout, given.offset) == (0.0, (0.0, 0.0, 0.0))
     assert given.pose_covariance_diagonal == given.twist_covariance_diagonal == (0.1,) * 6
     assert (given.tf_frame_prefix_enable, given.tf_frame_prefix) == (True, "")
@@ -40,7 +41,7 @@ def test_keys_are_dotted_as_upstreams():
 
 def test_it_says_all_that_is_missing_at_once():
     with pytest.raises(RobotConfigError) as error:
-        read_params(Params.of({}, "base"))
+        read_checked(Params.of({}, "base"), MecanumParams)
     lines = str(error.value).splitlines()
     assert len(lines) == 6
     assert all(each.startswith("base: ") for each in lines)

@@ -3,13 +3,14 @@ from __future__ import annotations
 import pytest
 from support.bases import OMNI, PARAMS
 
-from canopen_control.controllers.omni_params import read_params
+from canopen_control.controllers.base_params import read_checked
+from canopen_control.controllers.omni_params import OmniParams
 from canopen_control.controllers.params import Params
 from canopen_control.errors import RobotConfigError
 
 
 def read(**changes):
-    return read_params(Params.of({**PARAMS[OMNI], **changes}, "base"))
+    return read_checked(Params.of({**PARAMS[OMNI], **changes}, "base"), OmniParams)
 
 
 def test_defaults_are_upstreams():
@@ -34,7 +35,7 @@ def test_frames_have_the_prefix():
 
 def test_it_says_all_that_is_missing_at_once():
     with pytest.raises(RobotConfigError) as error:
-        read_params(Params.of({}, "base"))
+        read_checked(Params.of({}, "base"), OmniParams)
     assert len(str(error.value).splitlines()) == 4
 
 
