@@ -50,7 +50,7 @@ class DriveIdentity:
 
 @dataclass(frozen=True)
 class QuirkLine:
-    """A quirk as it is written for `drive --quirk`, and who tells it."""
+    """A quirk as it is written for `drive --quirk`, and its source."""
 
     quirk: str
     source: str = "unsourced"
@@ -59,7 +59,7 @@ class QuirkLine:
 
 @dataclass(frozen=True)
 class BusKey:
-    """A key of bus.yml with its value, why such a drive needs it, and who tells it."""
+    """A key of bus.yml with its value, why such a drive needs it, and its source."""
 
     key: str
     value: int | float | bool | str | dict[int, int]
@@ -105,6 +105,11 @@ class Personality:
     quirks: tuple[QuirkLine, ...]
     bus_keys: tuple[BusKey, ...]
     not_known: tuple[str, ...]
+    here: Node
+
+    def line_of(self, key: str) -> str:
+        """Return where a key of the file is."""
+        return f"{self.path}:{self.here.keys()[key].line}"
 
     def place(self, line: QuirkLine) -> str:
         """Return where a line of the file is."""
@@ -140,6 +145,7 @@ def read_personality(name: str) -> Personality:
         tuple(file.quirks),
         tuple(file.bus),
         tuple(file.not_known),
+        file.here,
     )
 
 
@@ -148,7 +154,7 @@ def _check(file: PersonalityFile, _problems: Problems) -> None:
     lines: list[QuirkLine | BusKey] = [*file.quirks, *file.bus]
     for line in lines:
         if not line.source.strip():
-            line.here.error("source: who tells it? A repository with a number, a manual with a page, or unsourced")
+            line.here.error("source: empty; write a repository with a number, a manual with a page, or unsourced")
 
 
 def personality_of(vendor: int | None, product: int | None) -> Personality | None:

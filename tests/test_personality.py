@@ -93,7 +93,7 @@ def test_every_mistake_of_a_file_is_told_with_its_line(tmp_path):
     for line in (2, 3, 5):
         assert f"{path}:{line}:" in str(error.value)
     path.write_text("title: Our drive\nquirks:\n  - {quirk: remote_never, source: ' '}\n")
-    with pytest.raises(PersonalityError, match=r"ours\.yaml:3:5: .* source: who tells it"):
+    with pytest.raises(PersonalityError, match=r"ours\.yaml:3:5: .* source: empty"):
         read_personality(str(path))
 
 

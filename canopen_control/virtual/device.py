@@ -268,7 +268,7 @@ def take_personality(node: VirtualNode, like: Personality) -> None:
     lacking = [f"0x{index:04X}" for index in like.objects if not node.od.subindices(index)]
     if lacking:
         raise ConfigError(
-            f"{like.path}: {like.title} has {', '.join(lacking)}, which the EDS of node {node.node_id} "
+            f"{like.line_of('objects')}: {like.title} has {', '.join(lacking)}, which the EDS of node {node.node_id} "
             f"({node.name}) lacks; take the EDS of such a drive"
         )
     if like.modes:

@@ -64,7 +64,7 @@ class Quirk:
     group: str = ""
 
     def listing(self, on: Sequence[str] = ()) -> QuirkListing:
-        """Return what people are told of it; `on`: how it is on."""
+        """Return the row as a message; `on`: how the quirk is active."""
         strength = self.strength
         return QuirkListing(
             name=self.name,

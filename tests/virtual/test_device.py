@@ -156,7 +156,7 @@ def test_the_modes_of_a_personality_are_those_of_its_drive():
 
 
 def test_a_personality_on_an_eds_that_lacks_its_objects_is_one_sentence():
-    with pytest.raises(ConfigError, match=r"delta\.yaml: Delta ASDA-A2 has 0x1006, which the EDS of node 3 "):
+    with pytest.raises(ConfigError, match=r"delta\.yaml:4: Delta ASDA-A2 has 0x1006, which the EDS of node 3 "):
         make_device(servo_od(3), 3, like=read_personality("delta"))
 
 
