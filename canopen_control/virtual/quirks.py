@@ -308,7 +308,7 @@ def quirks_of(personality: Personality) -> list[str]:
 class QuirkSwitches:
     """The quirks of `node`; `active` are those that are on, as they are written.
 
-    Each switching undoes all hooks and hooks those that are on anew, in the order of the table.
+    Each switching undoes all hooks, then hooks those that are active, in the order of the table.
     """
 
     def __init__(self, node: VirtualNode) -> None:

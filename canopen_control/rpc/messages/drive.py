@@ -101,9 +101,9 @@ class SwitchFault(Request[ActiveFaults], frozen=True, kw_only=True):
 class QuirkListing(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A quirk that drives can have: how a healthy drive of a manufacturer departs from the standards.
 
-    `does` is what the drive does, `clause` what it departs from, `source` where that is documented, `acts` where it acts, "axis" or
-    "node". One with a strength has a `unit`, a `default` and the bounds `low` and `high`. `on` is how it is on, such as
-    "brake_delay=0.5@1".
+    `does` is what the drive does, `clause` what it departs from, `source` where that is documented, `acts` where it
+    acts, "axis" or "node". One with a strength has a `unit`, a `default` and the bounds `low` and `high`. `on` is how
+    it is active, such as "brake_delay=0.5@1".
     """
 
     name: str
