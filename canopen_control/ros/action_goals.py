@@ -1,9 +1,9 @@
-"""Goals of an action that the robot judges and executes: who sent each, the connection it lives by, and its end.
+"""Goals of an action that the robot accepts and executes: sender, connection and end of each.
 
-The law of the file: a goal is accepted or refused by what the robot says of it, and cancelling is always accepted; the
-goal and its time are the robot's, here is only who is to be told. A goal lives by a connection of its own, so it ends
-when this bridge does, and when the action client that sent it leaves the graph, unless the controller lets it outlive
-him. Who asks for the result of a refused goal is told why it was refused.
+The robot accepts or refuses a goal; cancelling is always accepted. The robot executes and times the goal, this module
+only reports to the client. A goal has a connection of its own: it ends with this bridge, and when the action client
+that sent it leaves the graph, unless the controller lets it outlive the client. A request for the result of a refused
+goal is answered with the reason.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ _KEPT: Final = 64
 
 
 class GoalRequest(NamedTuple):
-    """A goal that is to be judged; `client` is the DDS participant that has sent it, None where it cannot be seen."""
+    """Goal to be accepted or refused; `client` is the DDS participant that sent it, None if unknown."""
 
     uuid: bytes
     goal: RosMessage
@@ -97,11 +97,11 @@ class JudgedActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, withou
         )
 
     def known(self, uuid: bytes) -> RosMessage | None:
-        """Return the handle of a goal that was accepted, while rclpy keeps it; None else."""
+        """Return the handle of an accepted goal, while rclpy keeps it; None otherwise."""
         return self._goal_handles.get(uuid)
 
     def answer(self, uuid: bytes, refusal: RosMessage | None) -> None:
-        """Accept a goal, or refuse it with the result that says why."""
+        """Accept a goal, or refuse it with a result that contains the reason."""
         taken = self._taken.pop(uuid, None)
         if taken is None:
             return
@@ -118,9 +118,9 @@ class JudgedActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, withou
             self._on_lost(uuid)
 
     def finish(self, uuid: bytes, state: str, result: RosMessage) -> None:
-        """End a goal as "succeeded", "aborted" or "canceled", and tell those who wait for its result.
+        """End a goal as "succeeded", "aborted" or "canceled", and send the result to waiting clients.
 
-        Who did not ask for it to be cancelled is told that it was aborted.
+        A client that did not request the cancellation receives "aborted".
         """
         handle = self.known(uuid)
         if handle is None or not handle.is_active:
@@ -161,7 +161,7 @@ class JudgedActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, withou
 
 
 def _is_executing(handle: RosMessage) -> None:
-    """Do what a handle's `execute` does first: the state that clients see."""
+    """Set the state as a handle's `execute` does first."""
     handle._update_state(_rclpy.GoalEvent.EXECUTE)  # noqa: SLF001 - else rclpy would wait for the end in a coroutine
 
 
@@ -181,7 +181,7 @@ A = TypeVar("A")
 
 
 class TrajectorySender:
-    """Sends trajectories one after another; `connect` makes the connection when the first one comes."""
+    """Sender of trajectories one after another; `connect` opens the connection at the first one."""
 
     def __init__(self, connect: Callable[[], ReactorClient]) -> None:
         self._connect = connect
@@ -189,7 +189,7 @@ class TrajectorySender:
 
     @property
     def client(self) -> ReactorClient:
-        """The connection; RemoteError if the robot is gone."""
+        """Connection to the robot; RemoteError if the robot is gone."""
         if self._client is None:
             self._client = self._connect()
             self._client.keep_saying(TrajectoryHeartbeat(), _BEAT_NS)
@@ -201,14 +201,14 @@ class TrajectorySender:
         request: Callable[[Points], Request[A]],
         answer: Callable[[A | None, str | None], object],
     ) -> None:
-        """Send all pieces, the last one with the request that is made for it; `answer(result, why not)` once."""
+        """Send all pieces, the last one with the request created for it; `answer(result, reason)` is called once."""
         try:
             self._send(next(pieces), pieces, request, answer)
         except (CanopenError, ValueError) as error:  # nothing was sent of it yet
             answer(None, str(error))
 
     def close(self) -> None:
-        """Let go of what was sent; a second call does nothing."""
+        """Close the connection, which ends the trajectory; a second call does nothing."""
         client, self._client = self._client, None
         if client is not None:
             client.close()
@@ -244,31 +244,31 @@ _CLIENT_GONE: Final = "the action client that sent it is gone"
 
 
 class GoalAnswer(Protocol):
-    """What the robot says of a goal when it comes."""
+    """Answer of the robot to a goal."""
 
     @property
     def accepted(self) -> bool:
-        """Whether it is executed."""
+        """Whether the goal is executed."""
         ...
 
     @property
     def text(self) -> str:
-        """Why not."""
+        """Reason of a refusal."""
         ...
 
     @property
     def feedback_rate(self) -> float:
-        """How often the client is told of it, in Hz."""
+        """Rate of feedback in Hz."""
         ...
 
     @property
     def outlives_client(self) -> bool:
-        """Whether it goes on when he is gone."""
+        """Whether the goal continues after its client is gone."""
         ...
 
 
 class ActionResult(Protocol):
-    """How a goal ended."""
+    """Result of a goal."""
 
     @property
     def state(self) -> str:
@@ -282,7 +282,7 @@ S = TypeVar("S", GripperSample, TrajectorySample)
 
 
 class FollowedGoal(Generic[V]):
-    """A goal that came from ROS: who sent it, the connection it lives by, and what the robot said when it took it."""
+    """Goal from ROS: its client, its connection, and the robot's answer."""
 
     def __init__(self, request: GoalRequest, sender: TrajectorySender, clients: ActionClients) -> None:
         self.uuid, self.client, self.sender = request.uuid, request.client, sender
@@ -295,7 +295,7 @@ class FollowedGoal(Generic[V]):
         self._ran_here = self.client is not None and clients.runs_here(self.client)
 
     def is_alone(self, present: set[bytes]) -> bool:
-        """Whether its client has been there and is no more; where it cannot be told from others, all of them."""
+        """Return whether its client was present and is gone; if clients cannot be distinguished, whether all are."""
         if self._ran_here and self.client is not None and not self._clients.runs_here(self.client):
             return True
         here = bool(present) if self.client is None else self.client in present
@@ -303,7 +303,7 @@ class FollowedGoal(Generic[V]):
         return self._was_present and not here
 
     def wants_feedback(self, time: float) -> bool:
-        """Whether it is time to tell the client again; `time` in s."""
+        """Return whether feedback is due; `time` in s."""
         rate = self.verdict.feedback_rate if self.verdict is not None else math.inf
         if self.told <= time < self.told + 1.0 / rate:
             return False
@@ -312,9 +312,9 @@ class FollowedGoal(Generic[V]):
 
 
 class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
-    """The action server of one controller; a class for each action says what its goals are to the robot.
+    """Action server of one controller; a class for each action converts its goals for the robot.
 
-    `kind` is what the controller tells while it executes one.
+    `kind` is that of the controller's samples during execution.
     """
 
     def __init__(self, ros: Ros, controller: ControllerReading, action: type, name: str, kind: type[S]) -> None:
@@ -339,27 +339,27 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
     def send(
         self, sender: TrajectorySender, goal: RosMessage, answer: Callable[[V | None, str | None], object]
     ) -> None:
-        """Have the robot judge a goal; ValueError with why it need not be asked."""
+        """Send a goal to the robot; ValueError with the reason if it is invalid."""
 
     @abstractmethod
     def refused(self, verdict: V | None, text: str) -> RosMessage:
-        """Return the result of a goal that was refused."""
+        """Return the result of a refused goal."""
 
     @abstractmethod
     def asks_for_end(self) -> Request[E]:
-        """Return what is answered when the goal of a connection has ended."""
+        """Return the request that is answered when this connection's goal has ended."""
 
     @abstractmethod
     def cancels(self, why: str | None) -> Request[Done]:
-        """Return what ends the goal of a connection."""
+        """Return the request that ends the goal of a connection."""
 
     @abstractmethod
     def failed(self, text: str) -> E:
-        """Return the end of a goal of which the robot tells nothing any more."""
+        """Return the result of a goal after the robot is gone."""
 
     @abstractmethod
     def told(self, result: E, *, by_others: bool) -> RosMessage:
-        """Return the result for the client; `by_others` says that he did not ask for it to be cancelled."""
+        """Return the result for the client; `by_others` means that it did not request the cancellation."""
 
     @abstractmethod
     def feedback(self, sample: S) -> RosMessage:
@@ -368,7 +368,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
     # ------------------------------------------------------------------------------------------------ goals that come
 
     def _begin(self, request: GoalRequest) -> None:
-        """Have the robot judge a goal."""
+        """Send a goal to the robot."""
         followed = FollowedGoal[V](request, TrajectorySender(self._ros.connect), self._clients)
         self._goals[request.uuid] = followed
         try:
@@ -400,7 +400,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         self._end(followed, result or self.failed(str(error)))
 
     def _end(self, followed: FollowedGoal[V], result: E) -> None:
-        """Tell the client; only once."""
+        """Send the result to the client; only once."""
         if self._goals.pop(followed.uuid, None) is None:
             return
         followed.sender.close()
@@ -408,7 +408,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         self._ros.call(partial(self._server.finish, followed.uuid, result.state, told))
 
     def _cancel(self, uuid: bytes) -> None:
-        """Have a goal cancelled, as its client wishes."""
+        """Cancel a goal at the client's request."""
         if uuid in self._goals:
             self._goals[uuid].cancelled = True
             self._give_up(uuid, None)
@@ -425,7 +425,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
             self._ros.warn(self._topic, f"{self._topic}: {error}")
 
     def close(self) -> None:
-        """Leave the graph; goals end, and their clients are told."""
+        """Leave the graph; goals end, with a result for their clients."""
         for followed in list(self._goals.values()):
             self._end(followed, self.failed("the ROS bridge leaves, and the goal ends with it"))
         self._ros.call(self._server.destroy)
@@ -433,7 +433,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
     # ------------------------------------------------------------------------------------------ goals that are followed
 
     def on_state(self, state: StateSample) -> None:
-        """Send feedback, and look whether the clients are still there."""
+        """Send feedback, and check whether the clients are still present."""
         sample = self._samples.of(state).get(self._controller)
         followed = self._followed(state)
         if followed and sample is not None and sample.executing:
@@ -442,7 +442,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
                 handle.publish_feedback(self.feedback(sample))
 
     def _followed(self, state: StateSample) -> list[FollowedGoal[V]]:
-        """Return the goals that are executed, and look whether their clients are still there."""
+        """Return the executed goals, and check whether their clients are still present."""
         followed = [each for each in self._goals.values() if each.verdict is not None]
         if followed and not self._watched <= state.time < self._watched + _WATCH_S:  # a clock may be set back
             self._watched = state.time
@@ -450,7 +450,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         return followed
 
     def _handle(self, followed: FollowedGoal[V], time: float) -> Any:  # noqa: ANN401 - rclpy's
-        """Return the handle of a goal if its client is to be told of it now."""
+        """Return the handle of a goal if feedback is due."""
         handle = self._server.known(followed.uuid)
         return handle if handle is not None and followed.wants_feedback(time) else None
 

@@ -46,7 +46,7 @@ _INTEGERS: Final = (-(1 << 63), (1 << 63) - 1)
 
 
 def value_of(reading: ParameterReading) -> RosMessage:
-    """Return a rcl_interfaces/msg/ParameterValue; of type 0 where nothing is set."""
+    """Return a rcl_interfaces/msg/ParameterValue; of type 0 for an unset parameter."""
     message = interface("rcl_interfaces/msg/ParameterValue")()
     value = reading.plain
     if value is not None and reading.kind != "not_set":
@@ -87,7 +87,7 @@ def descriptor_of(reading: ParameterReading) -> RosMessage:
 
 
 def wanted_by(parameter: RosMessage) -> ParameterValue:
-    """Return what a rcl_interfaces/msg/Parameter wants to be set; a type that no controller has is not set."""
+    """Return the value requested by a rcl_interfaces/msg/Parameter; a type that controllers do not have is unset."""
     kind = _KIND_OF.get(parameter.value.type, "not_set")
     value = None if kind == "not_set" else getattr(parameter.value, f"{kind}_value")
     plain = value if isinstance(value, bool | int | float | str | None) else list(value)
@@ -95,7 +95,7 @@ def wanted_by(parameter: RosMessage) -> ParameterValue:
 
 
 def matches(name: str, prefixes: Iterable[str], depth: int) -> bool:
-    """Whether a parameter is listed below one of the prefixes, all where there is none; depth 0 is any (rclcpp)."""
+    """Return whether a parameter is below one of the prefixes, or there are none; depth 0 is unlimited (rclcpp)."""
     found = list(prefixes)
     if not found:
         return not depth or name.count(".") < depth
@@ -169,7 +169,7 @@ class ParameterServices(Endpoint):
         return handler
 
     def _read(self, fill: Callable[[Readings], None], response: RosMessage, reply: Reply) -> None:
-        """Ask for all parameters; what is refused leaves the answer empty, and is told."""
+        """Read all parameters; a refusal leaves the answer empty, and is reported."""
 
         def answer(readings: Readings | None, error: str | None) -> None:
             if readings is not None:
@@ -183,7 +183,7 @@ class ParameterServices(Endpoint):
     # ----------------------------------------------------------------------------------------------------- setting
 
     def _set(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
-        """Set one after the other, in the order of the request."""
+        """Set the parameters one after the other, in the order of the request."""
         results: list[RosMessage] = []
         wanted = list(request.parameters)
 
@@ -230,7 +230,7 @@ class ParameterServices(Endpoint):
         return ParameterValue(name=wanted.name, kind=wanted.kind, value=whole(str(value)))
 
     def _tell(self, parameters: list[RosMessage]) -> None:
-        """Publish what has changed, for those who show parameters."""
+        """Publish changes on `/parameter_events`."""
         event = interface("rcl_interfaces/msg/ParameterEvent")
         if self._events is None:
             self._events = self._ros.node.create_publisher(event, "/parameter_events", EVENTS)
@@ -248,7 +248,7 @@ class ControllerNodes:
         self._nodes: dict[str, tuple[NodeContext, ParameterServices]] = {}
 
     def of(self, name: str, arguments: Sequence[str] = ()) -> NodeContext:
-        """Return what is on the node of this name, which is made when it is first asked for; whatever rclpy raises."""
+        """Return the node of this name, created on first use; may raise what rclpy raises."""
         if name not in self._nodes:
             node = further_node(name, self._context, str(self._first.get_namespace()), arguments)
             self._spinner.add(node)
@@ -257,7 +257,7 @@ class ControllerNodes:
         return self._nodes[name][0]
 
     def forget(self, name: str) -> None:
-        """Remove a node, once what was on it has been closed."""
+        """Remove a node after its endpoints were closed."""
         found = self._nodes.pop(name, None)
         if found is not None:
             ros, parameters = found

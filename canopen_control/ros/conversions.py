@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class JointArrays(NamedTuple):
-    """What a JointState message holds."""
+    """Content of a JointState message."""
 
     names: list[str]
     position: list[float]
@@ -48,18 +48,18 @@ def arrays_of(told: Mapping[str, Values], names: Sequence[str]) -> JointArrays:
 
 
 def positions_of(sample: JointStatesSample) -> dict[str, float]:
-    """Return the positions of the joints of a JointState that are known, for their transforms."""
+    """Return the known positions of the joints of a JointState, for their transforms."""
     known = {name: sample.joints[name].get("position") for name in sample.names}
     return {name: position for name, position in known.items() if position is not None}
 
 
 def seconds_of(seconds: int, nanoseconds: int) -> float | None:
-    """Return a stamp in Unix seconds; zero is no stamp, None."""
+    """Return a stamp in Unix s; None for a zero stamp."""
     return seconds + nanoseconds / 1e9 if seconds or nanoseconds else None
 
 
 def diagonal(values: Sequence[float]) -> list[float]:
-    """Return a covariance of six by six, row by row, with these on its diagonal; 0 where there are none."""
+    """Return a covariance of six by six, row by row, with this diagonal; 0 if it is empty."""
     covariance = [0.0] * 36
     for row, value in enumerate(values[:6]):
         covariance[7 * row] = float(value)
@@ -67,13 +67,13 @@ def diagonal(values: Sequence[float]) -> list[float]:
 
 
 def place_of(sample: OdometrySample) -> Transform:
-    """Return where a base believes to be, in the frames that its controller names."""
+    """Return the pose of a base by odometry, in the frames of its controller."""
     pose = Pose((sample.x, sample.y, 0.0), from_yaw(sample.heading))
     return Transform(sample.frame_id, sample.child_frame_id, pose)
 
 
 def transform_of(sample: Sample) -> Transform | None:
-    """Return the transform that odometry or a pose is; None for others, where none is wanted, or it is not known."""
+    """Return the transform of odometry or a pose; None for other samples, if it is disabled, or unknown."""
     if isinstance(sample, OdometrySample):
         return place_of(sample) if sample.enable_odom_tf and math.isfinite(sample.x) else None
     if not isinstance(sample, PoseSample) or sample.child_frame_id is None:
@@ -86,7 +86,7 @@ def transform_of(sample: Sample) -> Transform | None:
 
 
 def frames_with_a_place(state: StateSample) -> frozenset[str]:
-    """Return the frames that odometry or a pose says the place of: no joint of the description may lead to them."""
+    """Return the frames whose pose odometry or a pose sample gives: no joint of the description may lead to them."""
     told = (*state.told(OdometrySample).values(), *state.told(PoseSample).values())
     return frozenset(transform.child for transform in map(transform_of, told) if transform is not None)
 

@@ -1,7 +1,7 @@
-"""One axis of a running robot that is moved from outside its controllers: by a jog, by a tuning run.
+"""Motion of one axis of a running robot from outside its controllers, by a jog or a tuning run.
 
-A drive that a controller commands is refused: two must not move it. Who moves it chooses the mode, enables, commands so
-that each command dies with the connection, and stops and disables at the end, whatever ends it.
+A drive commanded by a controller is refused, because only one client may move it. The client selects the mode, enables,
+sends commands that end with its connection, and stops and disables at the end, whatever ends it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _MOST_ERRORS: Final = 32
 
 
 def fault_words(node: NodeSession) -> str:
-    """Say what fault a drive has, by 0x603F, 0x1003 and 0x1001; "" for a drive without one."""
+    """Return the fault of a drive as text, by 0x603F, 0x1003 and 0x1001; "" without a fault."""
     axes = [axis for axis, state in node.drive_states().items() if state in _FAULTS]
     if not axes:
         return ""
@@ -50,7 +50,7 @@ def fault_words(node: NodeSession) -> str:
 
 
 def error_history(node: NodeSession) -> list[str]:
-    """Read what errors a node remembers (0x1003), the newest first; ConfigError for one that keeps no history."""
+    """Read the error history of a node (0x1003), newest first; ConfigError for a node without one."""
     count = node.number(_HISTORY[0], 0, DataType.UNSIGNED8)
     if count is None:
         raise ConfigError(f"{node} keeps no error history (0x1003)")
@@ -59,12 +59,12 @@ def error_history(node: NodeSession) -> list[str]:
 
 
 def _own(code: int) -> str:
-    """Return the maker's part of an entry of the history."""
+    """Return the manufacturer-specific part of a history entry."""
     return f" (0x{code >> 16:04X})" if code >> 16 else ""
 
 
 def why_not_free(node: NodeSession) -> str:
-    """Say that somebody else has enabled the drive, "" where nobody has."""
+    """Return a sentence if another client has enabled the drive, "" otherwise."""
     powered = [state for state in node.drive_states().values() if state in _POWERED]
     if not powered or powered[0] is None:
         return ""
@@ -83,7 +83,7 @@ _TARGET: Final = "target"
 
 @dataclass(frozen=True, slots=True)
 class JogDrive:
-    """The drive by its names in a running robot; `mode` is the mode of operation to ask for, "" where it stays."""
+    """Drive by its names in a running robot; `mode` is the mode of operation to request, "" for no change."""
 
     robot: str
     node: str
@@ -93,7 +93,7 @@ class JogDrive:
 
 
 def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogDrive:
-    """Return the drive of a robot that takes targets by itself; ConfigError says what to do with another one."""
+    """Return a drive of a robot with a target controller of its own; ConfigError with advice for another one."""
     places = client.ask(GetNodes()).nodes
     place = next((each for each in places if node in (each.name, str(each.node_id))), None)
     if place is None:
@@ -116,12 +116,12 @@ def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogD
 
 
 def takes_targets(controller: ControllerReading, joint: str) -> bool:
-    """Whether a controller is active that takes a target for this joint alone."""
+    """Return whether an active controller accepts a target for this joint alone."""
     return controller.active and controller.topic == _TARGET and controller.joints == (joint,)
 
 
 def choose_mode(client: RobotClient, request: AxisRequest) -> None:
-    """Ask for a mode of operation, again while the drive is not booted yet."""
+    """Request a mode of operation, again while the drive is not booted yet."""
     deadline = time.monotonic() + ENABLE_S
     while True:
         try:
@@ -135,14 +135,14 @@ def choose_mode(client: RobotClient, request: AxisRequest) -> None:
 
 
 class AxisCommand:
-    """The command of `drive` in the name of `source`: `interface` is velocity, position or effort; it dies with us."""
+    """Command to `drive` from `source`: `interface` is velocity, position or effort; it ends with the connection."""
 
     def __init__(self, drive: JogDrive, interface: str, source: str) -> None:
         self._drive, self._interface, self._source = drive, interface, source
         self._sent, self._sent_ns = math.nan, 0
 
     def send(self, client: RobotClient, value: float) -> bool:
-        """Send it when it changes, and again while it holds; return False where the drive is not enabled."""
+        """Send the command when it changes, and repeat it; return False if the drive is not enabled."""
         now = time.monotonic_ns()
         if value == self._sent and (not value or now - self._sent_ns < RENEWED_S * 1e9):
             return True
@@ -165,7 +165,7 @@ class AxisCommand:
 
 
 class DriveCurrent:
-    """The current of a drive in per mille of the rated one, read by SDO a few times a second; None: it tells none."""
+    """Current of a drive in per mille of the rated one, read by SDO a few times a second; None if it has none."""
 
     def __init__(self, drive: JogDrive) -> None:
         self.value: float | None = None
@@ -174,7 +174,7 @@ class DriveCurrent:
         self._asked_ns = 0
 
     def ask(self, client: RobotClient) -> None:
-        """Read it if it is time to."""
+        """Read the current if the interval has elapsed."""
         now = time.monotonic_ns()
         if not self._currents or now - self._asked_ns < CURRENT_S * 1e9:
             return
@@ -190,20 +190,20 @@ class DriveCurrent:
 
 
 def axis_reading(sample: StateSample | None, drive: JogDrive) -> AxisReading | None:
-    """Return what a sample says of the axis; None where it says nothing."""
+    """Return the axis of a sample; None if it lacks the axis."""
     node = None if sample is None else sample.nodes.get(drive.node)
     axes = () if node is None else node.axes
     return next((each for each in axes if each.joint == drive.joint), None)
 
 
 def stop_drive(client: RobotClient, drive: JogDrive, source: str) -> None:
-    """Stop along the ramp and disable, in the name of `source`; who is gone or has stopped already is left alone."""
+    """Ramp to zero and disable, on behalf of `source`; errors of a robot that is gone are ignored."""
     with contextlib.suppress(RemoteError):
         client.ask(AxisRequest(action="disable", node=drive.node, joint=drive.joint, source=source), ENABLE_S)
 
 
 def ended_words(sample: StateSample | None, drive: JogDrive) -> str:
-    """Say what became of a drive that is no longer enabled."""
+    """Return the state of a drive that is no longer enabled as text."""
     axis = axis_reading(sample, drive)
     if axis is None:
         return "the drive shows no state any more"

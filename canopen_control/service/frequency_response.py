@@ -47,12 +47,15 @@ class BodePoint:
 
 @dataclass(frozen=True, slots=True)
 class Bode:
-    """The points that can be trusted, by rising frequency."""
+    """Trustworthy points of a frequency response, by rising frequency."""
 
     points: tuple[BodePoint, ...]
 
     def bandwidth(self) -> float | None:
-        """Return where the gain is 3 dB below that of the lowest frequency, in Hz; None: beyond the points."""
+        """Return the frequency in Hz at which the gain is 3 dB below that of the lowest one.
+
+        None: outside of the points.
+        """
         level = self.points[0].gain - 3.0
         for before, after in pairwise(self.points):
             if after.gain <= level:
@@ -62,7 +65,7 @@ class Bode:
 
 
 def filled(cycles: Sequence[int], values: Sequence[float]) -> list[float]:
-    """Return a value for each cycle from the first to the last; one that is not there is between its neighbours."""
+    """Return a value for each cycle from the first to the last; missing ones are interpolated."""
     if not cycles:
         return []
     return [float(value) for value in np.interp(range(cycles[0], cycles[-1] + 1), cycles, values)]
@@ -71,7 +74,7 @@ def filled(cycles: Sequence[int], values: Sequence[float]) -> list[float]:
 def frequency_response(
     inputs: Sequence[float], outputs: Sequence[float], period: float, *, low: float = 0.0, high: float = math.inf
 ) -> Bode:
-    """Estimate the response between two frequencies in Hz; DriveError where nothing of it can be trusted."""
+    """Estimate the response between two frequencies in Hz; DriveError if no point can be trusted."""
     u, y = np.asarray(inputs, float), np.asarray(outputs, float)
     if len(u) < _FEWEST:
         raise DriveError(f"{len(u)} samples are too few for a frequency response; excite it longer: --for S")
@@ -100,7 +103,7 @@ def frequency_response(
 
 
 def _bands(frequencies: NDArray[np.floating], low: float, high: float) -> Iterator[tuple[int, int]]:
-    """Yield bands of bins one after the other, the wider the higher."""
+    """Yield consecutive bands of bins, wider at higher frequencies."""
     begin = int(np.searchsorted(frequencies, low))
     last = int(np.searchsorted(frequencies, high, side="right"))
     while begin < last:
@@ -112,7 +115,7 @@ def _bands(frequencies: NDArray[np.floating], low: float, high: float) -> Iterat
 
 
 def _unwrapped(points: Sequence[BodePoint]) -> Iterator[BodePoint]:
-    """Yield points whose phase goes on by less than half a turn from one to the next."""
+    """Yield the points with unwrapped phase."""
     last = points[0].phase
     for point in points:
         last += (point.phase - last + 180.0) % 360.0 - 180.0
@@ -120,7 +123,7 @@ def _unwrapped(points: Sequence[BodePoint]) -> Iterator[BodePoint]:
 
 
 def _thinned(bode: Bode, rows: int) -> list[BodePoint]:
-    """Return points at about equal ratios of frequency, `rows` at most."""
+    """Return points at about equal ratios of frequency, at most `rows`."""
     points = bode.points
     low, high = points[0].frequency, points[-1].frequency
     if len(points) <= rows:

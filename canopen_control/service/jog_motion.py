@@ -1,8 +1,8 @@
-"""What a jog commands now: keys that are held, or a motion with an end, within limits of speed, travel and torque.
+"""Command of a jog: held keys, or a motion with an end, within limits of speed, travel and torque; and its units.
 
-The law of this file: sans-IO, time is `now` in monotonic nanoseconds. Nothing moves but for a key that is held, or
-before the motion's own end; any other key, a limit, a drive that is no longer enabled ends it. What ended it is said
-once, in `ended`. Positions are those of the drive's shaft since the jog began, whatever its counter says.
+Sans-IO, time is `now` in monotonic ns. The drive moves only while a key is held, or until the motion's own end; any
+other key, a limit, or a drive that is no longer enabled ends it. `ended` is the reason. Positions are those of the
+drive's shaft since the start of the jog.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _KNOWN: Final = {"position": POSITIONS, "velocity": VELOCITIES}
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A number with its unit, as it was written; `kind` is "position" or "velocity"."""
+    """Number with its unit as written; `kind` is "position" or "velocity"."""
 
     value: float
     unit: str
@@ -49,7 +49,7 @@ class Quantity:
 
 
 def parse_quantity(text: str, kind: str) -> Quantity:
-    """Read a number with a unit of positions or velocities; ConfigError names the units there are."""
+    """Parse a number with a unit of position or velocity; ConfigError with the valid units."""
     units = [*filter(None, _KNOWN[kind]), *COUNTS[kind]]
     match = _TEXT.fullmatch(text.strip())
     if match is None:
@@ -65,10 +65,10 @@ def parse_quantity(text: str, kind: str) -> Quantity:
 
 @dataclass(frozen=True, slots=True)
 class JogScale:
-    """Position counts of one turn of the shaft; `told` is False where they are a guess.
+    """Position counts per revolution of the shaft; `told` is False if they are a guess.
 
-    `of_joint`: the position is that of a joint of a running robot, in rad. Then `counts` are for units alone, and how
-    finely the drive counts is not known.
+    `of_joint`: the position is that of a joint of a running robot, in rad. Then `counts` are for units only, and the
+    resolution is unknown.
     """
 
     counts: float
@@ -77,11 +77,11 @@ class JogScale:
 
     @property
     def resolution(self) -> float:
-        """The step of the position in rad; 0.0 where it is not known."""
+        """Resolution of the position in rad; 0.0 if unknown."""
         return 0.0 if self.of_joint else math.tau / self.counts
 
     def si(self, quantity: Quantity) -> float:
-        """Return rad or rad/s; ConfigError for what cannot be, since nobody knows what a turn is."""
+        """Return rad or rad/s; ConfigError if the counts per revolution are unknown."""
         if quantity.in_counts:
             return quantity.value * math.tau / self.counts
         if not self.told:
@@ -92,7 +92,7 @@ class JogScale:
         return quantity.value * _KNOWN[quantity.kind][quantity.unit]
 
     def position_words(self, radians: float) -> str:
-        """Return a position for people: degrees where a turn is known, counts elsewhere."""
+        """Return a position as text: degrees if the counts per revolution are known, counts otherwise."""
         if not self.told:
             return f"{radians * self.counts / math.tau:.0f} counts"
         return f"{math.degrees(radians):.1f} deg"
@@ -105,7 +105,7 @@ class JogScale:
 
 
 def _rounded(value: float, places: int) -> str:
-    """Return a number without the sign of a zero."""
+    """Return a number as text, without the sign of a zero."""
     return f"{round(value, places) + 0.0:.{places}f}"
 
 
@@ -120,7 +120,7 @@ _COUNTS: Final = 2.0  # of the position: fewer are the noise of one that stands
 
 
 class JogKind(Enum):
-    """What is commanded."""
+    """Quantity that a jog commands."""
 
     VELOCITY = "velocity"
     POSITION = "position"
@@ -128,7 +128,7 @@ class JogKind(Enum):
 
 
 class JogEnd(Enum):
-    """Why a jog is over; those that are no success are failures of the run."""
+    """Reason of the end of a jog; those other than success are failures."""
 
     NONE = ""
     ASKED = "ended by a key"
@@ -142,7 +142,7 @@ class JogEnd(Enum):
 
     @property
     def failed(self) -> bool:
-        """Whether something else than the user ended it."""
+        """Whether a cause other than the user ended it."""
         return self in (JogEnd.SPEED, JogEnd.CURRENT, JogEnd.STATE)
 
 
@@ -156,9 +156,9 @@ class JogLimits:
 
 
 class JogMotion:
-    """A jog of `value` (rad/s, rad from the start, or per mille): held by keys, or for `seconds`.
+    """Jog of `value` (rad/s, rad from the start, or per mille): by held keys, or for `seconds`.
 
-    `command` is what the controller is to be sent now; a position is None until the start is known.
+    `command` is the value to send; a position is None until the start is known.
     """
 
     def __init__(self, kind: JogKind, value: float, limits: JogLimits, *, seconds: float | None, now: int) -> None:
@@ -177,22 +177,22 @@ class JogMotion:
 
     @property
     def by_keys(self) -> bool:
-        """Whether keys are held to move."""
+        """Whether held keys move the drive."""
         return self._held
 
     @property
     def speed(self) -> float:
-        """What a held key commands."""
+        """Speed commanded by a held key."""
         return self._keys.speed
 
     @property
     def travelled(self) -> float:
-        """How far the shaft is from the start, in rad; nan while nobody knows."""
+        """Distance of the shaft from the start in rad; nan if unknown."""
         return math.nan if self._start is None else self._here - self._start
 
     @property
     def command(self) -> float | None:
-        """What to send; 0 for nothing to do, None for a position that cannot be known yet."""
+        """Value to send; 0 at rest, None for a position that is not known yet."""
         if self.kind is JogKind.POSITION:
             return None if self._start is None else self._start + self._value
         if self.ended is not JogEnd.NONE:
@@ -203,7 +203,10 @@ class JogMotion:
         return 0.0 if sign == 0 or self._blocked(sign) else math.copysign(self._keys.speed, sign)
 
     def nothing_turned(self, resolution: float) -> str | None:
-        """Say that the shaft was not seen to turn, None where it was; `resolution` of its position in rad."""
+        """Return a sentence if no turn of the shaft was measured, None otherwise.
+
+        `resolution` of its position in rad.
+        """
         if math.isnan(self._farthest):
             if self._fastest > 0.0:  # not for nan
                 return None
@@ -221,7 +224,7 @@ class JogMotion:
         )
 
     def key(self, name: str, now: int) -> None:
-        """Take a key of `KeyDecoder`; of a motion with an end every key ends it."""
+        """Process a key of `KeyDecoder`; every key ends a motion with an end."""
         if name == "focus-in":
             return
         if not self._held:
@@ -244,7 +247,7 @@ class JogMotion:
             self.end(JogEnd.ASKED)
 
     def tick(self, now: int) -> None:
-        """Let time pass: a key that is not repeated is let go, a motion with an end is over."""
+        """Process time: a key that is not repeated is released, a motion with an end completes."""
         self._keys.tick(now)
         if self._deadline is not None and now >= self._deadline:
             self.end(JogEnd.OVER)
@@ -255,7 +258,7 @@ class JogMotion:
         return min(found, default=None)
 
     def see(self, position: float | None, velocity: float | None, current: float | None, *, enabled: bool) -> None:
-        """Take what the drive shows: rad, rad/s, per mille, None where it does not."""
+        """Process the state of the drive: rad, rad/s, per mille, None if unknown."""
         if not enabled:
             self.end(JogEnd.STATE)
         if current is not None and abs(current) > self.limits.current:
@@ -271,7 +274,7 @@ class JogMotion:
         self._look_at_travel(velocity)
 
     def end(self, why: JogEnd) -> None:
-        """Command nothing any more; the first reason counts."""
+        """End the jog; the first reason counts."""
         if self.ended is JogEnd.NONE:
             self.ended = why
         self._keys.stop()
@@ -282,7 +285,7 @@ class JogMotion:
         return self._sign if self._keys.velocities.moving else 0
 
     def _blocked(self, sign: int) -> bool:
-        """Whether the way in this direction is used up."""
+        """Return whether the travel in this direction is used up."""
         return not math.isnan(self.travelled) and sign * self.travelled >= self.limits.travel
 
     def _look_at_travel(self, velocity: float | None) -> None:
@@ -300,6 +303,6 @@ class JogMotion:
             self.end(JogEnd.TRAVEL)
 
     def _bound(self) -> None:
-        """Keep what keys made of the speed within its limit."""
+        """Limit the speed selected by keys."""
         most = self.limits.current if self.kind is JogKind.TORQUE else self.limits.speed
         self._keys.speed = self._keys.turn = min(self._keys.speed, most)

@@ -1,7 +1,7 @@
-"""Reads the objects that screens look at, of all nodes, one after the other and at a rate that never holds a robot up.
+"""Reader of the objects shown on screens, of all nodes in turn, at a rate that does not delay a robot.
 
-One thread for all screens of a process: two that look at the same object read it once, and all together ask the robot
-no more often than one verb does. The object that was read longest ago comes next. It ends when nobody looks any more.
+One thread serves all screens of a process: an object on two screens is read once, and the rate is that of one verb. The
+object read longest ago is next. The thread ends when no screen needs it.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ _TIMEOUT_S: Final = 2.0  # for the connection
 
 
 class NodeObjects:
-    """The node at `place` of the running robot `robot`; `source` is by whose name it writes, `connect` for tests.
+    """Node at `place` of the running robot `robot`; `source` is the name used for writes, `connect` is for tests.
 
-    `live` is what its objects held when they were read last, each with a number that grows with every news; `lost` says
-    why they cannot be read.
+    `live` contains the last values of its objects, each with a number that grows with every change; `lost` is the
+    reason why they cannot be read.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class NodeObjects:
         self._news = 0
 
     def dictionary(self) -> ObjectDictionary | None:
-        """Return the EDS of the node, read once; EdsError for one that cannot be read. Waits."""
+        """Return the EDS of the node, read once; EdsError if it cannot be read. Blocks."""
         with self._reading:
             if not self._has_read:
                 self._od, self._has_read = dictionary_of(self.place), True
@@ -62,7 +62,7 @@ class NodeObjects:
 
     @contextlib.contextmanager
     def session(self) -> Iterator[NodeSession]:
-        """Open a session with the node on a connection of its own; waits. From a thread that may."""
+        """Open a session with the node on a connection of its own. Blocks: use it on a thread."""
         od = self.dictionary()
         with (
             self._connect(self.robot, _TIMEOUT_S) as client,
@@ -71,7 +71,7 @@ class NodeObjects:
             yield session
 
     def keep(self, live: LiveObject) -> None:
-        """Keep what an object was read as, with a number that tells whether it is news."""
+        """Store the value of an object, with a number that tells whether it has changed."""
         before = self.live.get(live.entry.address)
         if before is None or before[1] != live:
             self._news += 1
@@ -84,7 +84,7 @@ _IDLE_S: Final = 0.2  # while nothing is due
 
 
 class LiveReader:
-    """Reads while somebody looks; `clock` and `sleep` in s."""
+    """Reader while a screen needs objects; `clock` and `sleep` in s."""
 
     def __init__(
         self, clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
@@ -96,7 +96,7 @@ class LiveReader:
         self._due: dict[tuple[str, Address], float] = {}
 
     def watch(self, screen: str, node: NodeObjects, entries: Collection[Entry]) -> None:
-        """Have a screen look at these objects of a node, and at nothing else; none of them: it looks at nothing."""
+        """Set the objects of a node that a screen shows; none: the screen shows nothing."""
         with self._lock:
             scanned = tuple(entry for entry in entries if is_scanned(entry))
             if scanned:
@@ -108,11 +108,11 @@ class LiveReader:
                 self._thread.start()
 
     def soon(self, node: NodeObjects, entry: Entry) -> None:
-        """Have an object read next: somebody has written it."""
+        """Read an object next, because it was written."""
         self._due.pop((node.place.name, entry.address), None)
 
     def run(self) -> None:
-        """Read until nobody looks; the body of the thread."""
+        """Read until no screen needs objects; the body of the thread."""
         try:
             self._read_all()
         except BaseException:  # who looks next begins anew
@@ -135,7 +135,7 @@ class LiveReader:
                 self._read(node, entry, opened, sessions)
 
     def _next(self) -> tuple[NodeObjects, Entry | None] | None:
-        """Return what is to be read next, None for the entry while nothing is due; None at the end."""
+        """Return what to read next, None for the entry while nothing is due; None at the end."""
         with self._lock:
             if not self._wanted:
                 self._thread = None

@@ -1,8 +1,8 @@
-"""A service session with one node: typed objects, identity, NMT state and CiA 402 states, whoever carries its SDO.
+"""Service session with one node: typed objects, identity, NMT state and CiA 402 states, over any SDO transport.
 
-Sans-IO but for `Transfers`, which a bare bus and a running robot both provide (`cli/support/open_session.py`), and a
-dictionary in tests. Nothing is interpreted twice: values have the types of the EDS (CiA 306), states those of CiA 402.
-A session reads; it writes only what it is asked to write.
+Sans-IO except for `Transfers`, which a bare bus and a running robot implement (`cli/support/open_session.py`), and a
+dictionary in tests. Values have the types of the EDS (CiA 306), states are those of CiA 402. A session writes only on
+request.
 """
 
 from __future__ import annotations
@@ -37,34 +37,34 @@ _IDENTITY_INDEX: Final = 0x1018
 
 
 class Transfers(Protocol):
-    """Whoever carries the SDO transfers of the one node."""
+    """SDO transport to one node."""
 
     def read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
         """Upload an object; raises RemoteError or RemoteProtocolError."""
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """Download an object; raises RemoteError or RemoteProtocolError."""
+        """Download an object; RemoteError or RemoteProtocolError."""
 
     def be_patient(self, seconds: float | None) -> None:
-        """Take so many seconds as what each answer may take from now on; None: as it was given, or the default."""
+        """Set the time for each answer from now on, in s; None: the default."""
 
     def command(self, command: NmtCommand) -> None:
-        """Send an NMT command, on a bare bus alone; raises DriveError where the node shows another state after it."""
+        """Send an NMT command, on a bare bus only; DriveError if the node does not enter the state."""
 
     def nmt_state(self) -> NmtState | None:
-        """Return the state that the node showed last; None where nobody has heard it."""
+        """Return the last state of the node; None if unknown."""
 
     def taken_out(self) -> bool:
-        """Whether no running robot does anything with the node by itself; True on a bare bus."""
+        """Return whether no running robot uses the node; True on a bare bus."""
 
     def progress(self) -> tuple[int, int | None]:
-        """Return how many bytes of the transfer under way are over, and of how many; from another thread."""
+        """Return the number of bytes transferred and the size; may be called from another thread."""
 
 
 class NodeSession:
-    """One node: `name` is that of bus.yml or "", `od` its EDS or None, `robot` who carries its SDO, "" on a bare bus.
+    """One node: `name` in bus.yml or "", `od` its EDS or None, `robot` the SDO transport, "" on a bare bus.
 
-    Every call may raise what the node or the robot says: RemoteProtocolError (SdoAbort, SdoTimeout) or RemoteError.
+    Every call may raise the errors of the node or the robot: RemoteProtocolError (SdoAbort, SdoTimeout) or RemoteError.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class NodeSession:
 
     @property
     def dictionary(self) -> ObjectDictionary:
-        """The EDS; ConfigError where there is none."""
+        """EDS of the node; ConfigError without one."""
         if self.od is None:
             raise ConfigError(f"{self}: nothing tells what its objects are; give its EDS with --eds FILE")
         return self.od
@@ -94,11 +94,11 @@ class NodeSession:
         self.transfers.write(index, subindex, data)
 
     def read_value(self, entry: Entry) -> Value:
-        """Upload an object by the type of its entry; SdoLengthError for an answer of another length."""
+        """Upload an object by the type of its entry; SdoLengthError for an answer with another length."""
         return self.decoded(entry, self.read(entry.index, entry.subindex))
 
     def decoded(self, entry: Entry, data: bytes) -> Value:
-        """Return what was uploaded by the type of its entry; SdoLengthError for another length."""
+        """Return uploaded bytes by the type of the entry; SdoLengthError for another length."""
         whole = fitted(data, entry.data_type)
         if whole is None:
             wanted = f"{entry.data_type.name} has {((entry.data_type.bits or 0) + 7) // 8}"
@@ -106,7 +106,7 @@ class NodeSession:
         return decode(whole, entry.data_type)
 
     def write_value(self, entry: Entry, value: Value) -> None:
-        """Download a value by the type of its entry; ConfigError for one that the type cannot hold."""
+        """Download a value by the type of its entry; ConfigError if it does not fit."""
         try:
             data = encode(value, entry.data_type)
         except ValueError as error:
@@ -114,7 +114,7 @@ class NodeSession:
         self.write(entry.index, entry.subindex, data)
 
     def number(self, index: int, subindex: int, data_type: DataType = DataType.UNSIGNED32) -> int | None:
-        """Upload a whole number; None where the node aborts, or says something else."""
+        """Upload an integer; None if the node aborts, or answers with another length."""
         try:
             data = fitted(self.read(index, subindex), data_type)
         except (SdoAbort, RemoteError) as error:
@@ -126,11 +126,11 @@ class NodeSession:
     # -- who it is
 
     def identity(self) -> dict[int, int | None]:
-        """Read vendor, product, revision and serial number (0x1018) by subindex; None for what the node lacks."""
+        """Read vendor, product, revision and serial number (0x1018) by subindex; None for missing ones."""
         return {subindex: self.number(_IDENTITY_INDEX, subindex) for subindex in range(1, 5)}
 
     def identity_differences(self) -> list[str]:
-        """Return what tells that this is another device than its EDS describes; a revision alone tells nothing."""
+        """Return the differences that prove another device than in the EDS; a revision alone does not."""
         found = []
         for words, subindex in IDENTITY[:_DECIDING]:
             told, seen = self._told_identity(subindex), self.number(_IDENTITY_INDEX, subindex)
@@ -139,7 +139,7 @@ class NodeSession:
         return found
 
     def _told_identity(self, subindex: int) -> int:
-        """Return what the EDS says of 0x1018; 0 where it lacks the subindex: nothing can be asked then."""
+        """Return 0x1018 of the EDS; 0 if it lacks the subindex, which cannot be compared then."""
         od = self.dictionary
         entry = od.get(_IDENTITY_INDEX, subindex)
         if entry is None:
@@ -150,7 +150,7 @@ class NodeSession:
     # -- what it does
 
     def nmt_state(self) -> NmtState | None:
-        """Return the NMT state; None where the node shows none."""
+        """Return the NMT state; None if unknown."""
         return self.transfers.nmt_state()
 
     def axes(self) -> range:
@@ -160,7 +160,7 @@ class NodeSession:
         return range(axis_count({index for index, _ in self.od.entries}))
 
     def drive_states(self) -> dict[int, State | None]:
-        """Read the states by axis (0x6041): nothing of a node that is no drive, None for a word without a state."""
+        """Read the states by axis (0x6041): empty for other devices, None for an undefined statusword."""
         words = {
             axis: self.number(axis_index(STATUSWORD, axis), 0, DataType.UNSIGNED16)
             for axis in self.axes()
@@ -169,12 +169,12 @@ class NodeSession:
         return {axis: decode_statusword(word) for axis, word in words.items() if word is not None}
 
     def powered_axes(self) -> list[int]:
-        """Return the axes whose motor has, or may have, torque; one whose state is undefined may."""
+        """Return the axes whose motor has, or may have, torque, including those with an undefined state."""
         return [axis for axis, state in self.drive_states().items() if state is None or state in POWERED_STATES]
 
 
 def is_abort(error: CanopenError) -> bool:
-    """Whether a node refused one object, itself or through a robot: others may be asked."""
+    """Return whether a node refused one object, directly or through a robot."""
     return isinstance(error, SdoAbort) or (isinstance(error, RemoteError) and error.kind == SdoAbort.__name__)
 
 
@@ -187,9 +187,9 @@ _WATCH_S: Final = 2.0
 
 
 class RobotTransfers(Transfers):
-    """Carries the SDO of the node `node_id` through `robot`; `timeout` in s for each answer, None: that of bus.yml.
+    """SDO transport to the node `node_id` through `robot`; `timeout` in s for each answer, None: that of bus.yml.
 
-    `source` is by whose name the robot's events tell what is written, None: that of this program.
+    `source` is the name in the robot's events about writes, None: that of this program.
     """
 
     def __init__(
@@ -206,7 +206,7 @@ class RobotTransfers(Transfers):
         return self._robot.ask(request, timeout).data
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """Download an object; ConfigError for one that is longer than a robot passes on."""
+        """Download an object; ConfigError if it is longer than a robot accepts."""
         if len(data) > MAX_OBJECT:
             raise ConfigError(
                 f"{len(data)} bytes are more than the {MAX_OBJECT} a running robot passes on; "
@@ -223,11 +223,11 @@ class RobotTransfers(Transfers):
         self._robot.sdo_write(request, TIMEOUT_S + len(data) / _BYTES_PER_S + (self._timeout or 0))
 
     def be_patient(self, seconds: float | None) -> None:
-        """Wait so long for each answer from now on."""
+        """Set the time for each answer from now on."""
         self._timeout = seconds or self._given
 
     def command(self, command: NmtCommand) -> None:
-        """Refuse: the NMT master of these nodes is the robot, and who takes one out of it says so to the robot."""
+        """Refuse: the robot is the NMT master of its nodes, and must be asked to remove one."""
         raise ControlError(f"NMT {command.name.replace('_', ' ').lower()} is the robot's to send; ask it for that")
 
     def nmt_state(self) -> NmtState | None:
@@ -236,12 +236,12 @@ class RobotTransfers(Transfers):
         return NmtState.__members__.get("" if reading is None else reading.nmt_state or "")
 
     def taken_out(self) -> bool:
-        """Return what the robot says, which boots a node again and again otherwise."""
+        """Return the answer of the robot, which otherwise boots the node again."""
         reading = self._reading()
         return reading is not None and reading.taken_out
 
     def progress(self) -> tuple[int, int | None]:
-        """Ask the robot how far the transfer is, on a connection of its own; from another thread."""
+        """Ask the robot for the progress, on a connection of its own; may be called from another thread."""
         try:
             if self._watching is None:
                 self._watching = RobotClient.connect(self._robot.robot, _WATCH_S)
@@ -251,7 +251,7 @@ class RobotTransfers(Transfers):
         return found.done, found.total
 
     def close(self) -> None:
-        """Ask no more how far a transfer is."""
+        """Close the connection for the progress."""
         if self._watching is not None:
             self._watching.close()
 
@@ -261,7 +261,7 @@ class RobotTransfers(Transfers):
 
 
 def dictionary_of(place: NodePlace) -> ObjectDictionary | None:
-    """Read the EDS of a node of a robot; None for one that has none, EdsError for one that cannot be read."""
+    """Read the EDS of a node of a robot; None without one, EdsError if it cannot be read."""
     return read_eds(Path(place.eds), place.node_id).od if place.eds else None
 
 

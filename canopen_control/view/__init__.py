@@ -1,6 +1,6 @@
-"""The browser view: the robot, its wheels, plots, events and a STOP, on a page of this computer.
+"""Browser view of a robot: 3D scene, plots, events and STOP on a page served by this computer.
 
-A process of its own and a client of the runtime. Only this subpackage imports NiceGUI.
+It is a process of its own and a client of the runtime. Only this subpackage imports NiceGUI.
 """
 
 from __future__ import annotations
@@ -13,6 +13,6 @@ __all__ = ["require_view"]
 
 
 def require_view() -> None:
-    """Raise ConfigError with what to type when NiceGUI is not there; does not import it."""
+    """Raise ConfigError with the command to type if NiceGUI is missing; does not import it."""
     if importlib.util.find_spec("nicegui") is None:
         raise ConfigError("the browser view needs NiceGUI: pip install 'canopen-control[view]'")

@@ -1,4 +1,4 @@
-"""What a tab of the Drive view is, and what it is given; how to add one stands in this folder's docstring."""
+"""Interface of the tabs of the Drive view; see the docstring of this folder for adding one."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _SHOWN: Final = 200  # of lines and rows
 
 
 class WorkBar:
-    """Follows the newest work of the tab `key` at a node, whichever page has begun it; `can_end`: it may be ended."""
+    """Display of the newest work of the tab `key` at a node, of any page; `can_end`: it may be cancelled."""
 
     def __init__(self, desk: NodeJobs, key: str, *, can_end: bool = True) -> None:
         self._desk, self._key, self._can_end = desk, key, can_end
@@ -40,7 +40,7 @@ class WorkBar:
         self.show()
 
     def show(self) -> None:
-        """Show how far it is."""
+        """Update the progress."""
         work = self._desk.work
         mine = work is not None and work.key == self._key
         goes_on = work is not None and not work.over
@@ -72,7 +72,7 @@ class WorkBar:
 
 
 def progress_words(work: NodeJob, now: float) -> str:
-    """Return what goes on, how far it is, how fast, and how long the rest takes."""
+    """Return the current step, progress, rate, and remaining time as text."""
     words = f"{work.title}: {work.doing}" if work.doing else work.title
     if work.total:
         words += f", {work.done:,} of {work.total:,} {work.unit} ({100 * work.done // work.total} %)"
@@ -81,7 +81,7 @@ def progress_words(work: NodeJob, now: float) -> str:
 
 
 def outcome(work: NodeJob) -> str:
-    """Return the lines and the table of what came of it, as HTML."""
+    """Return the lines and the table of the result, as HTML."""
     lines = "".join(f"<p class='cc-line'>{escape(each)}</p>" for each in work.lines[:_SHOWN])
     if not work.table:
         return lines
@@ -96,37 +96,37 @@ LOOK_ONLY = "<p class='cc-note'>This page only looks. To write: <code>canopen-co
 
 @dataclass(frozen=True, slots=True)
 class DriveTabContext:
-    """The node that a tab is about: the page's robot, where the node is, and what is done at it for all pages."""
+    """Context of a tab: the page's robot, the node, and its jobs shared by all pages."""
 
     panel: PanelContext
     desk: NodeJobs
 
     @property
     def place(self) -> NodePlace:
-        """Its node id, EDS, axes and joints."""
+        """Node id, EDS, axes and joints of the node."""
         return self.desk.place
 
     @property
     def node(self) -> str:
-        """Its name in bus.yml."""
+        """Name of the node in bus.yml."""
         return self.desk.place.name
 
     def reading(self, content: PageContent) -> NodeReading | None:
-        """Return what the robot says of the node; None where nobody knows it now."""
+        """Return the reading of the node; None if it is unknown now."""
         return None if content.lost else content.state.nodes.get(self.node)
 
 
 class DriveTab(Protocol):
-    """A tab of one node: made in its place when it is opened first."""
+    """Tab of one node, created when it is first opened."""
 
     def __init__(self, context: DriveTabContext) -> None:
-        """Make the widgets in the place that is current."""
+        """Create the widgets in the current container."""
         ...
 
     def show(self, content: PageContent) -> None:
-        """Show what is known now, while the tab is seen; what has not changed is not sent again."""
+        """Show the current data while the tab is visible; unchanged data are not sent again."""
         ...
 
     def leave(self) -> None:
-        """End what it reads or drives: it is not seen any more. It may be shown again."""
+        """Stop reading and driving, because the tab is hidden. It may be shown again."""
         ...

@@ -1,7 +1,7 @@
-"""The Drive view of a page: which node, its tabs, and the switch between it and the robot.
+"""Drive view of a page: choice of the node, its tabs, and the switch between it and the robot.
 
-It takes the place of the scene and the tables; STOP, the robot's state and what is on the left stay. Where somebody is
-stands in the page's address, so that a page loaded anew is where it was.
+It replaces the scene and the tables; STOP, the robot's state and the left column remain. The address of the page
+contains the selection, so that a reload restores it.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _ANEW: Final = 25  # showings
 
 
 class ObjectsTab:
-    """Reads what is in sight while the tab is; a page that only looks writes nothing."""
+    """Tab that reads the visible objects; without write permission it only shows them."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._client = context, ui.context.client
@@ -68,7 +68,7 @@ class ObjectsTab:
         background_tasks.create(self._begin(), name="objects")
 
     async def _begin(self) -> None:
-        """Read the EDS on a thread, then make the tree."""
+        """Read the EDS on a thread, then create the tree."""
         try:
             od = await in_thread(self._context.desk.dictionary)
         except CanopenError as error:
@@ -87,7 +87,7 @@ class ObjectsTab:
     # ------------------------------------------------------------------------------------ what the frame asks of it
 
     def show(self, content: PageContent) -> None:
-        """Send what was read since, and show what can be undone."""
+        """Send values read since, and show what can be undone."""
         desk = self._context.desk
         if self._is_left:
             self._is_left = False
@@ -105,14 +105,14 @@ class ObjectsTab:
         self._last.show(sentence(f"last write: {last.words}" if last is not None else "nothing was written yet"))
 
     def leave(self) -> None:
-        """Read no more."""
+        """Stop reading."""
         self._is_left = True
         self._reader.watch(self._page, self._context.desk, ())
 
     # ------------------------------------------------------------------------------------ what the tree tells
 
     def seen(self, addresses: list[str]) -> None:
-        """Have what is in sight read."""
+        """Read the visible objects."""
         self._seen, self._is_heard = addresses, True
         self._tell_seen()
         if not self._is_left:
@@ -127,12 +127,12 @@ class ObjectsTab:
         self._reader.watch(self._page, self._context.desk, entries)
 
     def search(self, text: str) -> None:
-        """Show what the words mean."""
+        """Show the objects that match the words."""
         if self._list is not None and self._tree is not None:
             self._tree.matches(text, *self._list.search(text))
 
     def write(self, address: str, text: str) -> None:
-        """Write an object, and say at it what came of that."""
+        """Write an object, and show the result next to it."""
         background_tasks.create(self._write(address, text), name="write")
 
     async def _write(self, address: str, text: str) -> None:
@@ -163,7 +163,7 @@ class ObjectsTab:
 
 
 def _product(od: ObjectDictionary) -> str:
-    """Return by what the favourites of the kind of drive are kept."""
+    """Return the key of the favourites of this kind of drive."""
     return f"{od.device.vendor_number or 0:X}-{od.device.product_number or 0:X}-{od.device.product_name}"
 
 
@@ -175,7 +175,7 @@ _GONE: Final = "<p class='cc-note'>Nobody knows.</p>"
 
 
 class StatusTab:
-    """Shows the node as the robot knows it; its error history is read once, and again when somebody asks for it."""
+    """Tab with the state of the node as known by the robot; its error history is read once, and on request."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._client = context, ui.context.client
@@ -205,7 +205,7 @@ class StatusTab:
         background_tasks.create(self._read(), name="errors")
 
     def show(self, content: PageContent) -> None:
-        """Show what is known now."""
+        """Show the current state."""
         reading = self._context.reading(content)
         if reading is not None:
             self._facts.show(facts_table(reading))
@@ -218,7 +218,7 @@ class StatusTab:
         self._events.show(event_log(each for each in content.events if each.node == self._context.node))
 
     def leave(self) -> None:
-        """End what is driven from here."""
+        """Stop driving from this tab."""
         self._context.panel.let_go(self._client.id)
 
     async def _read(self) -> None:
@@ -234,7 +234,7 @@ class StatusTab:
 
 
 def facts_table(reading: NodeReading) -> str:
-    """Return what the robot knows of a node, as HTML."""
+    """Return the robot's data about a node as HTML."""
     lines = "".join(f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in _facts(reading))
     return f"<table class='cc-table cc-known'>{lines}</table>"
 
@@ -265,7 +265,7 @@ def _bits(axis: AxisReading) -> str:
 
 
 def _movers(content: PageContent, reading: NodeReading) -> str:
-    """Say which controllers command the node's joints, as HTML."""
+    """Return the controllers that command the node's joints as HTML."""
     joints = {axis.joint for axis in reading.axes}
     active = [each for each in content.controllers if each.state == "active"]
     names = [each.name for each in active if any(claim.rpartition("/")[0] in joints for claim in each.claims)]
@@ -281,7 +281,7 @@ def _movers(content: PageContent, reading: NodeReading) -> str:
 
 @dataclass(frozen=True, slots=True)
 class TabSlot:
-    """A tab: its key, which stands in the page's address, what is written on it, and what makes it."""
+    """Tab slot: its key in the page's address, its label, and its class."""
 
     key: str
     title: str
@@ -304,7 +304,7 @@ _LOST: Final = "<p class='cc-line cc-bad'>No connection: nobody knows what the d
 
 
 class DriveView:
-    """Made in the page's `main`; the switch comes second in its `side`. `asked` is the page's query."""
+    """Drive view in the page's `main`; the switch is second in its `side`. `asked` is the page's query."""
 
     def __init__(self, context: PanelContext, main: Element, side: Element, asked: dict[str, str]) -> None:
         self._context, self._main, self._client = context, main, ui.context.client
@@ -342,7 +342,7 @@ class DriveView:
     # ------------------------------------------------------------------------------------ what the page asks of it
 
     def show(self, content: PageContent) -> None:
-        """Show what is known now in the tab that is seen."""
+        """Show the current data in the visible tab."""
         self._content = content
         if not self.is_open:
             return
@@ -352,7 +352,7 @@ class DriveView:
             tab.show(content)
 
     def leave(self) -> None:
-        """End what the tabs read and drive: the page is closed."""
+        """Stop reading and driving in all tabs, because the page is closed."""
         for tab in self._tabs.values():
             tab.leave()
 
@@ -387,7 +387,7 @@ class DriveView:
         self._tell_place()
 
     def _open_tab(self) -> None:
-        """Show the chosen tab of the chosen node; it is made where it was not there yet."""
+        """Show the chosen tab of the chosen node, creating it if necessary."""
         if self._key not in self._tabs and self._node:
             slot = next(each for each in TABS if each.key == self._key)
             context = DriveTabContext(self._context, self._context.robot.desk(self._node))
@@ -399,7 +399,7 @@ class DriveView:
             self.show(self._content)
 
     def _tell_place(self) -> None:
-        """Have the page's address say where the user is."""
+        """Update the page's address to the selection."""
         place = urlencode({_DRIVE: self._node, "tab": self._key}) if self.is_open else ""
         script = (
             "const at = new URL(location.href); at.searchParams.delete('drive'); at.searchParams.delete('tab');"
@@ -411,7 +411,7 @@ class DriveView:
 
 
 def node_state(content: PageContent, node: str) -> str:
-    """Return the state of each axis of a node as HTML, of a node without axes its own."""
+    """Return the state of each axis of a node as HTML, or that of a node without axes."""
     rows = [row for row in axis_rows(content.state) if row.node == node]
     return "".join(
         chip(f"{row.joint}: {row.state}" if len(rows) > 1 else row.state, row.tone)

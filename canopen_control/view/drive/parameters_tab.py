@@ -39,7 +39,7 @@ _TORQUE: Final = tuple(state.name for state in POWERED_STATES)
 
 
 class ReleasePanel:
-    """Says what the robot does with the node, takes it out, and gives it back."""
+    """Panel with the robot's use of the node, which removes the node from the robot and returns it."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context = context
@@ -52,7 +52,7 @@ class ReleasePanel:
         self._take.visible = self._give.visible = False
 
     def show(self, content: PageContent) -> None:
-        """Follow what the robot says of the node."""
+        """Show the robot's use of the node."""
         reading = self._context.reading(content)
         words, tone = release_words(reading, content.banner)
         self._words.show(sentence(words, tone))
@@ -77,7 +77,7 @@ class ReleasePanel:
 
 
 def release_words(reading: NodeReading | None, robot: Banner) -> tuple[str, str]:
-    """Say whether a node may be written as a whole, and with which tone; `robot` is how the robot as a whole is."""
+    """Return whether parameter sets may be written to a node as text, with its tone; `robot` is the robot's state."""
     if reading is None:
         return "No connection: nobody knows what the drive does.", WARN
     powered = [axis.joint for axis in reading.axes if axis.state in _TORQUE]
@@ -107,7 +107,7 @@ _FIRMWARE_TOO_LONG: Final = f"{MOST_FIRMWARE_BYTES} bytes at most go through a r
 
 
 class FirmwareTab:
-    """Begins the download at the node's desk and follows it."""
+    """Tab that starts a firmware download at the node's desk and shows its progress."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._desk = context, context.desk
@@ -141,14 +141,14 @@ class FirmwareTab:
             self._load.props("unelevated dense")
 
     def show(self, content: PageContent) -> None:
-        """Follow the node and the work."""
+        """Show the node and the download."""
         self._release.show(content)
         self._bar.show()
         if self._load is not None:
             self._load.set_enabled(not content.lost and not self._desk.busy and self._image is not None)
 
     def leave(self) -> None:
-        """Leave it: a download that has begun goes on."""
+        """Hide the tab: a started download continues."""
 
     async def _take(self, event: UploadEventArguments) -> None:
         self._upload.reset()
@@ -197,7 +197,7 @@ _TOO_LONG: Final = f"A DCF of {jobs.MOST_PARAMETER_BYTES} bytes at most is wante
 
 
 class ParametersTab:
-    """Begins the work at the node's desk and follows it."""
+    """Tab that starts parameter jobs at the node's desk and shows their progress."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._desk = context, context.desk
@@ -253,7 +253,7 @@ class ParametersTab:
     # ------------------------------------------------------------------------------------ what the frame asks of it
 
     def show(self, content: PageContent) -> None:
-        """Follow the node and the work."""
+        """Show the node and the job."""
         self._release.show(content)
         self._bar.show()
         free = not content.lost and not self._desk.busy
@@ -265,7 +265,7 @@ class ParametersTab:
             self._writers[0].set_enabled(free and self._file is not None)
 
     def leave(self) -> None:
-        """Leave it: work that has begun goes on."""
+        """Hide the tab: a started job continues."""
 
     # ------------------------------------------------------------------------------------ what the user does
 

@@ -46,7 +46,7 @@ _MOST_BYTES: Final = 16_000_000  # of a file that is laid below
 
 
 class ScopeTab:
-    """Begins a scope at the node's desk, which goes on where the page is closed, and shows its shots."""
+    """Tab that starts a scope at the node's desk and shows its captures; the scope continues if the page is closed."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._desk, self._client = context, context.desk, ui.context.client
@@ -107,7 +107,7 @@ class ScopeTab:
         self._upload.props("accept='.csv'")
 
     async def _list_signals(self) -> None:
-        """Offer the objects of the node that are numbers, and the joints of the robot."""
+        """List the numeric objects of the node, and the joints of the robot."""
         try:
             od = await in_thread(self._desk.dictionary)
         except CanopenError as error:
@@ -126,7 +126,7 @@ class ScopeTab:
         self._list_places()
 
     def _list_places(self) -> None:
-        """Offer the chosen signals to the trigger."""
+        """List the chosen signals for the trigger."""
         options: Any = self._signals.options
         names = {number + 1: str(options[each]) for number, each in enumerate(self._signals.value or [])}
         self._place.set_options(
@@ -141,7 +141,7 @@ class ScopeTab:
     # ------------------------------------------------------------------------------------ what the frame asks of it
 
     def show(self, content: PageContent) -> None:
-        """Follow the scope of the node, whichever page has begun it."""
+        """Show the scope of the node, whichever page started it."""
         run = self._desk.scope
         goes_on = run is not None and not run.over
         for button in (self._single, self._rolling):
@@ -156,7 +156,7 @@ class ScopeTab:
             self._draw(run.shots[-1])
 
     def leave(self) -> None:
-        """Leave it: a scope goes on, its trigger may come in days."""
+        """Hide the tab: the scope continues, because its trigger may occur after days."""
 
     # ------------------------------------------------------------------------------------ what the user does
 
@@ -187,7 +187,7 @@ class ScopeTab:
         self._state.show(sentence("kept: the next shot is drawn over it", GOOD))
 
     async def _take_overlay(self, event: UploadEventArguments) -> None:
-        """Lay a file that was saved earlier below the shot."""
+        """Draw a saved file underneath the capture."""
         self._upload.reset()
         name = event.file.name
         try:
@@ -267,7 +267,7 @@ class ScopeTab:
 
 
 def read_overlay(data: bytes, name: str, shown: NamedShot | None) -> NamedShot:
-    """Return the shot of a file; ConfigError for what is none, or has no signal of the shot that is shown."""
+    """Return the capture in a file; ConfigError if it is invalid, or has no signal of the capture shown."""
     try:
         overlay = parse_csv(data.decode("utf-8-sig"), name)
     except (UnicodeDecodeError, csv.Error):
@@ -278,7 +278,7 @@ def read_overlay(data: bytes, name: str, shown: NamedShot | None) -> NamedShot:
 
 
 def signals_of(od: ObjectDictionary | None, node: str) -> dict[str, str]:
-    """Return what of a node's objects are numbers that can be read, each with its name."""
+    """Return the readable numeric objects of a node, each with its name."""
     if od is None:
         return {}
     return {
@@ -291,7 +291,7 @@ def signals_of(od: ObjectDictionary | None, node: str) -> dict[str, str]:
 
 
 def cursor_table(named: NamedShot, cursors: tuple[float, float]) -> str:
-    """Return what the signals are at two times, and between them, as HTML."""
+    """Return the values of the signals at two times, and their differences, as HTML."""
     first, second = cursors
     apart = second - first
     often = f" ({1 / apart:.4g} Hz)" if apart else ""

@@ -44,7 +44,7 @@ _APPLY: Final = (
 
 
 class TuneTab:
-    """Begins runs at the node's desk; what was found last is shown on all pages."""
+    """Tab that starts runs at the node's desk; the last result is shown on all pages."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._desk = context, context.desk
@@ -121,7 +121,7 @@ class TuneTab:
                 ui.button("Cancel", color="blue-grey-8", on_click=self._dialog.close).props("outline no-caps")
 
     def _arrange(self) -> None:
-        """Show what the chosen test has."""
+        """Show the inputs of the chosen test."""
         test = TuneTest[str(self._test.value)]
         self._speed.visible = test is TuneTest.STEP
         self._signal.visible = test is TuneTest.BODE
@@ -132,7 +132,7 @@ class TuneTab:
     # ------------------------------------------------------------------------------------ what the frame asks of it
 
     def show(self, content: PageContent) -> None:
-        """Follow the run, whichever page has begun it, and show what it found."""
+        """Show the run, whichever page started it, and its result."""
         self._period = content.state.cycle.period_s or self._period
         self._bar.show()
         free = not content.lost and not self._desk.busy and self._context.panel.teleop
@@ -152,7 +152,7 @@ class TuneTab:
             self._draw(found)
 
     def _why_not(self, content: PageContent) -> str:
-        """Say why no run may begin, "" where one may."""
+        """Return why no run may start, "" if one may."""
         if content.lost:
             return ""  # the page says that
         if content.state.latched:
@@ -165,7 +165,7 @@ class TuneTab:
         return f"{', '.join(on)} {'is' if len(on) == 1 else 'are'} enabled: disable it to set gains." if on else ""
 
     def leave(self) -> None:
-        """Leave it: a run that this page began ends, for nobody looks any more."""
+        """Hide the tab: a run started by this page ends, because it is unattended."""
         work = self._desk.work
         if self._mine and work is not None and work.key == _KEY:
             work.end()
@@ -197,11 +197,11 @@ class TuneTab:
 
     @property
     def _moved(self) -> str:
-        """What a run moves, in words."""
+        """Motion of a run as text."""
         return f"{self._context.node}, axis {self._axis.value}" if self._axis.visible else self._context.node
 
     def _ask(self) -> None:
-        """Have it confirmed what will move how far."""
+        """Ask for confirmation of the motion."""
         if not self._context.panel.teleop:
             return
         try:
@@ -216,7 +216,7 @@ class TuneTab:
         self._dialog.open()
 
     def _begin(self) -> None:
-        """Move as it was confirmed, whatever the inputs say meanwhile."""
+        """Start the run as confirmed, whatever the inputs are meanwhile."""
         self._dialog.close()
         wish, self._confirmed = self._confirmed, None
         if wish is None or not self._context.panel.teleop:

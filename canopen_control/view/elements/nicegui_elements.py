@@ -65,16 +65,16 @@ class FeedMessage(TypedDict, total=False):
 
 
 class Feed(Element, component="feed.js"):
-    """Nothing to see. Every key of what is sent becomes the event `cc-KEY` of the page's window."""
+    """Invisible element: every key of the data becomes the event `cc-KEY` of the page's window."""
 
     def send(self, data: FeedMessage) -> None:
-        """Send what has changed; nothing at all says that the view is alive."""
+        """Send changed data; without any it signals that the view is alive."""
         self.run_method("take", data)
 
 
 @dataclass(frozen=True, slots=True)
 class HoldButton:
-    """A button: its name to us and to the user, its sign, and the key of the keyboard that holds it too."""
+    """Button: its internal and its visible name, its sign, and the key of the keyboard that holds it too."""
 
     key: str
     label: str
@@ -83,7 +83,7 @@ class HoldButton:
 
 
 class HoldButtons(Element, component="hold_buttons.js"):
-    """A group of which one is held at a time; `held(key)` and `let_go()` are called."""
+    """Group of buttons of which one is held at a time; `held(key)` and `let_go()` are called."""
 
     def __init__(
         self, buttons: Sequence[HoldButton], held: Callable[[str], None], let_go: Callable[[], None], kind: str = ""
@@ -103,7 +103,7 @@ class HoldButtons(Element, component="hold_buttons.js"):
 
 
 class PresenceElement(Element, component="presence.js"):
-    """Nothing to see. While it is on, `here()` is called again and again as long as the page is there."""
+    """Invisible element: while it is on, `here()` is called periodically as long as the page exists."""
 
     def __init__(self, here: Callable[[], None]) -> None:
         super().__init__()
@@ -112,7 +112,7 @@ class PresenceElement(Element, component="presence.js"):
         self.on("here", lambda _event: here(), [])
 
     def switch(self, *, on: bool) -> None:
-        """Begin to say it, or end."""
+        """Start or stop the periodic call."""
         if self._props["on"] is not on:
             self._props["on"] = on
             self.update()
@@ -134,7 +134,7 @@ class RobotScene(Element, component="robot_scene.js", esm={"nicegui-scene": str(
         self.classes("cc-scene")
 
     def follow(self, follow: bool) -> None:
-        """Keep the robot in the middle of the picture, or let it drive out of it."""
+        """Keep the robot in the centre of the picture, or keep the picture fixed."""
         self.run_method("setFollow", follow)
 
 
@@ -180,10 +180,10 @@ class ObjectWords(TypedDict):
 
 
 class TreeUser(Protocol):
-    """Who hears what is done in a tree."""
+    """Listener of a tree's events."""
 
     def seen(self, addresses: list[str]) -> None:
-        """Take note that these objects are in sight, and no others."""
+        """Process the list of visible objects."""
 
     def search(self, text: str) -> None:
         """Show what these words mean."""
