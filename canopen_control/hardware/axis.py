@@ -188,6 +188,13 @@ class ModeBySdo:
 TORQUE_MAX: Final = (1 << 15) - 1
 HELD: Final = 1.01  # a target that is slowed down by less than this is rounded, not held back
 _POSITIONS: Final = (objects.TARGET_POSITION, objects.INTERPOLATION_DATA)
+_WIDTHS: Final = (
+    ((objects.CONTROLWORD, 0), 16),
+    ((objects.STATUSWORD, 0), 16),
+    ((objects.POSITION_ACTUAL, 0), 32),
+    ((objects.TARGET_POSITION, 0), 32),
+    ((objects.INTERPOLATION_DATA, 1), 32),
+)
 _TARGETS: Final = (
     (objects.TARGET_POSITION, 0),
     (objects.TARGET_VELOCITY, 0),
@@ -304,6 +311,7 @@ class AxisProcessData:
         """Mode to index and subindex of its target on axis 0."""
         positions = {self.target_objects[mode] for mode, name in self.own_modes.items() if name == POSITION}
         found = dict.fromkeys((*_TARGETS, *own.values()))
+        self._require_widths()
         self._targets = [
             (index in _POSITIONS or (index, sub) in positions, out)
             for index, sub in found
@@ -333,6 +341,20 @@ class AxisProcessData:
         for is_position, output in self._targets:
             if output is not used:
                 output.set(raw if is_position else 0)
+
+    def _require_widths(self) -> None:
+        """Raise RobotConfigError for objects that are narrower than what CiA 402 makes of them."""
+        positions = [self.target_objects[mode] for mode, name in self.own_modes.items() if name == POSITION]
+        wide = dict.fromkeys((*_WIDTHS, *((address, 32) for address in positions)))
+        for (index, subindex), least in wide:
+            entry = self.node.od.get(self.index(index), subindex)
+            mapped = self.input(index, subindex) is not None or self.output(index, subindex) is not None
+            bits = None if entry is None else entry.data_type.bits
+            if entry is not None and mapped and bits is not None and bits < least:
+                raise RobotConfigError(
+                    f"joint {self.joint}: 0x{entry.index:04X}:{subindex:02X} {entry.name} has {bits} bits in "
+                    f"{self.node.plan.source}, and CiA 402 has {least}; correct the EDS, or leave it out of the mapping"
+                )
 
     def _modes_of_file(self) -> list[tuple[int, str]]:
         """Return the modes of bus.yml, with the command interface of each."""

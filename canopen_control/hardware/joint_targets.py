@@ -709,9 +709,7 @@ def make_target(mode: int, axis: AxisProcessData, machine: DriveMachine) -> Mode
     output = None if address is None else axis.output(*address)
     if address is None or output is None:
         return None
-    if (own := axis.own_modes.get(mode)) is None:
-        return TARGET_CLASSES[mode](axis, output, machine)
-    target = (TARGET_CLASSES.get(mode) or _OWN_CLASSES[own])(axis, output, machine)
+    target = (TARGET_CLASSES.get(mode) or _OWN_CLASSES[axis.own_modes[mode]])(axis, output, machine)
     entry = axis.node.od.get(axis.index(address[0]), address[1])
     if isinstance(target, _ScaledTarget) and entry is not None and (bits := entry.data_type.bits) is not None:
         target.low, target.high = -(1 << bits - 1), (1 << bits - 1) - 1

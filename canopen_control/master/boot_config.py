@@ -210,7 +210,11 @@ def configure_pdo(
         lacking = [write for write in group if write.optional and not is_cob_id(write) and held[write.address] is None]
         wanted = [_with_rtr_bit(write, held) for write in group if write not in lacking]
         writes = needed(wanted, held)
-        refusal = yield from _write_pdo(writes, wanted, held, transfers)
+        refused = yield from _write_pdo(writes, wanted, held, transfers)
+        if refused is not None and _keep_transmission(plan, refused[0], held, transfers):
+            wanted = [write for write in wanted if write.address != refused[0].address]
+            refused = yield from _write_pdo(needed(wanted, held), wanted, held, transfers)
+        refusal = None if refused is None else refused[1]
         if refusal is None and writes:
             refusal = yield from _verify(wanted, held, transfers)
         if refusal is not None:
@@ -219,6 +223,18 @@ def configure_pdo(
         raise boot_error(
             plan, "J", f"{_name(group)}: 0x{error.index:04X}:{error.subindex:02X}: {reason_of(error)}"
         ) from error
+
+
+def _keep_transmission(plan: NodePlan, refused: PlannedWrite, held: Held, transfers: BootTransfers) -> bool:
+    """Use the transmission type that a node keeps of an RPDO: it acts at another time. Returns whether that was it."""
+    pdo = refused.pdo or ("", 0)
+    layout, own = _layout(plan, pdo), held.get(refused.address)
+    if pdo[0] != "rpdo" or refused.address != (cob_id_of(pdo), 2) or layout is None or not own:
+        return False
+    words = f"{_name([refused])} keeps transmission type {own[0]}, which cannot be changed to {refused.data[0]}"
+    transfers.warnings.append(words)
+    transfers.adopted.append((pdo[0], replace(layout, transmission_type=own[0])))
+    return True
 
 
 def _with_rtr_bit(write: PlannedWrite, held: Held) -> PlannedWrite:
@@ -230,28 +246,30 @@ _Refusal = tuple["PlannedWrite", str]
 
 def _write_pdo(
     writes: Sequence[PlannedWrite], wanted: Sequence[PlannedWrite], held: Held, transfers: BootTransfers
-) -> Generator[Request, Answer, str | None]:
-    """Write a PDO; return the reason of a refusal, None if there was none.
+) -> Generator[Request, Answer, _Refusal | None]:
+    """Write a PDO; return what the node refused and the reason, None if there was no refusal.
 
     Drives whose COB-IDs cannot be written accept the mapping while the PDO is valid: count 0, mapping, count (Elmo;
     ros-industrial/ros_canopen, issue 151). Others need it invalid although their EDS declares the COB-ID constant.
     """
-    refused = yield from _write_all(writes, transfers)
-    final = next((write for write in reversed(wanted) if is_cob_id(write)), None)
-    if refused is None or final is None:
-        return None if refused is None else refused[1]
-    others, present = [write for write in writes if not is_cob_id(write)], held.get(final.address)
-    if is_cob_id(refused[0]) and matches(final, present):
-        refused = yield from _write_all(others, transfers)
-    elif is_cob_id(refused[0]) and present and not present[-1] & INVALID_BIT >> 24 and not _is_off(final):
-        kind, number = final.pdo or ("", 0)
-        own = int.from_bytes(present, "little") & 0x7FF
-        return f"{refused[1]}; it has 0x{own:03X}: give {kind}.{number} `cob_id: 0x{own:03X}` in bus.yml"
-    elif final.fixed:
-        off = replace(final, data=(int.from_bytes(final.data, "little") | INVALID_BIT).to_bytes(4, "little"))
-        again = yield from _write_all([off, *others, final], transfers)
+    final = final_values(wanted)
+    refused = yield from _write_all(writes, final, held, transfers)
+    cob_id = next((write for write in reversed(wanted) if is_cob_id(write)), None)
+    if refused is None or cob_id is None:
+        return refused
+    present = held.get(cob_id.address)
+    if is_cob_id(refused[0]):
+        if present and not present[-1] & INVALID_BIT >> 24 and not _is_off(cob_id):
+            kind, number = cob_id.pdo or ("", 0)
+            own = int.from_bytes(present, "little") & 0x7FF
+            key = f"{kind}.{number} `cob_id: 0x{own:03X}`"
+            return refused[0], f"{refused[1]}; it has 0x{own:03X}: give {key} in bus.yml"
+    elif cob_id.fixed:
+        off = replace(cob_id, data=(int.from_bytes(cob_id.data, "little") | INVALID_BIT).to_bytes(4, "little"))
+        others = [write for write in writes if not is_cob_id(write)]
+        again = yield from _write_all([off, *others, cob_id], {}, held, transfers)
         refused = None if again is None else refused
-    return None if refused is None else refused[1]
+    return refused
 
 
 def _is_off(write: PlannedWrite) -> bool:
@@ -259,13 +277,23 @@ def _is_off(write: PlannedWrite) -> bool:
     return bool(write.data[-1] & INVALID_BIT >> 24)
 
 
-def _write_all(writes: Sequence[PlannedWrite], transfers: BootTransfers) -> Generator[Request, Answer, _Refusal | None]:
-    """Write in order; return the refused write with its reason, None if all were accepted."""
+def _write_all(
+    writes: Sequence[PlannedWrite],
+    final: Mapping[tuple[int, int], PlannedWrite],
+    held: Held,
+    transfers: BootTransfers,
+) -> Generator[Request, Answer, _Refusal | None]:
+    """Write in order; return what the node refused and why, None if nothing.
+
+    What cannot be written and holds its `final` value already stays; whether that was enough is verified afterwards.
+    """
     for write in writes:
         try:
             yield from transfers.write(*write.address, write.data)
         except SdoAbort as error:
-            return write, f"it refuses {write.name} 0x{write.index:04X}:{write.subindex:02X}: {reason_of(error)}"
+            last = final.get(write.address)
+            if last is None or not matches(last, held.get(write.address)):
+                return write, f"it refuses {write.name} 0x{write.index:04X}:{write.subindex:02X}: {reason_of(error)}"
     return None
 
 

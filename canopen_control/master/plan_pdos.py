@@ -22,11 +22,13 @@ from canopen_control.cia301.pdo import (
     mapping_entry,
     parse_mapping_entry,
 )
-from canopen_control.cia402.objects import MOTION
+from canopen_control.cia402 import objects
+from canopen_control.cia402.objects import MOTION, axis_of
 from canopen_control.errors import nearest
 from canopen_control.frame import EXTENDED_BIT, is_restricted, rpdo_cob_id, tpdo_cob_id
 from canopen_control.master.keys import PdoConfig
 from canopen_control.master.plan_builder import STORED, PlannedPdo
+from canopen_control.od.model import DataType
 from canopen_control.od.pdos import COMMUNICATION, COUNT, MAPPING, pdo_of
 from canopen_control.profiles.device_signal import TYPES, Signal, object_of
 from canopen_control.profiles.profile_tables import AI_DELTA, AI_ENABLE, ANALOGUE_INPUTS, profile_signals, safe_outputs
@@ -238,6 +240,25 @@ _PREDEFINED_COUNT = 4
 _LAST_SPARE = 0x6DF
 _NONE = "none a PDO may have (CiA 301, table 42)"
 _SETTINGS = (2, 3, 5, 6)  # type, inhibit time, event timer, SYNC start
+_SIGNED = frozenset(
+    (
+        *(MOTION - {objects.CONTROLWORD}),
+        objects.MODES_OF_OPERATION_DISPLAY,
+        objects.POSITION_ACTUAL,
+        objects.POSITION_DEMAND,
+        objects.VELOCITY_ACTUAL,
+        objects.VELOCITY_DEMAND,
+        objects.TORQUE_ACTUAL,
+        objects.TORQUE_DEMAND,
+        objects.VL_VELOCITY_ACTUAL,
+        objects.FOLLOWING_ERROR_ACTUAL,
+    )
+)
+_SIGNED_TYPES = {
+    DataType.UNSIGNED8: DataType.INTEGER8,
+    DataType.UNSIGNED16: DataType.INTEGER16,
+    DataType.UNSIGNED32: DataType.INTEGER32,
+}
 _RELIED_ON = (2, 5)  # of these: what the master counts on, and writes where nothing asks for a value
 _EVENT_TIMER = _SETTINGS.index(5)
 
@@ -441,9 +462,11 @@ def _check_fixed(builder: PlanBuilder, wanted: _Wanted, pdo: PdoConfig) -> None:
 def _check_fixed_mapping(builder: PlanBuilder, wanted: _Wanted, objects: tuple[MappedObject, ...]) -> None:
     """Warn of a mapping or transmission type that differs and is read-only in the EDS."""
     asked = {0: len(objects), **{slot: mapping_entry(each) for slot, each in enumerate(objects, 1)}}
+    differs = any(builder.default(wanted.mapping, subindex) != value for subindex, value in asked.items())
     for subindex, value in asked.items():
         entry, held = builder.od.get(wanted.mapping, subindex), builder.default(wanted.mapping, subindex)
-        if entry is not None and not entry.writable and held not in (None, value):
+        fixed = entry is not None and not entry.writable and held is not None
+        if entry is not None and fixed and (held != value or (differs and not subindex)):
             default = _default_mapping(builder, wanted.kind, wanted.number)
             own = ", ".join(f"0x{index:04X}:{sub:02X}" for index, sub, _ in default) or "which is empty"
             text = f"0x{wanted.mapping:04X}:{subindex:02X} is {entry.access} in {builder.file}"
@@ -568,7 +591,12 @@ def _map_one(builder: PlanBuilder, kind: str, key: str, index: int, subindex: in
         builder.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} cannot be mapped into a {kind.upper()}")
     elif bits is None:
         builder.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} has no fixed length")
-    return None if bits is None else MappedObject(index, subindex, part or bits, entry.data_type)
+    return None if bits is None else MappedObject(index, subindex, part or bits, _signed(index, entry.data_type))
+
+
+def _signed(index: int, data_type: DataType) -> DataType:
+    """Return the type of what is signed in CiA 402, although the EDS may say that it is not."""
+    return _SIGNED_TYPES.get(data_type, data_type) if axis_of(index)[0] in _SIGNED else data_type
 
 
 def _map_dummy(builder: PlanBuilder, kind: str, key: str, index: int) -> MappedObject:

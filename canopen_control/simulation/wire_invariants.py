@@ -169,14 +169,17 @@ class ConfigurationInvariants:
                 seen.clear()
 
 
+_TRANSMISSION: Final = 2
+
+
 def _holds(device: VirtualNode, write: PlannedWrite) -> bool:
     """Whether a drive has the value of a write; values that it need not keep count as kept."""
     if write.optional or not write.compare or write.index in _PROCEDURES or write.address not in device.od:
         return True
     entry = device.od.get(*write.address)
     value = device.store.get(*write.address)
-    if entry is None:
-        return True
+    if entry is None or (write.pdo is not None and write.subindex == _TRANSMISSION and not entry.writable):
+        return True  # used as the node has it
     if isinstance(value, int) and entry.data_type.is_integer:
         planned = int.from_bytes(write.data, "little", signed=entry.data_type.signed)
         if write.index in _RECORDS and write.subindex == 1:

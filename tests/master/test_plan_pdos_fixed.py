@@ -6,7 +6,10 @@ import pytest
 from support.makers import folder
 from support.makers import robot as make_robot
 
+from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.master.config import inspect_bus
+from canopen_control.od.model import DataType
+from canopen_control.runtime.robot_files import find_robot
 
 
 def fixed(index, subindex):
@@ -52,6 +55,7 @@ def test_a_pdo_that_cannot_be_switched_off_is_noted(tmp_path):
 @pytest.mark.parametrize(
     ("index", "subindex", "key", "advice"),
     [
+        (0x1601, 0, "mapping", "the drive may keep its own mapping, 0x6040:00"),
         (0x1601, 1, "mapping", "the drive may keep its own mapping, 0x6040:00"),
         (0x1401, 2, "transmission", "the drive may keep transmission 255; give that"),
     ],
@@ -71,3 +75,35 @@ def test_a_drive_whose_cob_ids_are_read_only_runs(tmp_path):
     robot = make_robot(tmp_path, "csv", edit=edit)
     assert robot.state == "running"
     robot.close()
+
+
+@pytest.mark.parametrize(("index", "subindex"), [(0x1401, 2), (0x1600, 1)])
+def test_a_record_that_is_read_only_and_can_be_used_as_it_is_does_not_keep_the_drive_from_running(
+    tmp_path, index, subindex
+):
+    robot = make_robot(tmp_path, "csv", edit=fixed(index, subindex))
+    robot.command("vel", 0.5, 0.0, seconds=0.5)
+    robot.run(0.5)
+    assert robot.drives[2].moving
+    assert robot.state == "running"
+    assert robot.breaches == []
+    robot.close()
+
+
+def typed(index, data_type):
+    """Return an edit of an EDS that gives an object another type."""
+    return lambda text: re.sub(rf"(\[{index:X}\].*?DataType=)\w+", rf"\g<1>{data_type}", text, count=1, flags=re.DOTALL)
+
+
+@pytest.mark.parametrize("index", [0x60FF, 0x606C, 0x6064])
+def test_a_signed_object_that_the_eds_has_as_unsigned_is_signed_on_the_wire(tmp_path, index):
+    plan, _, _ = _inspected(tmp_path, typed(index, "0x0007"))
+    mapped = [each for layout in (*plan.rpdos, *plan.tpdos) for each in layout.objects if each.index == index]
+    assert [each.data_type for each in mapped] == [DataType.INTEGER32]
+
+
+@pytest.mark.parametrize(("mode", "index"), [("csp", 0x607A), ("csp", 0x6064), ("csv", 0x6041)])
+def test_an_object_that_is_too_narrow_is_an_error_of_the_configuration(tmp_path, mode, index):
+    path = folder(tmp_path, mode, edit=typed(index, "0x0005"))
+    found = [str(each) for each in check_robot(find_robot(str(path)), CheckOptions()).findings]
+    assert any("error" in each and f"0x{index:04X}:00" in each and "has 8 bits in device.eds" in each for each in found)
