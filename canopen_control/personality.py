@@ -4,6 +4,7 @@
     identity:                                   # 0x1018:01 and :02; no products: all of the vendor
       - {vendor: 0x9A, products: [], source: "..."}
     objects: [0x607A]                           # what the EDS of such a drive has
+    absent: [0x603F]                            # what it lacks, whatever its EDS lists
     modes: [1, 3, 7, 8, 9, 10]                  # of 0x6502, where they are known
     quirks:                                     # as `drive --quirk` takes them
       - {quirk: brake_delay=0.5, source: "jsd#48"}
@@ -85,6 +86,7 @@ class PersonalityFile:
     title: str
     identity: list[DriveIdentity] = setting(factory=list)
     objects: list[int] = setting(factory=list, low=0x1000, high=0xFFFF)
+    absent: list[int] = setting(factory=list, low=0x1000, high=0xFFFF)
     modes: list[int] = setting(factory=list, low=1, high=32)
     quirks: list[QuirkLine] = setting(factory=list)
     bus: list[BusKey] = setting(factory=list)
@@ -101,6 +103,7 @@ class Personality:
     title: str
     identity: tuple[DriveIdentity, ...]
     objects: tuple[int, ...]
+    absent: tuple[int, ...]
     modes: tuple[int, ...]
     quirks: tuple[QuirkLine, ...]
     bus_keys: tuple[BusKey, ...]
@@ -141,6 +144,7 @@ def read_personality(name: str) -> Personality:
         file.title,
         tuple(file.identity),
         tuple(file.objects),
+        tuple(file.absent),
         tuple(file.modes),
         tuple(file.quirks),
         tuple(file.bus),

@@ -36,12 +36,12 @@ def _blind(robot: CheckedRobot) -> Iterator[Finding]:
                     f"0x{objects.VELOCITY_ACTUAL + offset:04X}: it is moved without anything that tells how"
                 )
                 place, od = bus.place(name, "tpdo"), bus.dictionaries[name]
-                there = any(_shown(od, index + offset) for index in (objects.POSITION_ACTUAL, objects.VELOCITY_ACTUAL))
-                fix = (
-                    "map one of them"
-                    if there
-                    else f"{node.identity.dcf} lets neither be mapped, so no loop can be closed over it"
-                )
+                measured = [index + offset for index in (objects.POSITION_ACTUAL, objects.VELOCITY_ACTUAL)]
+                fix = "map one of them"
+                if not any(od.get(index) for index in measured):
+                    fix = f"{node.identity.dcf} has neither, so no loop can be closed over it"
+                elif not any(_shown(od, index) for index in measured):
+                    fix = f"{node.identity.dcf} lets neither be mapped, so no loop can be closed over it"
                 yield Finding(place.path, place.line, Severity.WARNING, text, fix, column=place.column)
 
 

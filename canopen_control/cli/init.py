@@ -102,7 +102,8 @@ def run(args: argparse.Namespace) -> int:
     refuse_existing(folder, force=args.force)
     like = None if args.like is None else read_personality(args.like)
     devices = _from_files(args) if args.can is None else _from_bus(args)
-    devices = [replace(device, like=like) for device in devices]
+    if like is not None:
+        devices = [device.of_manufacturer(like) for device in devices]
     robot = plan_robot(
         folder.name, devices, joints=args.joint, base=args.base, allow_unsupervised=args.allow_unsupervised
     )

@@ -8,9 +8,10 @@ profile nobody knows is a proxy. A bus of proxies alone has no description and n
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia402.objects import SUPPORTED_DRIVE_MODES
 from canopen_control.errors import RobotConfigError
 from canopen_control.master.known_drives import known_drive
 from canopen_control.profiles.device_type import Profile, profile_of
@@ -58,6 +59,17 @@ class Device:
     od: ObjectDictionary
     remark: str = ""
     like: Personality | None = None
+
+    def of_manufacturer(self, like: Personality) -> Device:
+        """Return the device with what drives of `like` have of its EDS: their objects, and their modes in 0x6502."""
+        entries = {address: entry for address, entry in self.od.entries.items() if entry.index not in like.absent}
+        objects = {index: info for index, info in self.od.objects.items() if index not in like.absent}
+        modes = entries.get((SUPPORTED_DRIVE_MODES, 0))
+        if modes is not None and isinstance(modes.default, int):
+            listed = modes.default & sum(1 << mode - 1 for mode in like.modes)
+            if listed:
+                entries[modes.address] = replace(modes, default=listed)
+        return replace(self, od=replace(self.od, entries=entries, objects=objects), like=like)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,9 +5,11 @@ from pathlib import Path
 import pytest
 from support.drive_shapes import shape
 
+from canopen_control.cia402.modes import OperationMode
 from canopen_control.data_files import data_path
 from canopen_control.errors import RobotConfigError
 from canopen_control.od.eds import read_eds
+from canopen_control.personality import read_personality
 from canopen_control.scaffold.new_robot import Device, plan_robot
 
 
@@ -100,3 +102,15 @@ def test_a_drive_that_can_neither_says_what_it_has_and_moves_no_joint():
     assert robot.base.name == "none"
     assert not robot.is_bus_alone
     assert plan_robot("r", [device(2, s6502_00={"default": 0x08})]).is_bus_alone
+
+
+def test_a_drive_of_a_manufacturer_has_its_objects_and_its_modes():
+    path = data_path("eds", "generic_cia402.eds")
+    device = Device(2, path, read_eds(path).od)
+    kinco, vfd = (device.of_manufacturer(read_personality(name)) for name in ("kinco", "vfd"))
+    assert (0x603F, 0) not in kinco.od
+    assert 0x603F not in kinco.od.objects
+    assert kinco.od[0x6502, 0] == device.od[0x6502, 0]
+    assert vfd.od[0x6502, 0].default == 1 << 1  # VL
+    (joint,) = plan_robot("r", [vfd]).joints
+    assert joint.axis.mode is OperationMode.VL
