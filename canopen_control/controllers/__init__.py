@@ -1,1 +1,1 @@
-"""ros2_control's controllers and their manager."""
+"""Controllers of ros2_control and their manager."""

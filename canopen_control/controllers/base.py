@@ -1,13 +1,13 @@
-"""The base class of controllers: lifecycle, interfaces, command.
+"""Base class of controllers: lifecycle, interfaces, commands.
 
-The law of the file: a controller reads and writes `value` of the interfaces it was given at activation, nothing else;
-it reads no clock, sends nothing, blocks nowhere. A command that is not finite or has the wrong size is refused with a
-ControlError and counted: it is never applied and does not refresh a timeout. On every deactivation the velocity, effort
-and acceleration targets become 0.0 (upstream leaves them; a wheel would turn on), position targets stay where they are.
-A command has a life (`command_timeout`); when a drive behind the controller is no longer enabled, it is forgotten.
+A controller only reads and writes `value` of the interfaces it received at activation; it reads no clock, sends nothing
+and never blocks. A command that is not finite or has the wrong size is refused with a ControlError and counted: it is
+not applied and does not refresh a timeout. On every deactivation the velocity, effort and acceleration targets become
+0.0 (upstream leaves them; a wheel would keep turning), position targets stay. A command has a timeout
+(`command_timeout`); it is cleared when a drive behind the controller is no longer enabled.
 
-A new controller is one class here or in any package: derive from `Controller`, and name it in the entry point group
-`canopen_control.controllers` with its type as the name: `"my_robot/Dance" = "my_robot.dance:Dance"`.
+A new controller is a class in this or any other package: derive from `Controller`, and register it in the entry point
+group `canopen_control.controllers` with its type as the name: `"my_robot/Dance" = "my_robot.dance:Dance"`.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ if TYPE_CHECKING:
 
 
 def finite(value: float) -> float | None:
-    """Return a value, None for one that is not known."""
+    """Return a value, None for an unknown one."""
     return value if math.isfinite(value) else None
 
 
 class StateCopy:
-    """The values of states by joint and name, each as it was at the last `take`.
+    """Values of states by joint and name, copied by the last `take`.
 
-    `layout` says by joint and name where a value is read, None for a constant 0.0.
+    `layout` gives the source of each value by joint and name, None for a constant 0.0.
     """
 
     def __init__(self, layout: Mapping[str, Mapping[str, StateInterface | None]]) -> None:
@@ -60,17 +60,17 @@ class StateCopy:
 
     @property
     def joints(self) -> list[str]:
-        """Its joints in order."""
+        """Joints of the layout, in order."""
         return list(self._joints)
 
     def take(self) -> None:
-        """Copy what the states are now; nothing is allocated."""
+        """Copy the present states; allocates nothing."""
         values = self._values
         for index, source in self._sources:
             values[index] = source.value
 
     def by_joint(self) -> dict[str, Values]:
-        """Return the copy; None is what is not known."""
+        """Return the copy; None for unknown values."""
         found: dict[str, Values] = {joint: {} for joint in self._joints}
         for (joint, name), value in zip(self._places, self._values, strict=True):
             found[joint][name] = finite(value)
@@ -93,10 +93,10 @@ ALL_STATES: Final = "*"
 
 
 class WheelGeometrySource(Protocol):
-    """What the robot's description knows of its wheels, in m; None for what it does not say."""
+    """Source of the wheel geometry in the robot's description, in m; None for unknown values."""
 
     def separation(self, left: Sequence[str], right: Sequence[str]) -> float | None:
-        """Return the distance of the wheels of both sides, by their joints."""
+        """Return the distance between the wheels of both sides, by their joints."""
         ...
 
     def radius(self, wheels: Sequence[str]) -> float | None:
@@ -106,10 +106,10 @@ class WheelGeometrySource(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class DriveGeometry:
-    """What a base controller assumes of the robot it drives, for `check`: wheels, sizes in m, frames.
+    """Geometry that a base controller assumes, for `check`: wheels, sizes in m, frames.
 
-    `frozen` are the axes of a twist whose limits keep it from ever changing speed. The keys are those under which its
-    parameters have the sizes; a separation of 0 is none that it knows.
+    `frozen` are the axes of a twist whose limits keep their speed constant. The keys are those of its parameters; a
+    separation of 0 is unknown.
     """
 
     left: tuple[str, ...]
@@ -125,7 +125,7 @@ class DriveGeometry:
 
 
 class ControllerState(enum.Enum):
-    """The states of a controller (REP 2007's managed nodes)."""
+    """States of a controller (managed nodes of ROS 2)."""
 
     UNCONFIGURED = "unconfigured"
     INACTIVE = "inactive"
@@ -134,34 +134,34 @@ class ControllerState(enum.Enum):
 
 
 def zero_targets(commands: Sequence[CommandInterface]) -> None:
-    """Write 0.0 to every target that would keep something moving; a position target holds by itself."""
+    """Set every target that would keep something moving to 0.0; a position target holds by itself."""
     for each in commands:
         if each.quantity in MOVING:
             each.value = 0.0
 
 
 def is_moving(commands: Sequence[CommandInterface]) -> bool:
-    """Whether a target keeps something moving, or may be on its way to a position."""
+    """Return whether a target keeps something moving, or may be moving to a position."""
     return any(each.value != 0.0 and math.isfinite(each.value) for each in commands)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class EnableStatus:
-    """Which interfaces follow commands together and why some do not, for interfaces without drives.
+    """Enable status of interfaces without drives: which follow commands together, and why some do not.
 
     `runtime.enable_status.DriveEnableStatus` is that of drives.
     """
 
     def error(self, waiting: Sequence[CommandInterface]) -> NotEnabled:
-        """Return what is raised for a command to interfaces that do not follow it."""
+        """Return the error for a command to interfaces that do not follow it."""
         return NotEnabled(f"{joint_names(waiting)}: not enabled, so no command is taken")
 
     def reason(self, waiting: Sequence[CommandInterface]) -> str:
-        """Return which joints follow no command, and what to do."""
+        """Return the joints that follow no commands, with advice."""
         return f"{joint_names(waiting)}: not enabled; enable it"
 
     def stop_groups(self, ends: Ends) -> Sequence[Ends]:
-        """Return interfaces in parts that stop together."""
+        """Return interfaces in groups that stop together."""
         return (ends,)
 
 
@@ -180,7 +180,7 @@ class ControllerEvent:
 
 
 def twist_axes_of(controller: Controller) -> tuple[str, ...]:
-    """Return the axes of a twist that a base takes, empty for what is no base; by its topic where it says none."""
+    """Return the axes of a twist that a base accepts, empty for other controllers; by its topic if it declares none."""
     return controller.twist_axes or (("linear.x", "angular.z") if controller.topic == "cmd_vel" else ())
 
 
@@ -239,33 +239,36 @@ class Controller:
     # ----------------------------------------------------------------------------------------------------- hooks
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; raise ConfigError with every mistake in them."""
+        """Read the parameters; ConfigError with all mistakes."""
         self.update_rate = params.read(CommonParams).update_rate
 
     def on_set(self, params: Params) -> None:
-        """Take `settable` parameters that have changed, in any state; raise ConfigError, and keep what was, if wrong.
+        """Apply changed `settable` parameters, in any state; ConfigError without any change if they are invalid.
 
         An override reads all of them, as `on_configure` does, before it changes anything.
         """
 
     def command_interface_names(self) -> list[str]:
-        """Return what it claims when active, as "joint/interface"."""
+        """Return the command interfaces to claim on activation, as "joint/interface"."""
         return []
 
     def state_interface_names(self) -> list[str]:
-        """Return what it reads, as "joint/interface"; `[ALL_STATES]` is everything."""
+        """Return the state interfaces to read, as "joint/interface"; `[ALL_STATES]` is all of them."""
         return []
 
     def reference_interfaces(self) -> Sequence[CommandInterface]:
-        """Return what another controller may command instead of a topic (chaining); the same objects every time."""
+        """Return the references that another controller may command instead of a topic (chaining).
+
+        Always the same objects.
+        """
         return ()
 
     def exported_states(self) -> Sequence[StateInterface]:
-        """Return what other controllers may read of it, nan while it is not active; the same objects every time."""
+        """Return the states that other controllers may read, nan while inactive; always the same objects."""
         return ()
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Take the interfaces; `now` in ns. An override calls this first."""
+        """Store the interfaces; `now` in ns. An override calls this first."""
         del now
         self.commands, self.states = commands, states
 
@@ -275,7 +278,7 @@ class Controller:
         zero_targets(self.commands)
 
     def forget(self, now: int) -> None:
-        """Go back to where no command had come yet: what moves gets the target 0.0, a position is held where it is."""
+        """Clear the command: moving targets become 0.0, positions are held at the present position."""
         self.on_deactivate(now)
         for each in self.commands:
             if each.quantity == POSITION:
@@ -283,52 +286,52 @@ class Controller:
         self.on_activate(self.commands, self.states, now)
 
     def forget_some(self, commands: Sequence[CommandInterface], now: int) -> None:
-        """Forget what was commanded to some interfaces; all, unless it is `independent`."""
+        """Clear the commands of some interfaces; of all, unless the controller is `independent`."""
         del commands
         self.forget(now)
 
     def on_cleanup(self) -> None:
-        """Forget the configuration."""
+        """Clear the configuration."""
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Do one step in the cycle; `now` in ns, `period` since its last step in s."""
+        """Execute one step in the cycle; `now` in ns, `period` since its last step in s."""
         del now, period
         return OK
 
     def sample(self, wall_offset_ns: int) -> ControllerSample | None:
-        """Return what it has published last, of the type that it `tells`; None before the first time.
+        """Return the last publication, of type `tells`; None before the first one.
 
-        `wall_offset_ns` makes Unix time of its stamps. It is asked between two cycles, however often, and changes
-        nothing: it tells what `update` has put down.
+        `wall_offset_ns` converts its stamps to Unix time. It is called between two cycles, any number of times, and
+        changes nothing: it returns the results of `update`.
         """
         del wall_offset_ns
         return None
 
     def wheel_base(self) -> DriveGeometry | None:
-        """Return what it assumes of the robot's wheels, once it is configured; None if it drives none."""
+        """Return the assumed wheel geometry, once configured; None if it drives no wheels."""
         return None
 
     def dead_reckoning(self, ahead: float) -> tuple[float, float, float] | None:  # noqa: ARG002 - of a base
-        """Return where odometry is in some seconds, as x and y in m and heading in rad; None where there is none."""
+        """Return the pose by odometry in `ahead` s, as x and y in m and heading in rad; None without odometry."""
         return None
 
     def rests(self, values: Sequence[float]) -> bool:
-        """Whether a command of these values moves nothing, and may outlive who gave it."""
+        """Return whether a command of these values is standstill, which may outlive its client."""
         return not any(values) and all(each.quantity in MOVING for each in self.commands)
 
     # ------------------------------------------------------------------------------------------------ for overrides
 
     def published(self, wall_offset_ns: int) -> float:
-        """Return when it published last, in Unix seconds: the `time` of its sample."""
+        """Return the time of the last publication in Unix s: the `time` of its sample."""
         return (self.stamp + wall_offset_ns) / 1e9
 
     def refusal(self, reason: str) -> ControlError:
-        """Count a refused command and return the error to raise."""
+        """Count a refused command and return its error."""
         self.rejected += 1
         return ControlError(f"{self.name} {reason}")
 
     def checked(self, values: Sequence[object], names: Sequence[str]) -> None:
-        """Refuse a command that is no finite number for each name, or that comes while not active."""
+        """Raise ControlError unless there is a finite number for each name and the controller is active."""
         if self.state is not ControllerState.ACTIVE:
             raise self.refusal(f"is {self.state.value}; activate it before commanding it")
         if len(values) != len(names):
@@ -341,12 +344,12 @@ class Controller:
 
     @property
     def standing(self) -> str:
-        """Where what it moves is once its command has ended, as a clause."""
+        """State of its joints after the end of a command, as a clause."""
         stands = all(each.quantity in MOVING for each in self.commands)
         return "its targets are 0" if stands else "what moves is stopped, positions are held where they are"
 
     def refuse_misfit(self, commands: Sequence[CommandInterface], value: float, now: int) -> None:
-        """Refuse a value that an object behind these cannot hold; what was commanded before ends with that."""
+        """Refuse a value that does not fit an object behind these interfaces; it ends the previous command."""
         for each in commands:
             fits = each.misfit(value)
             if fits is not None:
@@ -356,7 +359,7 @@ class Controller:
                 )
 
     def tell(self, kind: str, text: str) -> None:
-        """Report something that happened; it comes out of the manager's events()."""
+        """Report an event; the manager's events() returns it."""
         self.notices.append(ControllerEvent(kind, self.name, f"{self.name}: {text}"))
 
 

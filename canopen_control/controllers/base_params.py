@@ -1,4 +1,4 @@
-"""Parameters that bases on wheels share: frames and covariances of odometry, and the limits of an axis of the twist."""
+"""Parameters shared by bases on wheels: frames and covariances of odometry, and limits of the axes of the twist."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Six = tuple[float, float, float, float, float, float]
 
 @dataclass(frozen=True)
 class TwistAxisLimits:
-    """The limits of an axis of the twist, such as `linear.x`; nan is none."""
+    """Limits of an axis of the twist, such as `linear.x`; nan is unlimited."""
 
     max_velocity: float = setting(NAN, low=0.0, nan=True, help="m/s, rad/s forward (left)")
     min_velocity: float = setting(
@@ -42,11 +42,11 @@ class TwistAxisLimits:
 
     @property
     def freezes(self) -> bool:
-        """Whether the limit of jerk keeps the axis from ever changing its speed."""
+        """Whether the limit of jerk keeps the speed of the axis constant."""
         return self.max_jerk == 0.0
 
     def limits(self) -> VelocityLimits:
-        """Return what the limiter is given."""
+        """Return the limits for the limiter."""
         return VelocityLimits(
             self.min_velocity,
             self.max_velocity,
@@ -61,7 +61,7 @@ class TwistAxisLimits:
 
 @dataclass(frozen=True)
 class BaseParams(CommonParams):
-    """What every base has: the frames of its odometry, and how sure it is."""
+    """Parameters of every base: frames and covariances of its odometry."""
 
     odom_frame_id: str = setting("odom", help="parent frame of odometry")
     base_frame_id: str = setting("base_link", help="child frame of odometry")
@@ -79,7 +79,7 @@ class BaseParams(CommonParams):
         return prefix + self.odom_frame_id, prefix + self.base_frame_id
 
     def frame_prefix(self, namespace: str) -> str:
-        """Return what stands before the names of frames."""
+        """Return the prefix of frame names."""
         del namespace
         return ""
 
@@ -89,7 +89,7 @@ P = TypeVar("P", bound=BaseParams)
 
 @dataclass(frozen=True)
 class PrefixedParams(BaseParams):
-    """What a base has whose frames may have a prefix."""
+    """Parameters of a base whose frames may have a prefix."""
 
     tf_frame_prefix_enable: bool = setting(True, help="whether frame names have a prefix")
     tf_frame_prefix: str = setting("", help="that prefix; empty: the namespace")
@@ -107,14 +107,14 @@ def read_checked(params: Params, cls: type[P], renames: Mapping[str, str] | None
 
 
 def refuse(name: str, checks: Iterable[tuple[bool, str]]) -> None:
-    """Raise RobotConfigError with the text of each check that is true: something is wrong with this controller."""
+    """Raise RobotConfigError with the text of each check that is true, for this controller."""
     problems = [text for wrong, text in checks if wrong]
     if problems:
         raise RobotConfigError("\n".join(f"{name}: {text}" for text in problems))
 
 
 def tf_prefix(prefix: str, namespace: str, *, enable: bool = True) -> str:
-    """Return what stands before the frame names: the prefix, else the namespace; `~` in a prefix is the namespace."""
+    """Return the prefix of frame names: the given one, else the namespace; `~` in a prefix is the namespace."""
     if not enable:
         return ""
     text = prefix.replace("~", namespace, 1) if prefix else namespace

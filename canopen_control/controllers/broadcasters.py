@@ -1,9 +1,9 @@
-"""Broadcasters of everything that is no joint state: inputs and outputs, and how the drives are.
+"""Broadcasters of states other than joint states: inputs and outputs, diagnostics, sensors, batteries.
 
-The law of the file: a broadcaster claims nothing and publishes, once per update, what the states are. The inputs and
-outputs are the states of the interfaces it is told (`digital_inputs` and `digital_outputs` of every drive by itself,
-everything of a <gpio> when that is named under `joints`). The diagnostics judge each joint by what its drive says:
-no news for `stale_after` is STALE, an error code is a fault, all else as everywhere (`rpc/messages/health.py`).
+A broadcaster claims nothing and publishes the states once per update. The inputs and outputs are the configured
+interfaces (by default `digital_inputs` and `digital_outputs` of every drive, and all of a <gpio> that is named under
+`joints`). The diagnostics evaluate each joint by its drive: no data for `stale_after` is STALE, an error code is a
+fault, the rest as in `rpc/messages/health.py`.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ _RENAMES: Final = {"state_joints": "batteries"}
 
 @dataclass(frozen=True)
 class BatteryFacts:
-    """What is known of one battery: V and Ah, an enum of sensor_msgs/BatteryState, nan and "" where nothing is."""
+    """Properties of one battery: V and Ah, an enum of sensor_msgs/BatteryState, nan and "" if unknown."""
 
     minimum_voltage: float = setting(
         math.nan, nan=True, help="V of an empty battery, for the percentage of one that tells none"
@@ -98,7 +98,7 @@ class BatteryParams(CommonParams):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The batteries, also the one that is given as a sensor."""
+        """Batteries, including one given as a sensor."""
         return (self.sensor_name,) if self.sensor_name else self.batteries
 
     def measured(self, battery: str) -> list[str]:
@@ -111,7 +111,7 @@ class BatteryParams(CommonParams):
         return [f"{battery}/{first}", *names]
 
     def mistakes(self) -> Iterator[str]:
-        """Yield what cannot be."""
+        """Yield the mistakes in the parameters."""
         if bool(self.sensor_name) == bool(self.batteries):
             both = "both 'sensor_name' and 'batteries'" if self.batteries else "no 'batteries'"
             yield f"{both}; give it under ros__parameters: batteries: [main_battery]"
@@ -125,7 +125,7 @@ class BatteryParams(CommonParams):
 
 
 def read_params(params: Params, name: str) -> BatteryParams:
-    """Return the parameters of controller `name`; raise RobotConfigError with everything that is wrong in them."""
+    """Return the parameters of controller `name`; RobotConfigError with all mistakes."""
     nodes = [params.flat.get(key) for key in ("batteries", "state_joints")]
     batteries = tuple(dict.fromkeys(each.text for node in nodes if node is not None for each in node.elements()))
     found = params.read(_with_batteries(batteries), _RENAMES)
@@ -141,7 +141,7 @@ def read_params(params: Params, name: str) -> BatteryParams:
 
 
 def _with_batteries(batteries: tuple[str, ...]) -> type[BatteryParams]:
-    """Return the class of the parameters with those of each battery, which stand below its name."""
+    """Return the class of the parameters with those of each battery, below its name."""
     fields: list[tuple[str, Any, Any]] = [
         (f"battery_{index}", BatteryFacts, setting(BatteryFacts(), key=battery, section=True))
         for index, battery in enumerate(batteries)
@@ -172,14 +172,14 @@ class SensorParams(CommonParams):
     frame_id: str = setting("", help="frame of the headers")
 
     def mistakes(self) -> Iterator[str]:
-        """Yield what cannot be."""
+        """Yield the mistakes in the parameters."""
         if not self.sensor_name:
             yield "no 'sensor_name'; give it under ros__parameters: sensor_name: imu"
         if not self.frame_id:
             yield "no 'frame_id'; give it under ros__parameters: frame_id: imu_link"
 
     def check(self, name: str) -> None:
-        """Raise RobotConfigError with everything that cannot be; `name` is the controller's."""
+        """Raise RobotConfigError with all mistakes; `name` is the controller's."""
         refuse_all(name, self.mistakes())
 
 
@@ -198,7 +198,7 @@ class ImuParams(SensorParams):
     )
 
     def mistakes(self) -> Iterator[str]:
-        """Yield what cannot be."""
+        """Yield the mistakes in the parameters."""
         yield from super().mistakes()
         for what in ("orientation", "angular_velocity", "linear_acceleration"):
             given = getattr(self, f"static_covariance_{what}")
@@ -246,7 +246,7 @@ class ForceTorqueParams(SensorParams):
         return [self.interface_names.get(axis, "") for axis in AXES]
 
     def mistakes(self) -> Iterator[str]:
-        """Yield what cannot be."""
+        """Yield the mistakes in the parameters."""
         named = any(self.interface_names.values())
         if bool(self.sensor_name) == named:
             both = "both 'sensor_name' and interface_names" if named else "neither 'sensor_name' nor interface_names"
@@ -266,7 +266,7 @@ class ForceTorqueParams(SensorParams):
 
 @dataclass(frozen=True)
 class PoseTransform:
-    """Whether a pose is a transform too, and to which frame; that of its name unless another is given."""
+    """Options of the transform of a pose: whether it is published, and its frame, by default that of its name."""
 
     enable: bool = setting(True, help="whether the pose is a transform in `/tf` too")
     child_frame_id: str = setting("", help="the frame that is there; empty: `pose_name`")
@@ -300,7 +300,7 @@ class PoseParams(CommonParams):
         return (self.tf.child_frame_id or self.pose_name or None) if self.tf.enable else None
 
     def mistakes(self) -> Iterator[str]:
-        """Yield what cannot be."""
+        """Yield the mistakes in the parameters."""
         named = any(self.interface_names.values())
         if bool(self.pose_name) == named:
             both = "both 'pose_name' and interface_names" if named else "neither 'pose_name' nor interface_names"
@@ -312,12 +312,12 @@ class PoseParams(CommonParams):
         yield from (f"interface_names.{each}{nearest(each, POSE)}" for each in self.interface_names if each not in POSE)
 
     def check(self, name: str) -> None:
-        """Raise RobotConfigError with everything that cannot be; `name` is the controller's."""
+        """Raise RobotConfigError with all mistakes; `name` is the controller's."""
         refuse_all(name, self.mistakes())
 
 
 def refuse_all(name: str, mistakes: Iterator[str]) -> None:
-    """Raise RobotConfigError with all sentences, if there is one; `name` is the controller's."""
+    """Raise RobotConfigError with all sentences, if there are any; `name` is the controller's."""
     if found := list(mistakes):
         raise RobotConfigError(f"{name}: {'; '.join(found)}")
 
@@ -338,7 +338,7 @@ _IMU: Final = (
 
 
 class SensorBroadcaster(Controller):
-    """Copies state interfaces by their places; "" is one that is not there."""
+    """Broadcaster of state interfaces in a fixed order; "" is a missing one."""
 
     is_broadcaster: ClassVar[bool] = True
     moves_joints: ClassVar[bool] = False
@@ -350,11 +350,11 @@ class SensorBroadcaster(Controller):
         self._values: list[float] = []
 
     def state_interface_names(self) -> list[str]:
-        """Return all that it reads."""
+        """Return the state interfaces to read."""
         return [each for each in self._names if each]
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Take the interfaces, and publish what they are."""
+        """Store the interfaces, and publish their values."""
         super().on_activate(commands, states, now)
         by_name = {each.name: each for each in states}
         self._values = [math.nan] * len(self._names)
@@ -370,17 +370,17 @@ class SensorBroadcaster(Controller):
         return OK
 
     def _set_up(self, given: SensorParams | PoseParams, names: list[str]) -> None:
-        """Take checked parameters."""
+        """Store checked parameters."""
         given.check(self.name)
         self.update_rate, self.frame_id, self._names = given.update_rate, given.frame_id, names
 
     def _known(self, first: int, last: int) -> tuple[float | None, ...]:
-        """Return some of the values at the last update, None for what is not known."""
+        """Return some of the values of the last update, None for unknown ones."""
         return tuple(finite(each) for each in self._values[first:last])
 
 
 class IMUSensorBroadcaster(SensorBroadcaster):
-    """Tells orientation, angular velocity and linear acceleration of an IMU."""
+    """Broadcaster of orientation, angular velocity and linear acceleration of an IMU."""
 
     tells: ClassVar[type[Sample] | None] = ImuSample
 
@@ -389,12 +389,12 @@ class IMUSensorBroadcaster(SensorBroadcaster):
         self.params = ImuParams()
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; RobotConfigError with everything that is wrong in them."""
+        """Read the parameters; RobotConfigError with all mistakes."""
         self.params = params.read(ImuParams)
         self._set_up(self.params, [f"{self.params.sensor_name}/{each}" for each in _IMU])
 
     def sample(self, wall_offset_ns: int) -> ImuSample:
-        """Return what was measured at the last update."""
+        """Return the measurement of the last update."""
         given = self.params
         return ImuSample(
             time=self.published(wall_offset_ns),
@@ -409,7 +409,7 @@ class IMUSensorBroadcaster(SensorBroadcaster):
 
 
 class RangeSensorBroadcaster(SensorBroadcaster):
-    """Tells the distance that one sensor measures."""
+    """Broadcaster of the distance measured by one sensor."""
 
     tells: ClassVar[type[Sample] | None] = RangeSample
 
@@ -418,12 +418,12 @@ class RangeSensorBroadcaster(SensorBroadcaster):
         self.params = RangeParams()
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; RobotConfigError with everything that is wrong in them."""
+        """Read the parameters; RobotConfigError with all mistakes."""
         self.params = params.read(RangeParams)
         self._set_up(self.params, [f"{self.params.sensor_name}/range"])
 
     def sample(self, wall_offset_ns: int) -> RangeSample:
-        """Return what was measured at the last update."""
+        """Return the measurement of the last update."""
         given = self.params
         return RangeSample(
             time=self.published(wall_offset_ns),
@@ -438,7 +438,7 @@ class RangeSensorBroadcaster(SensorBroadcaster):
 
 
 class ForceTorqueSensorBroadcaster(SensorBroadcaster):
-    """Tells forces and torques along and about three axes."""
+    """Broadcaster of forces and torques along and about three axes."""
 
     tells: ClassVar[type[Sample] | None] = WrenchSample
 
@@ -447,7 +447,7 @@ class ForceTorqueSensorBroadcaster(SensorBroadcaster):
         self._scales: list[tuple[float, float]] = []
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; RobotConfigError with everything that is wrong in them."""
+        """Read the parameters; RobotConfigError with all mistakes."""
         given = params.read(ForceTorqueParams)
         self._set_up(given, given.names)
         self._scales = [(given.offset.get(axis, 0.0), given.multiplier.get(axis, 1.0)) for axis in AXES]
@@ -461,7 +461,7 @@ class ForceTorqueSensorBroadcaster(SensorBroadcaster):
         return OK
 
     def sample(self, wall_offset_ns: int) -> WrenchSample:
-        """Return what was measured at the last update."""
+        """Return the measurement of the last update."""
         return WrenchSample(
             time=self.published(wall_offset_ns),
             frame_id=self.frame_id,
@@ -471,7 +471,7 @@ class ForceTorqueSensorBroadcaster(SensorBroadcaster):
 
 
 class PoseBroadcaster(SensorBroadcaster):
-    """Tells a position and an orientation, and the transform that they are."""
+    """Broadcaster of a position and an orientation, and of their transform."""
 
     tells: ClassVar[type[Sample] | None] = PoseSample
 
@@ -480,7 +480,7 @@ class PoseBroadcaster(SensorBroadcaster):
         self.params = PoseParams()
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; RobotConfigError with everything that is wrong in them."""
+        """Read the parameters; RobotConfigError with all mistakes."""
         self.params = given = params.read(PoseParams)
         given.check(self.name)
         self._set_up(given, given.names)
@@ -490,7 +490,7 @@ class PoseBroadcaster(SensorBroadcaster):
             )
 
     def sample(self, wall_offset_ns: int) -> PoseSample:
-        """Return what was measured at the last update."""
+        """Return the measurement of the last update."""
         return PoseSample(
             time=self.published(wall_offset_ns),
             frame_id=self.frame_id,
@@ -510,7 +510,7 @@ class PoseBroadcaster(SensorBroadcaster):
 
 
 class BatteryStateBroadcaster(SensorBroadcaster):
-    """Tells the batteries."""
+    """Broadcaster of the batteries."""
 
     tells: ClassVar[type[Sample] | None] = BatteriesSample
 
@@ -519,13 +519,13 @@ class BatteryStateBroadcaster(SensorBroadcaster):
         self.params = BatteryParams()
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; RobotConfigError with everything that is wrong in them."""
+        """Read the parameters; RobotConfigError with all mistakes."""
         self.params = given = read_params(params, self.name)
         self.update_rate = given.update_rate
         self._names = [each for battery in given.names for each in given.measured(battery)]
 
     def sample(self, wall_offset_ns: int) -> BatteriesSample:
-        """Return what was measured at the last update."""
+        """Return the measurement of the last update."""
         size = len(QUANTITIES)
         batteries = [
             _reading(name, own, self._known(place * size, (place + 1) * size))
@@ -535,7 +535,7 @@ class BatteryStateBroadcaster(SensorBroadcaster):
 
 
 def _reading(name: str, own: BatteryFacts, values: Sequence[float | None]) -> BatteryReading:
-    """Return what is known of a battery; `values` are those of QUANTITIES."""
+    """Return the state of a battery; `values` are those of QUANTITIES."""
     voltage, temperature, current, charge, percentage, status, health, present = values
     if percentage is None and voltage is not None:  # nan without its bounds
         percentage = finite(100.0 * (voltage - own.minimum_voltage) / (own.maximum_voltage - own.minimum_voltage))
@@ -558,7 +558,7 @@ def _reading(name: str, own: BatteryFacts, values: Sequence[float | None]) -> Ba
 
 
 def _together(batteries: Sequence[BatteryReading]) -> BatteryReading:
-    """Return all batteries as one."""
+    """Return all batteries combined."""
     technologies = {each.power_supply_technology for each in batteries}
     return BatteryReading(
         name="",
@@ -579,13 +579,13 @@ def _together(batteries: Sequence[BatteryReading]) -> BatteryReading:
 
 
 def _sum(values: Sequence[float | None]) -> float | None:
-    """Return the sum of what is known, None where nothing is."""
+    """Return the sum of the known values, None if there are none."""
     known = [each for each in values if each is not None]
     return math.fsum(known) if known else None
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
-    """Return the mean of what is known, None where nothing is."""
+    """Return the mean of the known values, None if there are none."""
     known = [each for each in values if each is not None]
     return math.fsum(known) / len(known) if known else None
 
@@ -600,7 +600,7 @@ class StateParams(CommonParams):
 
 
 class _StateBroadcaster(Controller):
-    """Copies chosen states; those of a kind by themselves."""
+    """Broadcaster of selected states, those of a kind by default."""
 
     is_broadcaster: ClassVar[bool] = True
     moves_joints: ClassVar[bool] = False
@@ -623,7 +623,7 @@ class _StateBroadcaster(Controller):
         return [ALL_STATES]
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Lay out what it tells; nothing to tell is a ControlError."""
+        """Create the layout of the published values; ControlError if it is empty."""
         super().on_activate(commands, states, now)
         layout: dict[str, dict[str, StateInterface | None]] = {}
         for each in filter(self._wanted, states):
@@ -649,25 +649,25 @@ class _StateBroadcaster(Controller):
 
 
 class GpioBroadcaster(_StateBroadcaster):
-    """Tells the inputs and outputs of the drives and of <gpio> parts."""
+    """Broadcaster of the inputs and outputs of drives and of <gpio> parts."""
 
     chosen = ("digital_inputs", DIGITAL_OUTPUTS)
     tells: ClassVar[type[Sample] | None] = GpioSample
 
     def sample(self, wall_offset_ns: int) -> GpioSample:
-        """Return what they were at the last update."""
+        """Return the values of the last update."""
         return GpioSample(time=self.published(wall_offset_ns), parts=self._copy.by_joint())
 
 
 class DiagnosticsBroadcaster(_StateBroadcaster):
-    """Tells how the drives behind the joints are."""
+    """Broadcaster of the health of the drives behind the joints."""
 
     chosen = ("nmt_state", "statusword", "error_code", "age")
 
     tells: ClassVar[type[Sample] | None] = DiagnosticsSample
 
     def sample(self, wall_offset_ns: int) -> DiagnosticsSample:
-        """Judge every joint by its values at the last update."""
+        """Return the health of every joint by its values of the last update."""
         judged = [JointDiagnosis(joint, *self._judged(each), each) for joint, each in self._copy.by_joint().items()]
         return DiagnosticsSample(time=self.published(wall_offset_ns), joints=judged)
 

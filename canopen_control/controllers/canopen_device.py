@@ -26,13 +26,13 @@ DEVICE: Final = "canopen_ros2_controllers/Cia402DeviceController"
 
 @dataclass(frozen=True)
 class DeviceParams(CommonParams):
-    """Parameters of both: `joint` is one that a node drives, or the name of a node that drives none."""
+    """Parameters of both: `joint` is a joint of a node, or the name of a node without joints."""
 
     joint: str = setting("", help="a joint that a node drives, or the name of a node that drives none")
 
 
 class CanopenProxyController(Controller):
-    """Shows one node: NMT, SDO and PDOs."""
+    """Controller for the services of one node: NMT, SDO and PDOs."""
 
     moves_joints: ClassVar[bool] = False
 
@@ -40,7 +40,7 @@ class CanopenProxyController(Controller):
         super().__init__(name, type_name)
 
     def on_configure(self, params: Params) -> None:
-        """Read the joint; RobotConfigError if there is none."""
+        """Read the joint; RobotConfigError without one."""
         given = params.read(DeviceParams)
         if not given.joint:
             raise RobotConfigError(f"{self.name}: no 'joint'; give it under {self.name}: ros__parameters: joint: NAME")
@@ -48,7 +48,7 @@ class CanopenProxyController(Controller):
 
 
 class Cia402DeviceController(CanopenProxyController):
-    """Shows one drive: what a proxy does, and its states and modes of CiA 402."""
+    """Controller for the services of one drive: those of a proxy, and its states and modes of CiA 402."""
 
     def __init__(self, name: str, type_name: str = DEVICE) -> None:
         super().__init__(name, type_name)

@@ -1,8 +1,7 @@
-"""The timeout of a controller's command: who gave it, when, and how long it counts.
+"""Timeout of a controller's command: source, time and validity.
 
-The law of the file: a velocity or effort command that nobody renews ends by itself, after the time-out of the YAML or,
-where that names none, after `DEFAULT_LIFE_S`; a time-out of 0 that is written is for ever, as upstream's default. A
-position is a place to stay at and has no end.
+A velocity or effort command that is not renewed expires after the timeout of the YAML file or, without one, after
+`DEFAULT_LIFE_S`; an explicit timeout of 0 is unlimited, as upstream's default. A position command has no end.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ MOVING: Final = frozenset({VELOCITY, EFFORT, ACCELERATION})
 
 
 class GoalState(enum.Enum):
-    """The states of a goal that was accepted, by action_msgs' names."""
+    """States of an accepted goal, by action_msgs' names."""
 
     EXECUTING = "executing"
     SUCCEEDED = "succeeded"
@@ -33,10 +32,10 @@ class GoalState(enum.Enum):
 
 
 class CommandTimeout:
-    """The command that a controller has, its values apart: `live` while it counts, `given` when it was made, in ns.
+    """Command of a controller, without its values: `live` while it is valid, `given` its creation in ns.
 
-    `source` says in words who gave it; `holder` is the connection with which it ends, None where it outlives that.
-    `ended_by` says why the last one was taken back, "" where nobody said.
+    `source` is its source as text; `holder` is the connection with which it ends, None if it outlives the connection.
+    `ended_by` is the reason of the end of the last one, "" if unknown.
     """
 
     __slots__ = ("ended_by", "given", "holder", "limit_ns", "live", "source")
@@ -49,32 +48,32 @@ class CommandTimeout:
         self.holder: object = None
 
     def give(self, now: int) -> None:
-        """Begin anew with a command that was made at `now`, in ns."""
+        """Start with a command that was created at `now`, in ns."""
         self.given, self.live = now, True
 
     def runs_out(self, now: int) -> bool:
-        """Whether it ends now, because nobody has renewed it: True once for each command."""
+        """Return whether the command expires now, because it was not renewed: True once for each command."""
         if not self.live or not self.limit_ns or now - self.given <= self.limit_ns:
             return False
         self.live = False
         return True
 
     def end(self, why: str = "") -> None:
-        """Count no more; `why` is a clause that says who or what has ended it."""
+        """End the command; `why` is a clause about the reason."""
         self.live = False
         self.ended_by = why
         self.holder = None
 
 
 def timeout_ns(timeout: float | None, interfaces: Iterable[str]) -> int:
-    """Return the life of commands to these interfaces in ns, 0 for ever; `timeout` in s as the YAML has it."""
+    """Return the timeout of commands to these interfaces in ns, 0 for unlimited; `timeout` in s as in the YAML file."""
     if timeout is None:
         timeout = DEFAULT_LIFE_S if MOVING.intersection(interfaces) else 0.0
     return round(timeout * 1e9)
 
 
 def unlimited_warning(key: str, timeout: float | None, interfaces: Iterable[str]) -> str | None:
-    """Return what is to be said of a time-out of 0 that is written for velocities or efforts, else None."""
+    """Return the warning about an explicit timeout of 0 for velocities or efforts, else None."""
     if timeout != 0.0 or not MOVING.intersection(interfaces):
         return None
     return f"{key} is 0, so a command never ends by itself: what moves goes on when its sender dies"

@@ -1,8 +1,8 @@
-"""ros2_controllers.yaml, in every layout users have: who the controllers are and what their parameters say.
+"""Reader of ros2_controllers.yaml in every layout in use: controllers and their parameters.
 
-The law of the file: a controller's type stands in the controller_manager's block or in its own, with `ros__parameters`
-(ROS 2) or without (ROS 1); blocks may be named `/name`, `/ns/name` or `/**`, or be nested in namespaces, each with
-the wildcards of rcl: `*` is one namespace or name, `**` any number of them. How a parameter is read: `params`.
+A controller's type is in the controller_manager's block or in its own, with `ros__parameters` (ROS 2) or without (ROS
+1); blocks may be named `/name`, `/ns/name` or `/**`, or be nested in namespaces, each with the wildcards of rcl: `*` is
+one namespace or name, `**` any number of them. Parameters are read by `params`.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ _WILDCARDS: Final = ("*", "**")
 
 @dataclass(frozen=True)
 class ControllerConfig:
-    """One controller of the file: `type` is "" if the file names none; `line` is where its type stands.
+    """One controller of the file: `type` is "" if the file names none; `line` is that of its type.
 
-    `fallbacks` take over when it fails, `node_options` are the arguments of its ROS node. `namespace` and `block_line`
-    are those of its parameters; `ros1` says that they are written as in ROS 1, without `ros__parameters`.
+    `fallbacks` replace it when it fails, `node_options` are the arguments of its ROS node. `namespace` and `block_line`
+    are those of its parameters; `ros1` means that they are written as in ROS 1, without `ros__parameters`.
     """
 
     name: str
@@ -57,7 +57,7 @@ class ControllerConfig:
 
 @dataclass(frozen=True)
 class ControllersFile:
-    """A ros2_controllers.yaml: `update_rate` in Hz; the controllers in the order of the file; what is suspicious.
+    """Complete ros2_controllers.yaml: `update_rate` in Hz; the controllers in the order of the file; warnings.
 
     `line` and `namespace` are those of the manager's block, `manager_lines` the lines of its parameters. `shared` are
     the keys of a block for all nodes (`/**`).
@@ -76,7 +76,7 @@ class ControllersFile:
 
 @dataclass(frozen=True)
 class ManagerParams:
-    """The controller_manager's own parameters; those without meaning for one process and one thread are accepted."""
+    """Parameters of the controller_manager; those without meaning for one process and one thread are accepted."""
 
     INEFFECTIVE: ClassVar[dict[str, str]] = {
         "handle_exceptions": "an exception of a controller never ends the cycle",
@@ -127,7 +127,7 @@ FOREIGN: Final = {
 
 @dataclass(frozen=True)
 class _Block:
-    """The parameters that stand under one name."""
+    """Parameters under one name."""
 
     key: Node
     value: Node
@@ -137,7 +137,7 @@ class _Block:
 
 @dataclass(frozen=True)
 class _Declared:
-    """A controller that the manager's block names: type, further parameters, files of them, fallbacks, node options."""
+    """Controller in the manager's block: type, further parameters, files of them, fallbacks, node options."""
 
     key: Node
     type: str
@@ -150,11 +150,11 @@ class _Declared:
 def read_controllers(
     path: str | os.PathLike[str], *, strict: bool = False, variables: Mapping[str, str] | None = None
 ) -> ControllersFile:
-    """Read a ros2_controllers.yaml; raises RobotConfigError with every mistake, each with file, line and column.
+    """Read a ros2_controllers.yaml; RobotConfigError with all mistakes, each with file, line and column.
 
     Parameters of a controller are checked when it is configured. With `strict`, warnings are errors. `variables` are
-    the arguments of a launch file: `$(var NAME)` and `<namespace>` stand for them, as launch_ros's ParameterFile and
-    nav2's ReplaceString have it. What has no value stays as it is, with a warning.
+    the arguments of a launch file: they replace `$(var NAME)` and `<namespace>`, as in launch_ros's ParameterFile and
+    nav2's ReplaceString. An undefined one stays unchanged, with a warning.
     """
     text = read_text(path, RobotConfigError)
     known = variables or {}
@@ -197,14 +197,14 @@ def _with_variables(text: str, variables: Mapping[str, str]) -> str:
 
 
 def _variables_in(text: str) -> list[tuple[str, int]]:
-    """Return what is left of variables, each once, with its first line."""
+    """Return the remaining variables, each once, with its first line."""
     lines = enumerate(LINE_END.split(text), 1)
     found = [(each[0], number) for number, line in lines for each in _VARIABLE.finditer(line.partition("#")[0])]
     return list({name: (name, number) for name, number in reversed(found)}.values())[::-1]
 
 
 def _common(everywhere: Node) -> Node:
-    """Return what a `/**` block says that concerns the manager."""
+    """Return the keys of a `/**` block that concern the manager."""
     pairs = {name: (key, value) for name, (key, value) in _pairs(everywhere).items() if name in _MANAGER_KEYS}
     return Node.mapping(like(everywhere), pairs)
 
@@ -214,7 +214,7 @@ def _pairs(node: Node) -> dict[str, tuple[Node, Node]]:
 
 
 def _collect(node: Node, blocks: dict[str, _Block], namespace: str = "") -> None:
-    """Find the parameter blocks by controller: `name:`, `/ns/name:`, nested, with ROS 2's key or without."""
+    """Collect the parameter blocks by controller: `name:`, `/ns/name:`, nested, with ROS 2's key or without."""
     for key, value in node.pairs():
         above, _, name = key.text.rstrip("/").rpartition("/")
         inner = value.get(PARAMETERS)
@@ -233,13 +233,13 @@ def _collect(node: Node, blocks: dict[str, _Block], namespace: str = "") -> None
 
 
 def _nested(node: Node) -> Node:
-    """Return the blocks that stand beside the parameters of a name, as under `/**`, which is a namespace too."""
+    """Return the blocks next to the parameters of a name, as under `/**`, which is a namespace too."""
     pairs = {key.text: (key, value) for key, value in node.pairs() if value.get(PARAMETERS) is not None}
     return Node.mapping(like(node), pairs)
 
 
 def is_within(pattern: str, namespace: str) -> bool:
-    """Whether a block's namespace is that of a node; either may have the wildcards of rcl."""
+    """Return whether a block's namespace is that of a node; either may have the wildcards of rcl."""
     if "*" in namespace:
         return True  # of a manager that may be anywhere
     text = re.escape(pattern).replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
@@ -247,7 +247,7 @@ def is_within(pattern: str, namespace: str) -> bool:
 
 
 def _is_namespace(name: str, value: Node) -> bool:
-    """Whether a block holds blocks: nothing but mappings, and neither a type nor the manager's name."""
+    """Return whether a block contains only blocks: mappings, and neither a type nor the manager's name."""
     below = {each.kind for _, each in value.items()}
     return value.kind == "mapping" and value.get("type") is None and below == {"mapping"} and name != MANAGER_SECTION
 
@@ -258,7 +258,7 @@ def _add(blocks: dict[str, _Block], name: str, block: _Block) -> None:
 
 
 def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParams]:
-    """Split the manager's block into the controllers it declares and its own parameters."""
+    """Return the controllers declared in the manager's block, and its own parameters."""
     own: dict[str, tuple[Node, Node]] = {}
     pairs = _pairs(flat)
     declared: dict[str, _Declared] = {}
@@ -281,7 +281,7 @@ def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParam
 
 
 def _texts(pairs: Mapping[str, tuple[Node, Node]], name: str) -> tuple[tuple[Node, str], ...]:
-    """Return a parameter that is a text or a list of them, each with its place."""
+    """Return a parameter that is a text or a list of texts, each with its place."""
     if name not in pairs:
         return ()
     _, node = pairs[name]
@@ -297,7 +297,7 @@ def _node_options(given: tuple[tuple[Node, str], ...]) -> tuple[str, ...]:
 
 
 def node_options_mistake(arguments: Sequence[str]) -> str | None:
-    """Say what of the arguments of a controller's ROS node cannot be used, None if all are remappings."""
+    """Return the mistake in the arguments of a controller's ROS node, None if all are remappings."""
     words = [each for each in arguments if each != "--ros-args"]
     for option, rule in zip(words[::2], [*words[1::2], ""], strict=False):
         if option not in ("-r", "--remap"):
@@ -308,7 +308,7 @@ def node_options_mistake(arguments: Sequence[str]) -> str | None:
 
 
 def _below(flat: Node, pairs: dict[str, tuple[Node, Node]], name: str) -> Node:
-    """Return the parameters that stand under a controller in the manager's block, the manager's own aside."""
+    """Return the parameters of a controller in the manager's block, without the manager's own."""
     inner: dict[str, tuple[Node, Node]] = {}
     for dotted, (key, value) in pairs.items():
         rest = dotted.removeprefix(f"{name}.")
@@ -320,7 +320,7 @@ def _below(flat: Node, pairs: dict[str, tuple[Node, Node]], name: str) -> Node:
 def _controllers(
     declared: dict[str, _Declared], blocks: dict[str, _Block], everywhere: Node, namespace: str
 ) -> dict[str, ControllerConfig]:
-    """Put the parameters of each controller together; one without a block of its own is where the manager is."""
+    """Combine the parameters of each controller; one without a block of its own is in the manager's namespace."""
     shared = set(flattened(everywhere).keys())
     found: dict[str, ControllerConfig] = {}
     for name, each in declared.items():
@@ -352,7 +352,7 @@ def _check_fallbacks(declared: dict[str, _Declared], found: dict[str, Controller
 
 
 def from_file(place: Node, text: str, name: str) -> Node:
-    """Return the parameters of a controller in a `params_file`, sought beside the file that names it."""
+    """Return the parameters of a controller in a `params_file`, relative to the file that names it."""
     path = Path(place.path).parent / Path(os.path.expandvars(text)).expanduser()
     blocks: dict[str, _Block] = {}
     try:
@@ -391,7 +391,7 @@ _KEYS: Final = {"type": ("string",), "params_file": _TEXTS, "fallback_controller
 
 @dataclasses.dataclass(frozen=True)
 class SpawnerArguments:
-    """What has been set of one controller."""
+    """Settings of one controller by a spawner."""
 
     type: str = ""
     params_file: tuple[str, ...] = ()
@@ -399,7 +399,7 @@ class SpawnerArguments:
     node_options_args: tuple[str, ...] = ()
 
     def changed(self, key: str, texts: tuple[str, ...]) -> SpawnerArguments:
-        """Return this with one of `_KEYS` set."""
+        """Return a copy with one of `_KEYS` set."""
         if key == "type":
             return dataclasses.replace(self, type=texts[0])
         if key == "params_file":
@@ -410,7 +410,7 @@ class SpawnerArguments:
 
 
 class SpawnedControllers:
-    """What spawners have set; `control` are the controllers of the robot's file, to which they are added."""
+    """Settings of all controllers by spawners; they are added to `control`, the controllers of the robot's file."""
 
     def __init__(self, control: ControllersFile) -> None:
         self._control = control
@@ -418,7 +418,7 @@ class SpawnedControllers:
         self.given: dict[str, SpawnerArguments] = {}
 
     def set(self, wanted: Sequence[ParameterValue]) -> None:
-        """Take parameters whose names are `CONTROLLER.KEY`: all, or none and a ControlError or RobotConfigError."""
+        """Apply parameters whose names are `CONTROLLER.KEY`: all, or none with a ControlError or RobotConfigError."""
         given = dict(self.given)
         for each in wanted:
             name, _, key = each.name.rpartition(".")
@@ -453,7 +453,7 @@ class SpawnedControllers:
 
 
 def _spawner_texts(wanted: ParameterValue, key: str) -> tuple[str, ...]:
-    """Return what a parameter is set to; ControlError for what a controller has not, or of another type."""
+    """Return the value of a parameter; ControlError for an unknown one, or another type."""
     if key not in _KEYS:
         there = ", ".join(_KEYS)
         raise ControlError(f"{MANAGER}: parameter '{wanted.name}' cannot be set; of a controller there are: {there}")

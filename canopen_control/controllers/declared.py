@@ -1,8 +1,8 @@
-"""The parameters that a controller declares, as ROS 2 lists and describes them: made of the class that it reads.
+"""Parameters declared by a controller, as ROS 2 lists and describes them, derived from its dataclass.
 
-Name, type, default, bounds and choices are those of the dataclass, see `yamlfile.convert`; its meaning stands in the
-table of help texts. `settable` of the class lists what may be set while the controller is configured; all else is
-read-only, as most of it is upstream.
+Name, type, default, bounds and choices are those of the dataclass, see `yamlfile.convert`; the description is its help
+text. `settable` of the class lists those that may be set while the controller is configured; the others are read-only,
+as most are upstream.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ _NO_METADATA: Final[Mapping[str, Any]] = types.MappingProxyType({})
 
 
 def declared_by(taken: object, settable: Iterable[str] = (), **effective: Told) -> tuple[ParameterReading, ...]:
-    """Return the parameters of a dataclass that was read of them, sorted by name; `settable` are patterns of names.
+    """Return the parameters of a dataclass, sorted by name; `settable` are patterns of names.
 
-    `effective` are values that others have than what was read: the `update_rate` that a controller has of the manager.
+    `effective` are values that differ from the file: the `update_rate` that a controller has from the manager.
     """
     patterns = tuple(settable)
     rows = sorted(_rows(taken, ""), key=lambda row: row.name)
@@ -55,7 +55,7 @@ def _reading(row: _Row, value: object, patterns: Iterable[str]) -> ParameterRead
 
 
 def given_in(params: Params) -> tuple[ParameterReading, ...]:
-    """Return what the files give of a controller that is not configured: which parameters it has, it has not said."""
+    """Return the parameters in the files for a controller that is not configured, whose declarations are unknown."""
     values = {key.text: value.value for key, value in params.flat.pairs()}
     return tuple(
         ParameterReading(name=name, kind=_kind_of(value), value=told(value), read_only=True)
@@ -65,7 +65,7 @@ def given_in(params: Params) -> tuple[ParameterReading, ...]:
 
 
 def checked(owner: str, known: Sequence[ParameterReading], wanted: Sequence[ParameterValue]) -> dict[str, Told]:
-    """Return what is to be set, by name; ControlError, in the words of rclcpp, for what cannot be."""
+    """Return the values to set, by name; ControlError, with the text of rclcpp, for invalid ones."""
     rows = {each.name: each for each in known}
     values: dict[str, Told] = {}
     for each in wanted:
@@ -91,7 +91,7 @@ def checked(owner: str, known: Sequence[ParameterReading], wanted: Sequence[Para
 
 
 class _Row(NamedTuple):
-    """One parameter: its whole name, annotation, value and help text."""
+    """One parameter: its full name, annotation, value and help text."""
 
     name: str
     wanted: Any
@@ -119,7 +119,7 @@ def _rows(taken: Any, prefix: str) -> Iterator[_Row]:  # noqa: ANN401 - a datacl
 
 
 def _kind(wanted: Any, value: object) -> str:  # noqa: ANN401 - a type, of which there is no common one
-    """Return the type of a parameter: that of its annotation, where that leaves one, else that of its value."""
+    """Return the type of a parameter: that of its annotation if it is unique, else that of its value."""
     origin, inner = typing.get_origin(wanted), typing.get_args(wanted)
     if origin in (typing.Union, types.UnionType):
         kinds = [_kind(each, value) for each in inner if each is not type(None)]

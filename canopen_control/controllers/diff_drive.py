@@ -61,28 +61,28 @@ class Odometry(PlanarPose):
         return self._angular.mean
 
     def resize(self, separation: float, left_radius: float, right_radius: float) -> None:
-        """Count with other wheels from now on, all in m; the pose stays."""
+        """Use other wheel sizes from now on, in m; the pose is unchanged."""
         self._left *= left_radius / self._left_radius
         self._right *= right_radius / self._right_radius
         self._separation, self._left_radius, self._right_radius = separation, left_radius, right_radius
 
     def begin(self, left: float, right: float, now: int) -> None:
-        """Take the wheels' angles (rad) at `now` (ns) as the baseline; the pose stays."""
+        """Set the wheels' angles (rad) at `now` (ns) as the baseline; the pose is unchanged."""
         self._left, self._right, self._time = left * self._left_radius, right * self._right_radius, now
         self.started = True
 
     def stop(self) -> None:
-        """Count nothing that happens until the next sample, which becomes the baseline."""
+        """Ignore motion until the next sample, which becomes the baseline."""
         self.started = False
 
     def set_pose(self, x: float, y: float, heading: float) -> None:
-        """Be somewhere else, in m and rad; the averages start anew."""
+        """Set the pose, in m and rad; the averages are reset."""
         super().set_pose(x, y, heading)
         self._linear.clear()
         self._angular.clear()
 
     def update_position(self, left: float, right: float, now: int) -> bool:
-        """Follow the wheels' angles in rad; return whether the step counted."""
+        """Integrate the wheels' angles in rad; return whether the step counted."""
         if not self.started:
             self.begin(left, right, now)
             return False
@@ -95,7 +95,7 @@ class Odometry(PlanarPose):
         return self._step(step_left, step_right, dt, now)
 
     def update_velocity(self, left: float, right: float, now: int) -> bool:
-        """Follow the wheels' velocities in rad/s; return whether the step counted."""
+        """Integrate the wheels' velocities in rad/s; return whether the step counted."""
         if not self.started:
             self.begin(0.0, 0.0, now)
             return False
@@ -105,7 +105,7 @@ class Odometry(PlanarPose):
         return self._step(left * self._left_radius * dt, right * self._right_radius * dt, dt, now)
 
     def update_open_loop(self, linear: float, angular: float, now: int) -> bool:
-        """Believe the command, in m/s and rad/s; return whether the step counted."""
+        """Integrate the command, in m/s and rad/s; return whether the step counted."""
         if not self.started:
             self.begin(0.0, 0.0, now)
             return False
@@ -135,10 +135,9 @@ def wheel_velocities(
 
 
 class DiffDriveController(MobileBase):
-    """Drives a robot with wheels on two sides by twists.
+    """Controller of a robot with wheels on two sides by twists.
 
-    `odometry` is where it is, published at `publish_rate`; the twist after the limits is for
-    `~/cmd_vel_out`.
+    `odometry` is published at `publish_rate`; the twist after the limits is published on `~/cmd_vel_out`.
     """
 
     zero_is_never: ClassVar[bool] = True
@@ -158,13 +157,13 @@ class DiffDriveController(MobileBase):
         self._right_states: list[StateInterface] = []
 
     def wheel_base(self) -> DriveGeometry:
-        """Return what its parameters say of the wheels, before the multipliers, which are calibration."""
+        """Return the wheel geometry in its parameters, before the multipliers, which are calibration."""
         given, (odom, base) = self.params, self.frame_ids()
         sizes = (given.wheel_separation, given.wheel_radius)
         return DriveGeometry(given.left, given.right, *sizes, odom, base, given.enable_odom_tf, given.frozen)
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
-        """Return the odometry as it was published last."""
+        """Return the odometry as last published."""
         return self.odometry_sample(wall_offset_ns, self.params.publish_limited_velocity)
 
     def on_configure(self, params: Params) -> None:
@@ -180,7 +179,7 @@ class DiffDriveController(MobileBase):
         self.set_up(given, given.cmd_vel_timeout, len(self.joints), limits, given.publish_rate, given.open_loop)
 
     def on_set(self, params: Params) -> None:
-        """Take other limits, another timeout, what to publish, from the next update on; at rest other wheels."""
+        """Apply other limits, timeouts and publications from the next update on; wheel sizes only at rest."""
         given = read_params(params, self.geometry)
         wheels = (given.separation, given.left_radius, given.right_radius)
         if wheels != self._wheels and self.state is ControllerState.ACTIVE and any(self.limited):
@@ -198,7 +197,7 @@ class DiffDriveController(MobileBase):
         return self.wheel_states(self.params.position_feedback)
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Start with no command; the pose is kept, the next sample is where it goes on from."""
+        """Start without a command; the pose is kept, and the next sample is the baseline."""
         super().on_activate(commands, states, now)
         self._left_states, self._right_states = states[: self._side], states[self._side :]
 
@@ -208,22 +207,22 @@ class DiffDriveController(MobileBase):
         return self.odometry.started
 
     def stop_following(self) -> None:
-        """Count nothing that happens until the next sample."""
+        """Ignore motion until the next sample."""
         self.odometry.stop()
 
     def velocities(self) -> tuple[float, float, float]:
-        """Return the means of its odometry."""
+        """Return the mean velocities of its odometry."""
         return self.odometry.linear, 0.0, self.odometry.angular
 
     def work_out(self, twist: Sequence[float]) -> None:
-        """Share a twist out to both sides."""
+        """Compute the velocities of both sides from a twist."""
         separation, left_radius, right_radius = self._wheels
         left, right = wheel_velocities(twist[0], twist[1], separation, left_radius, right_radius)
         for index in range(self._side):
             self.targets[index], self.targets[self._side + index] = left, right
 
     def follow(self, now: int) -> bool:
-        """Move the odometry; return False if a wheel's feedback is not known."""
+        """Update the odometry; return False if a wheel's feedback is unknown."""
         if self.params.open_loop:
             self.odometry.update_open_loop(self.limited[0], self.limited[1], now)
             return True
