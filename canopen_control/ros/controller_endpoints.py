@@ -27,7 +27,7 @@ from canopen_control.ros.command_topics import (
     PidState,
 )
 from canopen_control.ros.controller_state import ControllerStateTopic
-from canopen_control.ros.conversions import unknown_as_nan
+from canopen_control.ros.conversions import SENSOR_MESSAGES, SensorMessage, put_sample, unknown_as_nan
 from canopen_control.ros.drive_topics import DeviceNode, ProxyNode
 from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples
 from canopen_control.ros.interfaces import MissingInterface, interface
@@ -50,12 +50,10 @@ from canopen_control.rpc.messages.samples import (
     BatteriesSample,
     GpioSample,
     GripperSample,
-    ImuSample,
     JointStatesSample,
-    PoseSample,
-    RangeSample,
+    Sample,
     TrajectorySample,
-    WrenchSample,
+    kind_of,
 )
 from canopen_control.rpc.messages.trajectory import (
     CancelTrajectory,
@@ -66,7 +64,7 @@ from canopen_control.rpc.messages.trajectory import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator
 
     from canopen_control.ros.action_goals import TrajectorySender
     from canopen_control.ros.endpoint import Ros, RosMessage
@@ -280,68 +278,17 @@ class ParallelGripperAction(GripperAction):
 # the broadcaster that the state stream carries; what is not known is nan.
 
 
-class ImuTopic(ControllerStateTopic[ImuSample]):
-    """The publisher of `~/imu`."""
+class SensorTopic(ControllerStateTopic[Sample]):
+    """The publisher of the messages of a `row`; the transform of a pose is on `/tf`, see `frames`."""
 
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
-        super().__init__(ros, controller, ImuSample, "sensor_msgs/msg/Imu", "imu")
+    def __init__(self, ros: Ros, controller: ControllerReading, row: SensorMessage) -> None:
+        self._row = row
+        super().__init__(ros, controller, row.kind, row.message, row.topic)
 
-    def fill(self, message: RosMessage, sample: ImuSample) -> None:
+    def fill(self, message: RosMessage, sample: Sample) -> None:
         """Put the measurement into the message."""
-        message.header.frame_id = self._ros.frame(sample.frame_id)
-        _put(message.orientation, "xyzw", sample.orientation)
-        _put(message.angular_velocity, "xyz", sample.angular_velocity)
-        _put(message.linear_acceleration, "xyz", sample.linear_acceleration)
-        message.orientation_covariance = sample.orientation_covariance
-        message.angular_velocity_covariance = sample.angular_velocity_covariance
-        message.linear_acceleration_covariance = sample.linear_acceleration_covariance
-
-
-class RangeTopic(ControllerStateTopic[RangeSample]):
-    """The publisher of `~/range`."""
-
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
-        super().__init__(ros, controller, RangeSample, "sensor_msgs/msg/Range", "range")
-
-    def fill(self, message: RosMessage, sample: RangeSample) -> None:
-        """Put the measurement into the message."""
-        message.header.frame_id = self._ros.frame(sample.frame_id)
-        message.range = unknown_as_nan(sample.range)
-        message.radiation_type, message.field_of_view = sample.radiation_type, sample.field_of_view
-        message.min_range, message.max_range = sample.min_range, sample.max_range
-        if hasattr(message, "variance"):  # ROS has it since Iron
-            message.variance = sample.variance
-
-
-class WrenchTopic(ControllerStateTopic[WrenchSample]):
-    """The publisher of `~/wrench`."""
-
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
-        super().__init__(ros, controller, WrenchSample, "geometry_msgs/msg/WrenchStamped", "wrench")
-
-    def fill(self, message: RosMessage, sample: WrenchSample) -> None:
-        """Put the measurement into the message."""
-        message.header.frame_id = self._ros.frame(sample.frame_id)
-        _put(message.wrench.force, "xyz", sample.force)
-        _put(message.wrench.torque, "xyz", sample.torque)
-
-
-class PoseTopic(ControllerStateTopic[PoseSample]):
-    """The publisher of `~/pose`; its transform is on `/tf`, see `frames`."""
-
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
-        super().__init__(ros, controller, PoseSample, "geometry_msgs/msg/PoseStamped", "pose")
-
-    def fill(self, message: RosMessage, sample: PoseSample) -> None:
-        """Put the measurement into the message."""
-        message.header.frame_id = self._ros.frame(sample.frame_id)
-        _put(message.pose.position, "xyz", sample.position)
-        _put(message.pose.orientation, "xyzw", sample.orientation)
-
-
-def _put(into: RosMessage, axes: str, values: Sequence[float | None]) -> None:
-    for axis, value in zip(axes, values, strict=True):
-        setattr(into, axis, unknown_as_nan(value))
+        message.header.frame_id = self._ros.frame(getattr(sample, "frame_id", ""))
+        put_sample(message, self._row, sample)
 
 
 # `~/battery_state` and `~/raw_battery_states` of the battery state broadcaster.
@@ -496,10 +443,7 @@ BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
     "gpio": (GpioStates,),
     "trajectory": (FollowJointTrajectory, TrajectoryTopic, TrajectoryState, TrajectoryQuery, SpeedScalingTopic),
     "pid": (PidState, PidMeasuredStates, FeedForwardSwitch),
-    "imu": (ImuTopic,),
-    "range": (RangeTopic,),
-    "wrench": (WrenchTopic,),
-    "pose": (PoseTopic,),
+    **{kind_of(row.kind): (partial(SensorTopic, row=row),) for row in SENSOR_MESSAGES},
     "batteries": (BatteryTopics,),
 }
 #: by its type: which action, or whose node

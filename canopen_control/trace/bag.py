@@ -21,15 +21,19 @@ Values are in SI units, nan if unknown. Only this module imports rosbags.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
 from canopen_control.errors import ConfigError
 from canopen_control.host.files import failed, telling
 from canopen_control.ros.conversions import (
+    SENSOR_MESSAGES,
+    SensorMessage,
     arrays_of,
     diagonal,
     frames_with_a_place,
     positions_of,
+    put_sample,
     stamp_of,
     transform_of,
     unknown_as_nan,
@@ -40,16 +44,13 @@ from canopen_control.rpc.messages.samples import (
     BatteriesSample,
     GpioSample,
     GripperSample,
-    ImuSample,
     JointStatesSample,
     MecanumSample,
     OdometrySample,
     PidSample,
     PoseSample,
-    RangeSample,
     SteeringSample,
     TrajectorySample,
-    WrenchSample,
 )
 from canopen_control.urdf.geometry import from_rpy, from_yaw
 from canopen_control.urdf.robot_model import read_model
@@ -97,6 +98,16 @@ class BagMessages:
     def make(self, kind: str, *values: Any) -> Any:  # noqa: ANN401 - rosbags makes the classes at run time
         """Return a message of `package/Name` with its fields in order."""
         return self.store.types[kind.replace("/", "/msg/")](*values)
+
+    def empty(self, name: str) -> Any:  # noqa: ANN401 - as above
+        """Return a message of `package/msg/Name` whose numbers are 0 and whose lists are empty."""
+        fields = (self._empty_field(node.name, part) for _, (node, part) in self.store.fielddefs[name][1])
+        return self.store.types[name](*fields)
+
+    def _empty_field(self, node: str, part: Any) -> object:  # noqa: ANN401 - as above
+        if node == "NAME":
+            return self.empty(part)
+        return ("" if part[0] == "string" else 0) if node == "BASE" else []
 
     def time(self, unix_s: float) -> Any:  # noqa: ANN401 - as above
         """Return a time stamp."""
@@ -200,48 +211,11 @@ def _mecanum(ros: BagMessages, sample: MecanumSample) -> object:
 # -- samples of broadcasters and grippers
 
 
-def _imu(ros: BagMessages, sample: ImuSample) -> object:
-    covariances = (
-        sample.orientation_covariance,
-        sample.angular_velocity_covariance,
-        sample.linear_acceleration_covariance,
-    )
-    around, turning, accelerating = map(ros.floats, covariances)
-    return ros.make(
-        "sensor_msgs/Imu",
-        ros.header(sample.time, sample.frame_id),
-        ros.make("geometry_msgs/Quaternion", *_known(sample.orientation)),
-        around,
-        ros.vector(*_known(sample.angular_velocity)),
-        turning,
-        ros.vector(*_known(sample.linear_acceleration)),
-        accelerating,
-    )
-
-
-def _range(ros: BagMessages, sample: RangeSample) -> object:
-    return ros.make(
-        "sensor_msgs/Range",
-        ros.header(sample.time, sample.frame_id),
-        sample.radiation_type,
-        sample.field_of_view,
-        sample.min_range,
-        sample.max_range,
-        unknown_as_nan(sample.range),
-        sample.variance,
-    )
-
-
-def _wrench(ros: BagMessages, sample: WrenchSample) -> object:
-    force, torque = (ros.vector(*_known(vector)) for vector in (sample.force, sample.torque))
-    wrench = ros.make("geometry_msgs/Wrench", force, torque)
-    return ros.make("geometry_msgs/WrenchStamped", ros.header(sample.time, sample.frame_id), wrench)
-
-
-def _pose(ros: BagMessages, sample: PoseSample) -> object:
-    point = ros.make("geometry_msgs/Point", *_known(sample.position))
-    pose = ros.make("geometry_msgs/Pose", point, ros.make("geometry_msgs/Quaternion", *_known(sample.orientation)))
-    return ros.make("geometry_msgs/PoseStamped", ros.header(sample.time, sample.frame_id), pose)
+def _sensor(row: SensorMessage, ros: BagMessages, sample: Any) -> object:  # noqa: ANN401 - of the kind of the row
+    message = ros.empty(row.message)
+    message.header = ros.header(sample.time, sample.frame_id)
+    put_sample(message, row, sample, ros.floats)
+    return message
 
 
 def _gpio(ros: BagMessages, sample: GpioSample) -> object:
@@ -301,10 +275,7 @@ CONTROLLER_TOPICS: Final = (
     BagTopic(PidSample, "controller_state", _loops),
     BagTopic(SteeringSample, "controller_state", _steering),
     BagTopic(MecanumSample, "controller_state", _mecanum),
-    BagTopic(ImuSample, "imu", _imu),
-    BagTopic(RangeSample, "range", _range),
-    BagTopic(WrenchSample, "wrench", _wrench),
-    BagTopic(PoseSample, "pose", _pose),
+    *(BagTopic(row.kind, row.topic, partial(_sensor, row)) for row in SENSOR_MESSAGES),
     BagTopic(BatteriesSample, "battery_state", _together),
     BagTopic(BatteriesSample, "raw_battery_states", _each),
     BagTopic(GpioSample, "gpio_states", _gpio),

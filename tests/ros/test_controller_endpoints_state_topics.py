@@ -8,7 +8,8 @@ import pytest
 from support.endpoints import Ros
 
 from canopen_control.ros import controller_endpoints, interfaces
-from canopen_control.ros.controller_endpoints import BatteryTopics, ImuTopic, PoseTopic, RangeTopic, WrenchTopic
+from canopen_control.ros.controller_endpoints import BatteryTopics, SensorTopic
+from canopen_control.ros.conversions import SENSOR_MESSAGES
 from canopen_control.rpc.messages.samples import (
     BatteriesSample,
     BatteryReading,
@@ -39,7 +40,7 @@ SAMPLES = {
     "wrench": WrenchSample(time=2.25, frame_id="tool0", force=(1.0, None, -3.5), torque=(0.5, 0.25, 0.125)),
     "pose": PoseSample(time=2.25, frame_id="map", position=(1.0, 2.0, None), orientation=(0.0, 0.6, 0.0, 0.8)),
 }  # fmt: skip
-TOPICS = {"imu": ImuTopic, "range": RangeTopic, "wrench": WrenchTopic, "pose": PoseTopic}
+TOPICS = {row.topic: row for row in SENSOR_MESSAGES}
 
 
 def published(kind, sample=None):
@@ -47,7 +48,7 @@ def published(kind, sample=None):
     ros = Ros()
     controller = ControllerReading(name="b", type="x/Y", state="active", tells=kind, is_broadcaster=True)
     (endpoint,) = controller_endpoints.endpoints_for(ros, controller)
-    assert type(endpoint) is TOPICS[kind]
+    assert endpoint._row is TOPICS[kind]
     state = StateSample(samples={"b": sample or SAMPLES[kind]})
     endpoint.on_state(state)
     endpoint.on_state(state)  # the same publication once more
@@ -107,7 +108,8 @@ def test_a_pose():
 
 def test_nothing_is_made_where_nobody_listens_of_sensor_topics():
     ros = Ros()
-    topic = WrenchTopic(ros, ControllerReading(name="b", type="x/Y", state="active", tells="wrench"))
+    reading = ControllerReading(name="b", type="x/Y", state="active", tells="wrench")
+    topic = SensorTopic(ros, reading, TOPICS["wrench"])
     ros.publishers[0].subscribers = 0
     topic.on_state(StateSample(samples={"b": SAMPLES["wrench"]}))
     assert ros.publishers[0].told == []
