@@ -1,10 +1,10 @@
 """Check a device against CiA 301 and 402, and report what it does not keep.
 
-Without --configure and --store the checks change no value; some send requests that a device has to refuse. With
---configure they write parameters, and start, stop and reset the node; with --store they store parameters. Each is asked
-for once unless --yes is given. At the end the parameters that the EDS lists are compared and restored. No check
-switches on the power stage. A node of a running robot is refused, and with one of the two options a node that is
-OPERATIONAL.
+Without --configure, --store and --motion the checks change no value; some send requests that a device has to refuse.
+With --configure they write parameters, and start, stop and reset the node; with --store they store parameters; with
+--motion they switch on the power stage of a drive. Each is asked for once unless --yes is given. At the end the
+parameters that the EDS lists are compared and restored. A node of a running robot is refused, and with one of the three
+options a node that is OPERATIONAL.
 
 Exit codes: 0 no check that must pass has failed; 1 one has; 2 wrong usage, or nothing could be tested.
 """
@@ -43,6 +43,7 @@ LEVELS = ("301", "305", "402", "all")
 HEARTBEAT_S = 1.2  # a heartbeat of a second shows the NMT state
 _QUESTIONS = {
     CheckTouch.CONFIGURE: "write parameters of the node, start, stop and reset it",
+    CheckTouch.MOTION: "switch on the power stage; the shaft must be free to move",
     CheckTouch.STORE: "store parameters of the node, and restore its defaults (0x1010, 0x1011)",
 }
 
@@ -55,7 +56,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--level", choices=LEVELS, default="all", help="checks of one document (default: all)")
     parser.add_argument("--configure", action="store_true", help="write parameters and reset the node, too")
     parser.add_argument("--store", action="store_true", help="store parameters and restore defaults, too")
-    parser.add_argument("--yes", action="store_true", help="do not ask before --configure and --store")
+    parser.add_argument("--motion", action="store_true", help="switch on the power stage, too; the shaft must be free")
+    parser.add_argument("--yes", action="store_true", help="do not ask before --configure, --store and --motion")
     parser.add_argument(
         "--timeout",
         type=number("number of seconds above 0", lambda value: value > 0),
@@ -73,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     node_id = parse_node_id(args.node)
     eds = None if args.eds is None else read_eds(find_eds(args.eds), node_id)
     old = None if args.against is None else _old_verdicts(Path(args.against).expanduser())
-    touches = [touch for touch in CheckTouch if touch is CheckTouch.READ or getattr(args, touch.name.lower(), False)]
+    touches = [touch for touch in CheckTouch if touch is CheckTouch.READ or getattr(args, touch.name.lower())]
     checks = choose(args.level, touches)
     if not checks:
         raise ConfigError(f"level {args.level} has no checks for these options; give --configure too")

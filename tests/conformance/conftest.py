@@ -22,7 +22,7 @@ def bench(request):
 
     def make(eds="generic_cia402.eds", node_id=NODE, quirks=()):
         path = data_path("eds", eds)
-        reactor, bus = Reactor(ManualClock(1_000_000_000)), MemoryBus(f"conformance-{request.node.name}")
+        reactor, bus = Reactor(ManualClock(1_000_000_000)), MemoryBus(f"conformance-{request.node.name}-{len(opened)}")
         device = make_device(path, NODE)
         switches_of(device).start_with(quirks)
         host = NodeHost(reactor, bus.open("device"), [device])

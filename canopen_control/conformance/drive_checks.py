@@ -1,0 +1,717 @@
+"""Checks of a drive that does not move: objects, modes and the power state machine (CiA 402-2, 6 and 8).
+
+For a drive with several axes the first one is checked. The checks of the power state machine switch on the power stage,
+in a mode and with a set-point by which the motor stands.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager, suppress
+from functools import partial
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NmtCommand
+from canopen_control.cia301.pdo import parse_mapping_entry
+from canopen_control.cia402 import objects as o
+from canopen_control.cia402.modes import OperationMode
+from canopen_control.cia402.state import HALT_BIT, State, decode_statusword
+from canopen_control.conformance.check import CheckLevel, CheckList, CheckTouch, expect
+from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
+from canopen_control.conformance.nmt_checks import boot
+from canopen_control.conformance.pdo_checks import first_rpdo, present_values
+from canopen_control.errors import RemoteProtocolError, SdoAbort
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from canopen_control.conformance.checked_node import CheckedNode
+
+
+DRIVE_CHECKS = CheckList("402")
+_add = DRIVE_CHECKS.add
+_MUST, _SHOULD = CheckLevel.MUST, CheckLevel.SHOULD
+_CONFIGURE, _MOTION = CheckTouch.CONFIGURE, CheckTouch.MOTION
+_POWER = "402-2, 6.3 (power state machine)"
+_DRIVES = 402  # low word of 0x1000
+_STEP_S = 0.005  # between two looks at an object
+_LIMIT_S = 10.0  # longest time of a transition, or of a change of mode
+_QUICK_S = 0.3  # time that a master expects
+_STANDING = (OperationMode.PV, OperationMode.PP, OperationMode.CSV, OperationMode.CSP)
+# Negative option codes are manufacturer-specific; the others are listed in CiA 402-2.
+_OPTION_CODES = {
+    0x605A: range(9),
+    0x605B: range(2),
+    0x605C: range(2),
+    0x605D: range(5),
+    0x605E: range(5),
+    0x6007: range(4),
+}
+_SOD, _RTSO, _ON, _OE = State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.OPERATION_ENABLED
+_QSA, _FAULT = State.QUICK_STOP_ACTIVE, State.FAULT
+_UP, _UP_WORDS = (_SOD, _RTSO, _ON, _OE), (0x06, 0x07, 0x0F)
+
+
+# -- steps
+
+
+def is_drive(node: CheckedNode) -> None:
+    """Raise NotApplicable for a device that is no drive."""
+    if int.from_bytes(node.read(0x1000)[:2], "little") != _DRIVES:
+        raise NotApplicable("the low word of 0x1000 is not 402: no drive")
+
+
+def signed(node: CheckedNode, index: int, subindex: int = 0) -> int:
+    """Read a signed number; NotApplicable if the device has none."""
+    return int.from_bytes(node.optional(index, subindex), "little", signed=True)
+
+
+def statusword(node: CheckedNode) -> int:
+    """Read 0x6041."""
+    return int.from_bytes(node.read(o.STATUSWORD), "little")
+
+
+def control(node: CheckedNode, word: int) -> None:
+    """Write 0x6040."""
+    node.put(o.CONTROLWORD, 0, word, 2)
+
+
+def reaches(node: CheckedNode, state: State, seconds: float = _LIMIT_S) -> float:
+    """Return the time until the drive is in a state, in s; CheckFailed if it is not in time."""
+    begin = node.reactor.now()
+    while True:
+        word = statusword(node)
+        elapsed = (node.reactor.now() - begin) / 1e9
+        if decode_statusword(word) is state:
+            return elapsed
+        if elapsed >= seconds:
+            shown = decode_statusword(word)
+            name = "no state" if shown is None else shown.name
+            raise CheckFailed(f"statusword 0x{word:04X} ({name}) after {seconds:g} s", state.name)
+        node.listen(_STEP_S if elapsed < 1.0 else 10 * _STEP_S)
+
+
+def stays(node: CheckedNode, state: State, seconds: float) -> None:
+    """Expect that the drive is in a state for some time."""
+    for _ in range(10):
+        word = statusword(node)
+        shown = decode_statusword(word)
+        expect(shown is state, "no state" if shown is None else shown.name, f"{state.name} for {seconds:g} s")
+        node.listen(seconds / 10)
+
+
+def go(node: CheckedNode, goal: State) -> None:
+    """Bring the drive to a state by the commands of the state machine, each after the transition before."""
+    for _ in range(8):
+        state = decode_statusword(statusword(node))
+        if state is goal:
+            return
+        if state in (_FAULT, State.FAULT_REACTION_ACTIVE):
+            reaches(node, _FAULT)
+            control(node, 0)
+            control(node, 0x80)
+            reaches(node, _SOD)
+            continue
+        control(node, _word_to(state, goal))
+        _left(node, state)
+    reaches(node, goal, 0.1)
+
+
+def _word_to(state: State | None, goal: State) -> int:
+    """Return the controlword of the next step to a goal among the states of `_UP`."""
+    if state not in _UP or goal is _UP[0]:
+        return 0x00
+    place, target = _UP.index(state), _UP.index(goal)
+    return _UP_WORDS[place] if place < target else _UP_WORDS[target - 1]
+
+
+def _left(node: CheckedNode, state: State | None) -> None:
+    for _ in range(round(_LIMIT_S / 0.02)):
+        if decode_statusword(statusword(node)) is not state:
+            return
+        node.listen(0.02 if state is not _OE else _STEP_S)
+
+
+def set_mode(node: CheckedNode, mode: int) -> None:
+    """Select a mode of operation, and wait until 0x6061 shows it; NotApplicable for one that 0x6502 does not list."""
+    if not node.number(o.SUPPORTED_DRIVE_MODES) >> (mode - 1) & 1:
+        raise NotApplicable(f"0x6502 does not list mode {mode}")
+    node.put(o.MODES_OF_OPERATION, 0, mode, 1)
+    for _ in range(round(_LIMIT_S / 0.02)):
+        if signed(node, o.MODES_OF_OPERATION_DISPLAY) == mode:
+            return
+        node.listen(0.02)
+
+
+def stand(node: CheckedNode) -> None:
+    """Select a mode in which the drive stands when it is enabled."""
+    modes = node.number(o.SUPPORTED_DRIVE_MODES)
+    mode = next((mode for mode in _STANDING if modes >> (mode - 1) & 1), None)
+    if mode is None:
+        raise NotApplicable("0x6502 lists neither PV, PP, CSV nor CSP")
+    if mode in (OperationMode.PV, OperationMode.CSV):
+        node.put(o.TARGET_VELOCITY, 0, 0, 4)
+    else:
+        node.write(o.TARGET_POSITION, 0, node.read(o.POSITION_ACTUAL))
+    node.put(o.MODES_OF_OPERATION, 0, mode, 1)
+
+
+@contextmanager
+def drive_at(node: CheckedNode, goal: State, mode: int | None = None) -> Iterator[None]:
+    """Context in which the node is OPERATIONAL and its drive in a state; without power and in its old mode after it."""
+    is_drive(node)
+    with node.operational():
+        before = node.read(o.MODES_OF_OPERATION)
+        try:
+            if mode is None:
+                stand(node)
+            else:
+                set_mode(node, mode)
+            go(node, goal)
+            yield
+        finally:
+            with suppress(RemoteProtocolError):
+                control(node, 0)
+                for _ in range(100):
+                    if decode_statusword(statusword(node)) in (_SOD, _FAULT):
+                        break
+                    node.listen(0.05)
+                if decode_statusword(statusword(node)) is _FAULT:
+                    control(node, 0x80)
+                    node.listen(0.05)
+                    control(node, 0)
+                node.write(o.MODES_OF_OPERATION, 0, before)
+
+
+# -- objects
+
+
+@_add("D01", "402-2, 6.3 (object 0x6041)", "0x6041 shows one of the eight states")
+def _state(node: CheckedNode) -> None:
+    is_drive(node)
+    word = statusword(node)
+    expect(decode_statusword(word) is not None, f"statusword 0x{word:04X}", "a state of CiA 402-2, table 30")
+
+
+@_add("D02", "402-2, 8.4 (object 0x6502)", "0x6502 has a mode of operation")
+def _modes(node: CheckedNode) -> None:
+    is_drive(node)
+    modes = int.from_bytes(node.read(o.SUPPORTED_DRIVE_MODES), "little")
+    expect(modes != 0, "0x6502 = 0", "a bit for each supported mode")
+
+
+@_add("D03", "402-2, 8.3 (object 0x6040)", "0x6040 can be read, with two bytes")
+def _control(node: CheckedNode) -> None:
+    is_drive(node)
+    expect(len(node.read(o.CONTROLWORD)) == 2, f"{len(node.read(o.CONTROLWORD))} bytes", "2")
+
+
+@_add("D03m", "402-2, 8.3 (object 0x6061)", "0x6061 can be read, with one byte")
+def _display(node: CheckedNode) -> None:
+    is_drive(node)
+    data = node.read(o.MODES_OF_OPERATION_DISPLAY)
+    expect(len(data) == 1, f"{len(data)} bytes", "1")
+
+
+@_add("D04", "402-2, 8.6", "the option codes have values that the profile lists", _SHOULD)
+def _option_codes(node: CheckedNode) -> None:
+    is_drive(node)
+    for index, legal in _OPTION_CODES.items():
+        try:
+            value = signed(node, index)
+        except NotApplicable:
+            continue
+        expect(value < 0 or value in legal, f"0x{index:04X} = {value}", f"0 to {legal.stop - 1}, or below 0")
+
+
+def _positive(node: CheckedNode, index: int) -> None:
+    is_drive(node)
+    value = node.number(index)
+    expect(value > 0, f"0x{index:04X} = 0", "above 0")
+
+
+@_add("D05", "402-2, object 0x6085", "0x6085, the ramp of a quick stop, is above 0", _SHOULD)
+def _quick_stop_ramp(node: CheckedNode) -> None:
+    _positive(node, o.QUICK_STOP_DECELERATION)
+
+
+@_add("D05a", "402-2, object 0x6083", "0x6083, the ramp of the profile modes, is above 0", _SHOULD)
+def _profile_ramp(node: CheckedNode) -> None:
+    _positive(node, o.PROFILE_ACCELERATION)
+
+
+@_add("D05l", "402-2, object 0x607D", "0x607D:01 is not above 0x607D:02", _SHOULD)
+def _position_limits(node: CheckedNode) -> None:
+    is_drive(node)
+    low, high = signed(node, o.SOFTWARE_POSITION_LIMIT, 1), signed(node, o.SOFTWARE_POSITION_LIMIT, 2)
+    expect(low <= high, f"{low} and {high}", "minimum, maximum")
+
+
+def _of_the_eds(node: CheckedNode, index: int) -> None:
+    is_drive(node)
+    if node.eds is None or node.eds.od.get(index) is None:
+        raise NotApplicable(f"the EDS lists no 0x{index:04X}")
+    node.read(index)
+
+
+for _index, _name in ((0x603F, "the error code"), (0x606C, "the actual velocity"), (0x6064, "the actual position")):
+    _add(f"D09{_index & 0xFF:02x}", f"402-2, object 0x{_index:04X}", f"0x{_index:04X}, {_name}, is as in the EDS")(
+        partial(_of_the_eds, index=_index)
+    )
+
+
+@_add("D06", "402-2, object 0x606C", "0x606C is 0 while 0x6064 does not change", _SHOULD)
+def _at_rest(node: CheckedNode) -> None:
+    is_drive(node)
+    before = signed(node, o.POSITION_ACTUAL)
+    node.listen(0.2)
+    moved = signed(node, o.POSITION_ACTUAL) - before
+    velocity = signed(node, o.VELOCITY_ACTUAL)
+    expect(bool(moved) or velocity == 0, f"0x606C = {velocity} at rest", "0")
+
+
+def _bit(number: int, value: int, why: str, node: CheckedNode) -> None:
+    is_drive(node)
+    word = statusword(node)
+    expect(word >> number & 1 == value, f"statusword 0x{word:04X}", f"bit {number} = {value}: {why}")
+
+
+for _id, _number, _value, _title, _why in (
+    ("D08", 9, 1, "bit 9 of 0x6041 (remote) is 1", "the drive obeys 0x6040"),
+    ("D08w", 7, 0, "bit 7 of 0x6041 (warning) is 0", "no warning"),
+    ("D08l", 11, 0, "bit 11 of 0x6041 (internal limit) is 0", "no limit acts at rest"),
+):
+    _add(_id, "402-2, object 0x6041", _title, _SHOULD)(partial(_bit, _number, _value, _why))
+
+
+@_add("D08m", "402-2, object 0x6041", "0x6041 does not change while nothing happens", _SHOULD)
+def _stable(node: CheckedNode) -> None:
+    is_drive(node)
+    words = set()
+    for _ in range(40):
+        words.add(statusword(node))
+        node.listen(0.025)
+    shown = ", ".join(f"0x{word:04X}" for word in sorted(words))
+    expect(len(words) == 1, shown, "one value")
+
+
+# -- modes
+
+
+def _shown_mode(node: CheckedNode, mode: int, seconds: float) -> int:
+    shown = 0
+    for _ in range(round(seconds / 0.02)):
+        shown = signed(node, o.MODES_OF_OPERATION_DISPLAY)
+        if shown == mode:
+            break
+        node.listen(0.02)
+    return shown
+
+
+def _each_mode(node: CheckedNode, seconds: float) -> None:
+    is_drive(node)
+    modes = node.number(o.SUPPORTED_DRIVE_MODES)
+    with node.operational(), node.kept(o.MODES_OF_OPERATION):
+        for mode in (number for number in range(1, 17) if modes >> (number - 1) & 1):
+            node.put(o.MODES_OF_OPERATION, 0, mode, 1)
+            shown = _shown_mode(node, mode, seconds)
+            expect(shown == mode, f"0x6061 = {shown} after {seconds:g} s", f"{mode}, which 0x6502 lists")
+
+
+@_add("D11", "402-2, objects 0x6060 and 0x6061", "each mode of 0x6502 is shown in 0x6061 within 1 s", touch=_CONFIGURE)
+def _mode_shown(node: CheckedNode) -> None:
+    _each_mode(node, 1.0)
+
+
+@_add("D11t", "402-2, objects 0x6060 and 0x6061", "each mode is shown within 0.1 s", _SHOULD, _CONFIGURE)
+def _mode_at_once(node: CheckedNode) -> None:
+    _each_mode(node, 0.1)
+
+
+def _taken_modes(node: CheckedNode, modes: range) -> list[int]:
+    """Return the modes that the drive takes."""
+    taken = []
+    with node.operational(), node.kept(o.MODES_OF_OPERATION):
+        for mode in modes:
+            try:
+                node.put(o.MODES_OF_OPERATION, 0, mode & 0xFF, 1)
+            except SdoAbort:
+                continue
+            if _shown_mode(node, mode, 0.1) == mode:
+                taken.append(mode)
+    return taken
+
+
+@_add("D12", "402-2, objects 0x6060 and 0x6502", "a mode that 0x6502 does not list is not taken", touch=_CONFIGURE)
+def _unknown_mode(node: CheckedNode) -> None:
+    is_drive(node)
+    modes = node.number(o.SUPPORTED_DRIVE_MODES)
+    taken = [mode for mode in _taken_modes(node, range(1, 17)) if not modes >> (mode - 1) & 1]
+    expect(not taken, f"0x6061 shows {', '.join(map(str, taken))}", "abort 0x06090030, or 0x6061 as before")
+
+
+@_add(
+    "D12n", "402-2, object 0x6060", "a manufacturer's mode is announced in bits 16 to 31 of 0x6502", _SHOULD, _CONFIGURE
+)
+def _own_modes(node: CheckedNode) -> None:
+    is_drive(node)
+    if node.number(o.SUPPORTED_DRIVE_MODES) >> 16:
+        raise NotApplicable("0x6502 announces modes of the manufacturer")
+    taken = _taken_modes(node, range(-10, 0))
+    expect(not taken, f"mode {', '.join(map(str, taken))} is taken", "a bit of 16 to 31 in 0x6502")
+
+
+# -- parameters
+
+
+def _read_back(node: CheckedNode, index: int, subindex: int, value: int, size: int) -> None:
+    is_drive(node)
+    with node.kept(index, subindex):
+        node.put(index, subindex, value, size)
+        shown = node.number(index, subindex)
+        expect(shown == value, f"{shown}", f"{value}, or an abort")
+
+
+@_add("D15p", "402-2, object 0x60C2", "an interpolation time of 10 ms is taken as it is", touch=_CONFIGURE)
+def _period(node: CheckedNode) -> None:
+    is_drive(node)
+    with node.kept(o.INTERPOLATION_TIME_PERIOD, 2):
+        node.put(o.INTERPOLATION_TIME_PERIOD, 2, 0xFD, 1)
+        _read_back(node, o.INTERPOLATION_TIME_PERIOD, 1, 10, 1)
+
+
+@_add("D13", "402-2, object 0x6083", "an acceleration is taken as it is, or refused", touch=_CONFIGURE)
+def _acceleration(node: CheckedNode) -> None:
+    is_drive(node)
+    value = node.number(o.PROFILE_ACCELERATION)
+    _read_back(node, o.PROFILE_ACCELERATION, 0, max(2 * value, 5000), 4)
+
+
+@_add("D13d", "402-2, object 0x6084", "a deceleration is taken as it is, or refused", touch=_CONFIGURE)
+def _deceleration(node: CheckedNode) -> None:
+    is_drive(node)
+    _read_back(node, o.PROFILE_DECELERATION, 0, max(2 * node.number(o.PROFILE_DECELERATION), 5000), 4)
+
+
+@_add("D65m", "402-2, object 0x6098", "homing method 0 (none) is taken", _SHOULD, _CONFIGURE)
+def _no_homing(node: CheckedNode) -> None:
+    _read_back(node, o.HOMING_METHOD, 0, 0, 1)
+
+
+@_add("D42", _POWER, "OPERATION ENABLED is not entered in PRE-OPERATIONAL", _SHOULD, _MOTION)
+def _enabled_in_preop(node: CheckedNode) -> None:
+    is_drive(node)
+    with node.kept(o.MODES_OF_OPERATION):
+        stand(node)
+        try:
+            for word in (0x06, 0x07, 0x0F):
+                control(node, word)
+                node.listen(0.1)
+            state = decode_statusword(statusword(node))
+            expect(state is not _OE, "OPERATION_ENABLED", "no power in PRE-OPERATIONAL")
+        finally:
+            control(node, 0)
+            node.listen(0.1)
+
+
+@_add("D20", _POWER, "after a reset the drive is in SWITCH ON DISABLED", touch=_CONFIGURE)
+def _after_reset(node: CheckedNode) -> None:
+    is_drive(node)
+    boot(node)
+    reaches(node, _SOD)
+
+
+@_add("D20t", _POWER, "after a reset SWITCH ON DISABLED is reached within 1 s", _SHOULD, _CONFIGURE)
+def _soon_after_reset(node: CheckedNode) -> None:
+    is_drive(node)
+    boot(node)
+    reaches(node, _SOD, 1.0)
+
+
+# -- the power state machine: every transition by every command, by SDO and by RPDO
+
+_ARROWS = (
+    ("D21", 2, _SOD, 0x06, _RTSO),
+    ("D22", 3, _RTSO, 0x07, _ON),
+    ("D23", 4, _ON, 0x0F, _OE),
+    ("D24", 5, _OE, 0x07, _ON),
+    ("D25", 6, _ON, 0x06, _RTSO),
+    ("D26", 7, _RTSO, 0x00, _SOD),
+    ("D26q", 7, _RTSO, 0x02, _SOD),
+    ("D27", 8, _OE, 0x06, _RTSO),
+    ("D28", 9, _OE, 0x00, _SOD),
+    ("D29", 10, _ON, 0x00, _SOD),
+    ("D29q", 10, _ON, 0x02, _SOD),
+)
+_FORBIDDEN = (
+    ("D33a", _SOD, 0x07),
+    ("D33b", _SOD, 0x0F),
+    ("D33c", _SOD, 0x02),
+    ("D34", _SOD, 0x80),  # a fault reset without a fault
+    ("D34r", _RTSO, 0x86),
+    ("D33h", _RTSO, 0x06),
+)
+
+
+def _by_rpdo(node: CheckedNode, word: int) -> None:
+    """Send a controlword in the first RPDO, with the present values of its other objects."""
+    record = first_rpdo(node)
+    image, shift = int.from_bytes(present_values(node, record), "little"), 0
+    for entry in record.entries:
+        index, _, bits = parse_mapping_entry(entry)
+        if index == o.CONTROLWORD:
+            image = image & ~(0xFFFF << shift) | word << shift
+            break
+        shift += bits
+    else:
+        raise NotApplicable("the first RPDO does not map 0x6040")
+    node.send(record.can_id, image.to_bytes(record.length, "little"))
+
+
+def _arrow(node: CheckedNode, source: State, word: int, target: State, seconds: float, *, rpdo: bool = False) -> None:
+    with drive_at(node, source):
+        if rpdo:
+            _by_rpdo(node, word)
+        else:
+            control(node, word)
+        elapsed = reaches(node, target, seconds)
+        node.notes.append(f"{elapsed * 1000:.0f} ms")
+
+
+def _no_arrow(node: CheckedNode, source: State, word: int) -> None:
+    with drive_at(node, source):
+        control(node, word)
+        stays(node, source, 0.2)
+
+
+for _id, _arrow_number, _source, _word, _target in _ARROWS:
+    _title = f"transition {_arrow_number}: {_source.name} and 0x{_word:02X} lead to {_target.name}"
+    _add(_id, _POWER, _title, touch=_MOTION)(
+        partial(_arrow, source=_source, word=_word, target=_target, seconds=_LIMIT_S)
+    )
+    _add(f"{_id}r", _POWER, f"{_title}, by RPDO", touch=_MOTION)(
+        partial(_arrow, source=_source, word=_word, target=_target, seconds=_LIMIT_S, rpdo=True)
+    )
+    _add(f"{_id}t", _POWER, f"{_title} within {_QUICK_S:g} s", _SHOULD, _MOTION)(
+        partial(_arrow, source=_source, word=_word, target=_target, seconds=_QUICK_S)
+    )
+for _id, _source, _word in _FORBIDDEN:
+    _add(_id, _POWER, f"0x{_word:02X} in {_source.name} changes nothing", touch=_MOTION)(
+        partial(_no_arrow, source=_source, word=_word)
+    )
+
+
+@_add("D44", _POWER, "SWITCHED ON lasts without a command", _SHOULD, _MOTION)
+def _lasting(node: CheckedNode) -> None:
+    with drive_at(node, _ON):
+        stays(node, _ON, 4.0)
+
+
+@_add("D23v", "402-2, object 0x6041", "bit 4 of 0x6041 (voltage enabled) is 1 in OPERATION ENABLED", touch=_MOTION)
+def _voltage(node: CheckedNode) -> None:
+    with drive_at(node, _OE):
+        word = statusword(node)
+        expect(bool(word & 0x10), f"statusword 0x{word:04X}", "bit 4 = 1")
+
+
+@_add("D46", _POWER, "OPERATION ENABLED is entered with mode 0, too", _SHOULD, _MOTION)
+def _without_mode(node: CheckedNode) -> None:
+    with drive_at(node, _SOD):
+        try:
+            node.put(o.MODES_OF_OPERATION, 0, 0, 1)
+        except SdoAbort as error:
+            raise NotApplicable(f"0x6060 refuses 0: 0x{error.code:08X}") from None
+        go(node, _ON)
+        control(node, 0x0F)
+        reaches(node, _OE, 1.0)
+
+
+@_add("D39", _POWER, "enabling moves nothing, whatever 0x607A holds", touch=_MOTION)
+def _old_target(node: CheckedNode) -> None:
+    with drive_at(node, _ON, OperationMode.PP):
+        position = signed(node, o.POSITION_ACTUAL)
+        window = max(node.number(o.POSITION_WINDOW), 10)
+        with node.kept(o.TARGET_POSITION):
+            node.put(o.TARGET_POSITION, 0, position + 100 * window & 0xFFFFFFFF, 4)
+            control(node, 0x0F)
+            reaches(node, _OE)
+            node.listen(0.3)
+            moved = signed(node, o.POSITION_ACTUAL) - position
+            expect(abs(moved) <= window, f"moved by {moved}", "at rest until a set-point is given by bit 4")
+
+
+# -- quick stop
+
+
+@contextmanager
+def option(node: CheckedNode, index: int, value: int) -> Iterator[None]:
+    """Context with another option code; NotApplicable if the drive refuses the value."""
+    with node.kept(index):
+        try:
+            node.put(index, 0, value, 2)
+        except SdoAbort as error:
+            raise NotApplicable(f"0x{index:04X} refuses {value}: 0x{error.code:08X}") from None
+        yield
+
+
+@_add("D30", "402-2, 6.3 (object 0x605A)", "a quick stop with 0x605A = 6 stays in QUICK STOP ACTIVE", touch=_MOTION)
+def _quick_stop(node: CheckedNode) -> None:
+    is_drive(node)
+    with option(node, o.QUICK_STOP_OPTION, 6), drive_at(node, _OE):
+        control(node, 0x02)
+        reaches(node, _QSA, 1.0)
+        stays(node, _QSA, 0.5)
+        control(node, 0x00)
+        reaches(node, _SOD)
+
+
+@_add("D30e", "402-2, 6.3 (object 0x605A)", "a quick stop with 0x605A = 2 ends in SWITCH ON DISABLED", touch=_MOTION)
+def _quick_stop_ends(node: CheckedNode) -> None:
+    is_drive(node)
+    with option(node, o.QUICK_STOP_OPTION, 2), drive_at(node, _OE):
+        control(node, 0x02)
+        reaches(node, _SOD, 5.0)
+
+
+@_add(
+    "D31",
+    "402-2, 6.3 (object 0x605A)",
+    "transition 16: 0x0F leaves QUICK STOP ACTIVE where 0x605A is 6",
+    _SHOULD,
+    _MOTION,
+)
+def _resumed(node: CheckedNode) -> None:
+    is_drive(node)
+    with option(node, o.QUICK_STOP_OPTION, 6), drive_at(node, _OE):
+        control(node, 0x02)
+        reaches(node, _QSA, 1.0)
+        control(node, 0x0F)
+        reaches(node, _OE, 1.0)
+
+
+# -- faults: provoked by the loss of a heartbeat that the drive watches
+
+
+@contextmanager
+def _faulted(node: CheckedNode, word: int = 0x0F) -> Iterator[list[int]]:
+    """Context in which the drive is in FAULT, whose cause is gone; gives the codes of its EMCY messages."""
+    is_drive(node)
+    other = 126 if node.node_id != 126 else 125
+    can_id = node.number(0x1014) & 0x7FF
+    with option(node, o.ABORT_CONNECTION_OPTION, 1), drive_at(node, _OE):
+        control(node, word)
+        with node.kept(0x1016, 1):
+            node.put(0x1016, 1, other << 16 | 100, 4)
+            for _ in range(3):
+                node.send(ERROR_CONTROL_COB_ID + other, b"\5")
+                node.listen(0.05)
+            frames = [frame for _, frame in node.listen(0.4) if frame.can_id == can_id]
+        node.nmt(NmtCommand.START)
+        node.listen(0.02)
+        reaches(node, _FAULT, 5.0)
+        yield [int.from_bytes(frame.data[:2], "little") for frame in frames]
+
+
+@_add("D35", _POWER, "a lost heartbeat with 0x6007 = 1 leads to FAULT, with an EMCY", touch=_MOTION)
+def _fault(node: CheckedNode) -> None:
+    with _faulted(node) as codes:
+        expect(bool(codes), "no EMCY", "an EMCY with the cause")
+
+
+@_add("D35c", "402-2, object 0x603F", "0x603F holds the code of a fault's EMCY", touch=_MOTION)
+def _fault_code(node: CheckedNode) -> None:
+    with _faulted(node) as codes:
+        code = node.number(o.ERROR_CODE)
+        expect(code in codes, f"0x603F = 0x{code:04X}", ", ".join(f"0x{code:04X}" for code in codes) or "an EMCY")
+
+
+@_add("D36", _POWER, "transition 15: the edge of bit 7 leads from FAULT to SWITCH ON DISABLED", touch=_MOTION)
+def _fault_reset(node: CheckedNode) -> None:
+    with _faulted(node):
+        control(node, 0x00)
+        control(node, 0x80)
+        reaches(node, _SOD)
+
+
+@_add("D36t", _POWER, f"FAULT is left within {_QUICK_S:g} s of the edge of bit 7", _SHOULD, _MOTION)
+def _quick_reset(node: CheckedNode) -> None:
+    with _faulted(node):
+        control(node, 0x00)
+        control(node, 0x80)
+        reaches(node, _SOD, _QUICK_S)
+
+
+@_add("D36l", _POWER, "bit 7 that is held at 1 resets no fault", touch=_MOTION)
+def _held_reset(node: CheckedNode) -> None:
+    with _faulted(node, 0x8F):
+        stays(node, _FAULT, 1.5)
+
+
+@_add("D33f", _POWER, "0x06, 0x07 and 0x0F in FAULT change nothing", touch=_MOTION)
+def _commands_in_fault(node: CheckedNode) -> None:
+    with _faulted(node):
+        for word in (0x06, 0x07, 0x0F):
+            control(node, word)
+            stays(node, _FAULT, 0.05)
+
+
+@_add("D38", _POWER, "a fault reset does not lead to OPERATION ENABLED", touch=_MOTION)
+def _reset_and_enable(node: CheckedNode) -> None:
+    with _faulted(node):
+        control(node, 0x0F)
+        control(node, 0x8F)
+        for _ in range(20):
+            state = decode_statusword(statusword(node))
+            expect(state is not _OE, "OPERATION_ENABLED", "SWITCH_ON_DISABLED until the next command")
+            node.listen(0.02)
+
+
+@_add("D38e", _POWER, "the drive is enabled within 1 s after a fault reset", _SHOULD, _MOTION)
+def _enabled_after_reset(node: CheckedNode) -> None:
+    with _faulted(node):
+        control(node, 0x00)
+        control(node, 0x80)
+        reaches(node, _SOD)
+        begin = node.reactor.now()
+        go(node, _OE)
+        seconds = (node.reactor.now() - begin) / 1e9
+        expect(seconds < 1.0, f"{seconds:.1f} s", "less than 1 s")
+
+
+# -- NMT and modes while the drive is enabled
+
+
+@_add("D41", _POWER, "NMT stop in OPERATION ENABLED switches the drive off", touch=_MOTION)
+def _nmt_stop(node: CheckedNode) -> None:
+    with drive_at(node, _OE):
+        node.nmt(NmtCommand.STOP)
+        node.listen(1.0)
+        node.nmt(NmtCommand.START)
+        node.listen(0.02)
+        state = decode_statusword(statusword(node))
+        expect(state is not _OE, "OPERATION_ENABLED", "a stop, by 0x6007")
+
+
+def _mode_change(node: CheckedNode, word: int) -> None:
+    with drive_at(node, _OE, OperationMode.PV):
+        control(node, word)
+        node.listen(0.1)
+        node.write(o.TARGET_POSITION, 0, node.read(o.POSITION_ACTUAL))
+        node.put(o.MODES_OF_OPERATION, 0, OperationMode.PP, 1)
+        shown = _shown_mode(node, OperationMode.PP, 0.5)
+        expect(shown == OperationMode.PP, f"0x6061 = {shown}", "1 (PP)")
+
+
+@_add("D68e", "402-2, object 0x6060", "the mode changes in OPERATION ENABLED at standstill", _SHOULD, _MOTION)
+def _mode_enabled(node: CheckedNode) -> None:
+    _mode_change(node, 0x0F)
+
+
+@_add("D68h", "402-2, object 0x6060", "the mode changes while the halt bit is set", _SHOULD, _MOTION)
+def _mode_halted(node: CheckedNode) -> None:
+    _mode_change(node, 0x0F | HALT_BIT)
+
+
+@_add("D65w", "402-2, object 0x6098", "the homing method can be written in OPERATION ENABLED", _SHOULD, _MOTION)
+def _method_enabled(node: CheckedNode) -> None:
+    with drive_at(node, _OE), node.kept(o.HOMING_METHOD) as method:
+        node.put(o.HOMING_METHOD, 0, method, 1)
