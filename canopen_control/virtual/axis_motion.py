@@ -1,8 +1,8 @@
-"""The motion of one axis over time: its timers, its demand, and the plant that follows.
+"""Motion of one axis over time: timers, demand, and the plant that follows it; switches and servo loops.
 
-Time is events. Every timer is served at its own time, in order, whenever `advance` is called, so that what happens does
-not depend on how often anybody looks. A demand is made at an event and followed until the next. Its end, a limit switch
-and a following error are told to the owner through `Reactions`.
+Time consists of events. Every timer is served at its own time, in order, whenever `advance` is called, so that the
+result does not depend on the number of calls. A demand is set at an event and followed until the next. Its end, a limit
+switch and a following error are reported to the owner through `Reactions`.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ _OUT_OF_REACH = 1e12
 
 @dataclass(slots=True)
 class Switches:
-    """Places in plant counts; the home switch is active from `home_low` to `home_high`.
+    """Positions of the switches in plant counts; the home switch is active from `home_low` to `home_high`.
 
-    The index comes every `index_period`. The limit switches are there for homing, or, `wired`, for every motion.
+    The index repeats every `index_period`. The limit switches serve homing or, if `wired`, stop every motion.
     """
 
     negative: float = -_LIMIT
@@ -54,7 +54,7 @@ class Switches:
         return home | (NEGATIVE if position <= self.negative else 0) | (POSITIVE if position >= self.positive else 0)
 
     def next_hit(self, demand: DemandCurve, now: int) -> int | None:
-        """Return when `demand` runs into a wired limit switch, None: it does not."""
+        """Return the time at which `demand` reaches a wired limit switch, None if it does not."""
         if not self.wired:
             return None
         position = demand.at(now)[0]
@@ -64,7 +64,7 @@ class Switches:
         return None
 
     def bounds(self, position: float) -> tuple[float, float]:
-        """Return how far a motion may go from `position` while a limit switch is active."""
+        """Return the range of a motion from `position` while a limit switch is active."""
         if not self.wired:
             return -float("inf"), float("inf")
         low = position if position <= self.negative else -float("inf")
@@ -78,11 +78,11 @@ class Switches:
         self.wired, self.positive, self.negative = True, position, -_OUT_OF_REACH
 
     def open_positive(self) -> None:
-        """Have limit switches for homing alone again."""
+        """Restrict the limit switches to homing again."""
         self.wired, self.positive, self.negative = False, _LIMIT, -_LIMIT
 
     def place(self, *, reachable: bool) -> None:
-        """Put the switches where they are, or out of homing's way (a fault)."""
+        """Put the switches at their positions, or out of reach of homing (a fault)."""
         far = 0.0 if reachable else _OUT_OF_REACH
         self.negative, self.positive = -_LIMIT - far, _LIMIT + far
         self.home_low, self.home_high = _HOME_LOW + far, _HOME_HIGH + far
@@ -100,7 +100,7 @@ _PERIOD_S: Final = PERIOD_NS * 1e-9
 
 
 class VelocityLoop:
-    """Loops with gains; `fed` is what comes beside the demand, in counts/s and per mille (0x60B1, 0x60B2)."""
+    """Control loops with gains; `fed` is the feed-forward, in counts/s and per mille (0x60B1, 0x60B2)."""
 
     def __init__(self, gains: ServoGains) -> None:
         self.gains = gains
@@ -108,7 +108,7 @@ class VelocityLoop:
         self._integral = self._torque = 0.0
 
     def rest(self, torque: float = 0.0) -> None:
-        """Forget what was gathered; go on from a torque."""
+        """Reset the integrators; continue from a torque."""
         self._integral = self._torque = torque
         self.fed = (0.0, 0.0)
 
@@ -132,7 +132,7 @@ class VelocityLoop:
             plant.apply_torque(cruise(start_ns, 0.0, self._torque), start_ns, end_ns)
 
     def _control(self, lacking: float, limit: float, plant: Plant) -> None:
-        """Make the torque until the next point; at a limit, the loop's or the motor's, nothing more is gathered."""
+        """Compute the torque until the next point; at a limit, of the loop or the motor, the integrator stops."""
         gains = self.gains
         wanted = gains.velocity_p * lacking + self._integral + self.fed[1]
         held = max(-limit, min(limit, wanted))
@@ -148,7 +148,7 @@ FOLLOW_NS = _MS  # how often a plant that lags is compared with its demand
 
 
 class Reactions(Protocol):
-    """What the owner does when something happens to the motion."""
+    """Reactions of the owner to events of the motion."""
 
     def arrived(self, now: int) -> None:
         """React to the end of the demand."""
@@ -166,17 +166,17 @@ class Reactions(Protocol):
         """Look at values that change with the motion."""
 
     def wants_samples(self) -> bool:
-        """Whether anybody looks at such values."""
+        """Return whether any such value is in use."""
 
     def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
-        """Return when and where an index pulse comes that somebody waits for."""
+        """Return time and position of the next awaited index pulse."""
 
     def index_passed(self, place: float) -> None:
         """React to that index pulse."""
 
 
 class AxisMotion:
-    """One axis in time. Positions are the plant's, in counts."""
+    """Motion of one axis. Positions are the plant's, in counts."""
 
     def __init__(self, plant: Plant, owner: Reactions) -> None:
         self.plant, self.owner = plant, owner
@@ -198,16 +198,16 @@ class AxisMotion:
     # -- timers
 
     def at(self, name: str, due_ns: int, callback: Callable[[int], None]) -> None:
-        """Call `callback` at `due_ns`, once; a timer of the same name gives way."""
+        """Call `callback` at `due_ns`, once; it replaces a timer of the same name."""
         self.timers[name] = (due_ns, callback)
 
     def cancel(self, *names: str) -> None:
-        """Forget timers; no-op where there is none."""
+        """Cancel timers; no-op for missing ones."""
         for name in names:
             self.timers.pop(name, None)
 
     def advance(self, now: int) -> None:
-        """Bring the axis to `now`, each event in between at its own time."""
+        """Advance the axis to `now`, each event in between at its own time."""
         while self._rings(now):
             name, (due, callback) = min(self.timers.items(), key=_due)
             del self.timers[name]
@@ -217,20 +217,20 @@ class AxisMotion:
             self._move(now)
 
     def _rings(self, now: int) -> bool:
-        """Whether a timer is due."""
+        """Return whether a timer is due."""
         for due, _ in self.timers.values():  # noqa: SIM110 - most often there are none or one
             if due <= now:
                 return True
         return False
 
     def next_event(self) -> int | None:
-        """Return the time of the next timer, None: there is none."""
+        """Return the time of the next timer, None if there is none."""
         return min([due for due, _ in self.timers.values()]) if self.timers else None
 
     def next_deadline(self) -> int | None:
-        """Return when somebody has to look, None: nothing happens by itself.
+        """Return the time of the next `advance`, None if nothing happens by itself.
 
-        What a coupled plant has become is judged at the times for that, but by whoever looks next.
+        A coupled plant is evaluated at its fixed times, by the next caller after them.
         """
         if self._coupled is None:
             return self.next_event()
@@ -253,7 +253,10 @@ class AxisMotion:
             self.plant.follow(self.demand, start, now)
 
     def set_loop(self, gains: ServoGains | None, now: int) -> None:
-        """Give the loop other gains, or none: from now on, and from the present torque. A coupled plant has its own."""
+        """Set other gains of the loop, or none, from now on, starting at the present torque.
+
+        A coupled plant has its own.
+        """
         self._move(now)
         self.gains = gains
         if gains is None or self._coupled is not None:
@@ -265,7 +268,7 @@ class AxisMotion:
 
     @property
     def time(self) -> int:
-        """The time the axis was brought to, 0 before it started."""
+        """Time to which the axis was advanced, 0 before it started."""
         return self.now or 0
 
     # -- motion
@@ -276,7 +279,7 @@ class AxisMotion:
         return abs(self.plant.velocity) < 0.5
 
     def state(self, now: int) -> tuple[float, float]:
-        """Return position and velocity from which a new demand goes on."""
+        """Return position and velocity from which a new demand continues."""
         if self.torque is not None or not self.powered:
             return self.plant.position, self.plant.velocity
         position, velocity = self.demand.at(now)
@@ -284,11 +287,11 @@ class AxisMotion:
 
     @property
     def _drifts(self) -> bool:
-        """Whether the plant is not held at the demand's position, but at its velocity alone."""
+        """Whether the plant is controlled only at the demand's velocity, not at its position."""
         return self.velocity_mode and (self.loop is not None or self._coupled is not None)
 
     def power(self, on: bool, now: int) -> None:
-        """Switch the power stage; both ways the demand is where the plant is."""
+        """Switch the power stage; in both directions the demand moves to the plant's position."""
         self._move(now)
         self.cancel("arrive", "follow", "switch", "index", "interpolate", "set point", "following error")
         self.powered, self.torque, self._fed = on, None, (0.0, 0.0)
@@ -299,7 +302,7 @@ class AxisMotion:
         self.demand = hold(now, self.plant.position)
 
     def displace(self, way: float, now: int) -> None:
-        """Move the plant by force; a powered motor goes on from there."""
+        """Move the plant by force; a powered motor continues from there."""
         self._move(now)
         self.plant.position += way
         if not self.powered or self.torque is None:
@@ -307,7 +310,7 @@ class AxisMotion:
             self.demand = demand.shifted(way)
 
     def run(self, demand: DemandCurve, now: int) -> None:
-        """Follow `demand` from now on; its end is told, at once where it has none."""
+        """Follow `demand` from now on; its end is reported, at once without a motion."""
         self._move(now)
         if self.loop is not None and self.torque is not None:
             self.loop.rest(self.torque.at(now)[1])
@@ -322,7 +325,7 @@ class AxisMotion:
             self.owner.arrived(now)
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Give the plant's loops something beside the demand from now on, in counts/s and per mille."""
+        """Set the feed-forward of the plant's loops from now on, in counts/s and per mille."""
         if (velocity, torque) != self._fed and self.powered:
             self._fed = velocity, torque
             if self.loop is not None:
@@ -330,7 +333,7 @@ class AxisMotion:
             self.plant.feed_forward(velocity, torque)
 
     def apply_torque(self, torque: DemandCurve, now: int) -> None:
-        """Apply a torque from now on, in per mille of the rated one; the end of its ramp is told."""
+        """Apply a torque from now on, in per mille of the rated one; the end of its ramp is reported."""
         self._move(now)
         self.torque = torque
         self.cancel("follow", "switch")
@@ -352,7 +355,7 @@ class AxisMotion:
             self.at("sample", now + SAMPLE_NS, self._sample)
 
     def watch_index(self, now: int) -> None:
-        """Wait for the next index pulse on the way of the demand, where somebody does."""
+        """Wait for the next index pulse of the demand, if it is awaited."""
         found = self.owner.next_index(self.demand, now) if self.torque is None else None
         if found is None:
             self.cancel("index")
@@ -367,7 +370,7 @@ class AxisMotion:
         self.owner.limit_switch_hit(int(math.copysign(1.0, self.demand.at(now)[1])), now)
 
     def _follow(self, now: int) -> None:
-        """Compare a plant that lags with its demand, until both stand together."""
+        """Compare a lagging plant with its demand, until both stand together."""
         if not self.powered or self.torque is not None:
             return
         position, velocity = self.demand.at(now)
@@ -378,7 +381,7 @@ class AxisMotion:
             self.at("follow", now + FOLLOW_NS, self._follow)
 
     def _judge_again(self, plant: CoupledPlant, now: int) -> None:
-        """Judge a coupled plant at the next of its times, which are the same for all axes."""
+        """Evaluate a coupled plant at the next of its times, which are the same for all axes."""
         every = plant.follow_ns
         self.at("follow", (now // every + 1) * every, lambda then: self._judge(plant, then))
 

@@ -45,9 +45,9 @@ def wrap32(value: float) -> int:
 
 
 class DriveUnits:
-    """Counts for each user unit: `position` and `velocity` with their sign, `length`, `speed`, `acceleration` without.
+    """Counts per user unit: `position` and `velocity` with sign, `length`, `speed`, `acceleration` without.
 
-    `turn` is 1 or -1 for velocities whose unit is another one (rpm), `zero` the plant's place of the user's 0.
+    `turn` is 1 or -1 for velocities in another unit (rpm), `zero` the plant's position of the user's 0.
     """
 
     def __init__(self) -> None:
@@ -56,7 +56,7 @@ class DriveUnits:
         self.own_speed = 1.0  # of a velocity unit that no object names
 
     def update(self, objects: AxisObjects) -> None:
-        """Take the objects as they are now."""
+        """Update the factors from the objects."""
         polarity = objects.number(o.POLARITY)
         self.length = 1.0
         feed = objects.number(o.FEED_CONSTANT, 1, 1) or 1, objects.number(o.FEED_CONSTANT, 2, 1) or 1
@@ -71,16 +71,16 @@ class DriveUnits:
         self.velocity = self.turn * self.speed
 
     def user(self, place: float) -> int:
-        """Return the user's position of a place of the plant."""
+        """Return the user's position of a position of the plant."""
         return wrap32((place - self.zero) / self.position)
 
     def lose_counts(self, counts: float) -> None:
-        """Let the position the encoder shows jump by `counts` (a fault)."""
+        """Let the encoder's position jump by `counts` (a fault)."""
         self.zero -= counts
 
 
 class AxisObjects:
-    """The objects of axis `axis` in `store`; every index is written as that of axis 0."""
+    """Objects of axis `axis` in `store`; every index is that of axis 0."""
 
     def __init__(self, store: VirtualStore, axis: int, model: DeviceModel) -> None:
         self.axis, self.store, self.model = axis, store, model
@@ -89,43 +89,43 @@ class AxisObjects:
         self._values = store.values
 
     def number(self, index: int, subindex: int = 0, default: int = 0) -> int:
-        """Return a whole number, `default` where the object is absent or holds none."""
+        """Return an integer, `default` if the object is missing or has none."""
         value = self._values.get((index + self.offset, subindex), default)
         return value if isinstance(value, int) else default
 
     def has(self, index: int, subindex: int = 0) -> bool:
-        """Whether the axis has an object."""
+        """Return whether the axis has an object."""
         return (index + self.offset, subindex) in self._values
 
     def set(self, index: int, value: Value) -> None:
-        """Set an object past all rules, as the device's own firmware does; no-op where it is absent."""
+        """Set an object without any check, as the device's own firmware does; no-op if it is missing."""
         self.store.set(index + self.offset, 0, value)
 
     def ramp(self, index: int) -> float:
-        """Return an acceleration object in counts/s^2; the model says what an absent one, or 0, means."""
+        """Return an acceleration object in counts/s^2; the device model replaces a missing one, or 0."""
         return self.number(index) * self.units.acceleration or self.model.unset_ramp
 
     def speed(self, index: int, subindex: int = 0) -> float:
-        """Return an object that holds a speed without direction, in counts/s."""
+        """Return an object with a speed without direction, in counts/s."""
         return self.number(index, subindex) * self.units.speed
 
     def length(self, index: int) -> float:
-        """Return an object that holds a distance without direction, in counts."""
+        """Return an object with a distance without direction, in counts."""
         return self.number(index) * self.units.length
 
     def ratio(self, index: int) -> float:
-        """Return subindex 1 divided by subindex 2; each is 1 where it is absent or 0."""
+        """Return subindex 1 divided by subindex 2; each is 1 if it is missing or 0."""
         return float(self.number(index, 1, 1) or 1) / float(self.number(index, 2, 1) or 1)
 
     @property
     def counts_per_rpm(self) -> float:
-        """Counts per second at one revolution per minute."""
+        """Counts per second of one revolution per minute."""
         counts = self.number(o.POSITION_ENCODER_RESOLUTION, 1) or self.model.counts_per_revolution
         return counts / max(1, self.number(o.POSITION_ENCODER_RESOLUTION, 2, 1)) / 60.0
 
     @property
     def speed_unit(self) -> float:
-        """Counts per second of the unit of velocities that 0x60A9 names, 0 where it names none but counts."""
+        """Counts per second of the velocity unit in 0x60A9, 0 if it is counts."""
         return self.counts_per_rpm * rpm_of_unit(self.number(o.SI_UNIT_VELOCITY))
 
     @property

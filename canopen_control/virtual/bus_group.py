@@ -52,12 +52,12 @@ _ENGINES: Final = {"mujoco": "canopen_control.physics.engine"}  # imported only 
 
 
 class GroupError(ConfigError):
-    """A file of several buses holds mistakes."""
+    """Error in a file of several buses."""
 
 
 @dataclass(frozen=True)
 class BusFile:
-    """One bus: its channel, and the EDS files by node ids."""
+    """One bus: its channel, and EDS files by node id."""
 
     channel: str
     nodes: dict[str, str]
@@ -75,7 +75,7 @@ class RobotFile:
 
 @dataclass(frozen=True)
 class BusGroup:
-    """The file as a whole."""
+    """Complete file of several buses."""
 
     robots: dict[str, RobotFile]
     engine: Literal["mujoco"] = "mujoco"
@@ -84,7 +84,7 @@ class BusGroup:
 
 
 def read_group(path: Path) -> BusGroup:
-    """Return the file; GroupError with every mistake and its line."""
+    """Return the file; GroupError with all mistakes and their lines."""
     return load(path, BusGroup, error=GroupError, check=_check)
 
 
@@ -104,9 +104,9 @@ def _check(file: BusGroup, _problems: Problems) -> None:
 
 
 def run_group(path: Path, say: Callable[[str], None], like: Personality | None = None) -> int:
-    """Run the drives of a file until told to end, all with one personality; return the exit code.
+    """Run the drives of a file until a signal, all with one personality; return the exit code.
 
-    Raises EdsError and ConfigError for what cannot be started, BusError for a channel.
+    EdsError and ConfigError if a drive cannot be started, BusError for a channel.
     """
     file = read_group(path)
     with Reactor() as reactor, contextlib.ExitStack() as cleanup:
@@ -141,7 +141,7 @@ def _nodes(
 
 
 def open_world(file: BusGroup, path: Path) -> SharedWorld:
-    """Return the world that all share; `path` is that of the file."""
+    """Return the world shared by all; `path` is that of the file."""
     engine = importlib.import_module(_ENGINES[file.engine])
     plants: Mapping[str, Path] = {name: path.parent / robot.plant for name, robot in file.robots.items()}
     if not file.world:

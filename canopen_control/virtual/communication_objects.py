@@ -1,6 +1,7 @@
-"""A node's objects 0x1000 to 0x1FFF that are no PDO: what each sets in the services of CiA 301.
+"""Objects 0x1000 to 0x1FFF of a node except PDOs: their effects on the services of CiA 301.
 
-Guards refuse with the standard's abort codes; `apply` sets everything from the store, after a reset as after a write.
+Guards refuse values with the abort codes of the standard; `apply` sets all services from the store, after a reset as
+after a write.
 """
 
 from __future__ import annotations
@@ -48,14 +49,14 @@ _GONE = (BusEventKind.BUS_OFF, BusEventKind.DOWN, BusEventKind.CLOSED)
 
 
 class PoweredAxis(Protocol):
-    """What error control asks of an axis."""
+    """Axis as seen by error control."""
 
     def connection_lost(self, now: int) -> None:
-        """React to a lost communication."""
+        """React to a loss of communication."""
 
 
 class ErrorControl:
-    """Judges what `heartbeats` and the CAN controller say, and stops `axes` when the communication is lost."""
+    """Monitor of `heartbeats` and the CAN controller, which stops `axes` when the communication is lost."""
 
     def __init__(
         self,
@@ -72,7 +73,7 @@ class ErrorControl:
         self.function: PoweredAxis | None = None  # of a device that is no drive
 
     def watch(self, wanted: Mapping[int, int]) -> None:
-        """Watch the heartbeats of these nodes, node id to consumer time in ns, and of no others."""
+        """Monitor the heartbeats of exactly these nodes: node id to consumer time in ns."""
         present = self._heartbeats.watched()
         for node_id in present.keys() - wanted.keys():
             self._heartbeats.unwatch(node_id)
@@ -82,7 +83,7 @@ class ErrorControl:
                 self._heartbeats.watch(node_id, timeout)
 
     def follow(self, event: HeartbeatEvent | GuardingEvent, now: int) -> None:
-        """React to what the heartbeat consumer or guarding found."""
+        """React to an event of the heartbeat consumer or of guarding."""
         node_id = event.node_id if isinstance(event, HeartbeatEvent) else 0
         if event.kind in (HeartbeatEventKind.MISSED, GuardingEventKind.MISSED):
             self._outbox.tell(HeartbeatMissed(node_id, missed=True))
@@ -94,7 +95,7 @@ class ErrorControl:
             self._clear_if_all_heard()
 
     def bus_event(self, kind: BusEventKind, now: int) -> None:
-        """React to what happened to the node's CAN controller."""
+        """React to an event of the node's CAN controller."""
         outbox = self._outbox
         if kind in _GONE:
             if not self._off_the_bus:
@@ -112,16 +113,16 @@ class ErrorControl:
                 self.report_recovery()
 
     def report_recovery(self) -> None:
-        """Say that the node was off the bus, and is back."""
+        """Report that the node was in bus-off and has recovered."""
         self._outbox.report(RECOVERED, ErrorRegister.COMMUNICATION, self._model.communication_data)
 
     def _clear_if_all_heard(self) -> None:
-        """Clear the error of silent nodes when none is any more: heard again, or not watched."""
+        """Clear the error of silent nodes when none is left: all are received again, or not monitored."""
         if not any(self._heartbeats.is_missed(node_id) for node_id in self._heartbeats.watched()):
             self._outbox.clear_error(HEARTBEAT_ERROR)
 
     def _leave_operational(self) -> None:
-        """Change the NMT state as 0x1029:01 says."""
+        """Change the NMT state by 0x1029:01."""
         command = reaction(self._store.number(0x1029, 1), self._nmt.state)
         if command is not None:
             self._nmt.command(command)
@@ -144,7 +145,7 @@ _ANY_STATE = (0x1005, 0x1006, 0x1007, 0x100C, 0x100D, 0x1014, 0x1015, 0x1016, 0x
 
 @dataclass(frozen=True, slots=True)
 class Services:
-    """The services that the objects set."""
+    """Services that the objects configure."""
 
     emcy: EmcyProducer
     sync: SyncConsumer
@@ -154,14 +155,14 @@ class Services:
 
 
 def _is_active(cob_id: int) -> bool:
-    """Whether a COB-ID with bit 31 for "invalid" makes its service active; 0 and what is reserved never does."""
+    """Return whether a COB-ID with bit 31 for "invalid" activates its service; 0 and restricted ones never do."""
     return not cob_id & INVALID_BIT and not is_restricted(cob_id & 0x7FF)
 
 
 class CommunicationObjects:
-    """Binds the objects of `store` to `services`.
+    """Binding of the objects of `store` to `services`.
 
-    `applied` is called when they were set: identifiers may be others. `stored` when power-on values changed; it
+    `applied` is called after a change, such as of identifiers. `stored` is called when power-on values changed; it
     returns whether they are kept.
     """
 
@@ -198,9 +199,9 @@ class CommunicationObjects:
                 store.on_read(index, subindex, lambda: 1)
 
     def identify(self, serial: int, more: Mapping[Address, int | str]) -> None:
-        """Fill the identity where the file gives no value, the names, and what `more` is known of the device.
+        """Set the identity if the file has no value, the names, and further known values `more` of the device.
 
-        A serial number that the file has as a default is none: two devices of a file would be the same one.
+        A serial number in the file is ignored: two devices with this file would have the same one.
         """
         device, store = self._store.od.device, self._store
         known: dict[Address, Value | None] = {
@@ -221,7 +222,7 @@ class CommunicationObjects:
                 store.preset(index, subindex, value)
 
     def apply(self) -> None:
-        """Set the services from the objects."""
+        """Configure the services from the objects."""
         services, number = self._services, self._store.number
         emcy, sync, heartbeat, guarding = services.emcy, services.sync, services.heartbeat, services.guarding
         cob_id = number(0x1014, 0, 0x80 + emcy.node_id)
@@ -267,7 +268,7 @@ class CommunicationObjects:
         return value
 
     def _check_emcy(self, entry: Entry, value: Value) -> Value:
-        """Refuse another identifier while the message is valid."""
+        """Refuse another identifier while the EMCY is valid."""
         present, new = self._store.number(entry.index), int(value)
         moved = (present ^ new) & 0x7FF
         wrong = (moved and _is_active(present)) or is_restricted(new & 0x7FF) or new & EXTENDED_BIT
@@ -282,7 +283,7 @@ class CommunicationObjects:
         return value
 
     def _check_consumer(self, entry: Entry, value: Value) -> Value:
-        """Two entries for one node are refused (CiA 301, 7.5.2.19)."""
+        """Refuse two entries for one node (CiA 301, 7.5.2.19)."""
         node_id, ms = parse_consumer_entry(int(value))
         others = [sub for sub in self._store.od.subindices(0x1016)[1:] if sub != entry.subindex]
         taken = [parse_consumer_entry(self._store.number(0x1016, sub)) for sub in others]
@@ -297,14 +298,14 @@ class CommunicationObjects:
         return 1
 
     def _load(self, entry: Entry, value: Value) -> Value:
-        """Restore the defaults, which become active with the next reset."""
+        """Restore the defaults, which become active at the next reset."""
         if value != LOAD:
             raise SdoServerAbort(AbortCode.CANNOT_STORE)
         self._keep(partial(self._store.forget, self._group(entry.subindex)))
         return 1
 
     def _keep(self, change: Callable[[], None]) -> None:
-        """Change the power-on values; where that cannot be kept they are as before, and the write fails."""
+        """Change the power-on values; if they cannot be stored they are unchanged, and the write fails."""
         before = dict(self._store.power_on)
         change()
         if not self._stored():

@@ -1,6 +1,6 @@
-"""The control socket of a virtual node, past the bus: answers the methods of `rpc/messages/drive.py`.
+"""Control socket of a virtual node, which serves the methods of `rpc/messages/drive.py` independently of the bus.
 
-Whatever is asked, the node is brought to the present before it is answered, and what follows from it leaves at once.
+For every request the node is first advanced to the present, and its consequences are sent at once.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ A = TypeVar("A")
 
 
 def describe(node: VirtualNode, world: WorldState | None = None) -> DriveState:
-    """Return what a node is doing, and what its axes do together with others."""
+    """Return the state of a node, and that of the world of its axes."""
     return DriveState(
         node_id=node.node_id,
         name=node.name,
@@ -62,7 +62,7 @@ def describe(node: VirtualNode, world: WorldState | None = None) -> DriveState:
 
 
 class NodeMethods:
-    """What can be asked of `node`, which runs in `host`, on the axes of `world`: the methods of its socket."""
+    """Methods of the control socket of `node`, which runs in `host`, on the axes of `world`."""
 
     def __init__(self, host: NodeHost, node: VirtualNode, world: World | None = None) -> None:
         self._host, self._node, self._world = host, node, world
@@ -71,11 +71,11 @@ class NodeMethods:
 
     @property
     def kinds(self) -> tuple[type[Request[Any]], ...]:
-        """What can be asked."""
+        """Supported requests."""
         return tuple(self._WORK)
 
     def do(self, request: Request[A]) -> A:
-        """Do what is asked, also for somebody in this process; ConfigError for what this node does not have."""
+        """Execute a request, also from this process; ConfigError for what this node does not have."""
         self._node.tick(self._host.reactor.now())
         answer: A = self._WORK[type(request)](self, request)
         self._host.wake(self._node)
@@ -166,9 +166,9 @@ class NodeMethods:
 
 
 class NodeControl:
-    """Serves the control socket of `node`, which runs in `host`, on the axes of `world`; SocketInUse.
+    """Server of the control socket of `node`, which runs in `host`, on the axes of `world`; SocketInUse.
 
-    Without a socket it does what this process asks alone.
+    Without a socket only this process can send requests.
     """
 
     def __init__(
@@ -206,13 +206,13 @@ class NodeControl:
             self._server.close()
 
     def push(self, text: str) -> None:
-        """Tell everybody connected what happened."""
+        """Send an event to all clients."""
         if self._server is not None:
             self._server.push(DriveEvent(text))
 
 
 def _holder(plant: Plant, name: str) -> object:
-    """Return who has a number of a plant: it, or the motor inside a wheel; ConfigError where nobody has."""
+    """Return the owner of a plant's value: the plant, or the motor inside a wheel; ConfigError if there is none."""
     holder = plant if hasattr(plant, name) else getattr(plant, "inner", plant)
     if name.startswith("_") or not isinstance(getattr(holder, name, None), int | float):
         raise ConfigError(f"plant: {name!r} is no number of this plant")

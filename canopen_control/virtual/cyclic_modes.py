@@ -44,24 +44,24 @@ _MS = 1_000_000
 
 
 class StreamMode(FollowingMode):
-    """The base of CSP, IP, CSV and CST; subclasses name their `set_point` and call `supervise` for each."""
+    """Base of CSP, IP, CSV and CST; subclasses define `set_point` and call `supervise` for each one."""
 
     def reset(self) -> None:
-        """Forget the target and the stream."""
+        """Reset the target and the stream."""
         super().reset()
         self._arrived = 0  # set-points since the mode began or was stopped
         self._begun = False
         self.mover.feed_forward(0.0, 0.0)
 
     def start(self, now: int) -> None:
-        """Go on to the target from the present motion; the quality is measured anew, but for a halt."""
+        """Continue to the target from the present motion; the quality statistics restart, except after a halt."""
         if not self._begun:
             self._begun = self.meter.used = True
             self.meter.restart()
         super().start(now)
 
     def stop(self, now: int, reaction: Reaction) -> None:
-        """End the stream, and what is fed forward; then as every mode."""
+        """End the stream and the feed-forward, then stop as every mode."""
         self.meter.follow(self.mover.demand, now)
         self.meter.pause()
         self._arrived = 0
@@ -71,12 +71,12 @@ class StreamMode(FollowingMode):
 
     @property
     def streaming(self) -> bool:
-        """Whether set-points have come one after the other."""
+        """Whether consecutive set-points were received."""
         return self._arrived > 1
 
     @property
     def cycles(self) -> int:
-        """For how many interpolation periods it goes on without a set-point."""
+        """Number of interpolation periods for which it continues without a set-point."""
         missing, store = self.model.missing, self.objects.store
         if missing.cycles_object is None:
             return missing.cycles
@@ -84,34 +84,34 @@ class StreamMode(FollowingMode):
 
     @property
     def period_ns(self) -> int:
-        """When the next set-point is due after one: the interpolation time, 1 ms where that is 0."""
+        """Time between set-points: the interpolation time, 1 ms if that is 0."""
         return round(self.objects.interpolation_s * 1e9) or _MS
 
     def take(self, now: int) -> None:
-        """Count the set-point, look at it also where it is the one before, and expect the next one."""
+        """Count the set-point, evaluate it even if it is unchanged, and expect the next one."""
         self._arrived += 1
         self.meter.take(self.compared(), now)
         self.update(now)
         self.supervise(now)
 
     def compared(self) -> float | None:
-        """Return the set-point that must change while the axis moves; None: a constant one is a motion, too."""
+        """Return the set-point that must change while the axis moves; None if a constant one is a motion too."""
         return None
 
     def missed(self) -> None:
-        """Note that a SYNC came without a set-point."""
+        """Process a SYNC without a set-point."""
         if self.streaming:
             self.meter.missed += 1
 
     def supervise(self, now: int) -> None:
-        """Let the drive fault when none comes for as long as it goes on alone, where it does."""
+        """Schedule the fault of a drive that continues alone only for a limited time."""
         cycles = self.cycles if self.model.missing.fault and self.streaming else 0
         if cycles:
             period = self.period_ns
             self.mover.at("set point", now + (1 + cycles) * period + period // 2, self._lost)
 
     def feed(self) -> None:
-        """Feed 0x60B1 and 0x60B2 forward: they are added in the loops and move no demand."""
+        """Apply 0x60B1 and 0x60B2 as feed-forward, which changes the loops and no demand."""
         number = self.objects.number
         self.mover.feed_forward(number(o.VELOCITY_OFFSET) * self.units.velocity, float(number(o.TORQUE_OFFSET)))
 
@@ -131,34 +131,34 @@ class CyclicPosition(StreamMode):
         super().__init__(axis)
 
     def reset(self) -> None:
-        """Forget the last target; a look at the next one that is under way comes to nothing."""
+        """Reset the last target; a pending evaluation of the next one has no effect."""
         super().reset()
         self._in_use = False
         self._unseen = 0  # set-points since the last look in the drive's own rhythm
 
     def start(self, now: int) -> None:
-        """Go on to the target from the present motion."""
+        """Continue to the target from the present motion."""
         self._in_use = True
         super().start(now)
 
     def take(self, now: int) -> None:
-        """Take the set-point, from the present demand also where it is the one before."""
+        """Apply the set-point, from the present demand even if it is unchanged."""
         self._unseen += 1
         if not self._drifts and (self.cycles or self._in_rhythm(now)):
             self._inputs = None
         super().take(now)
 
     def compared(self) -> float | None:
-        """Return the position."""
+        """Return the target position."""
         return self.target()
 
     def missed(self) -> None:
-        """Count a SYNC without a set-point; in a rhythm of its own the drive finds out by itself."""
+        """Count a SYNC without a set-point; a drive with its own clock detects it by itself."""
         if not self._drifts:
             super().missed()
 
     def update(self, now: int) -> None:
-        """Take the target; what the drive cannot reach in time is a following error."""
+        """Apply the target; what the drive cannot reach in time is a following error."""
         if not self._drifts:
             self._follow(now)
         elif "interpolate" not in self.mover.timers:
@@ -166,12 +166,12 @@ class CyclicPosition(StreamMode):
 
     @property
     def _drifts(self) -> bool:
-        """Whether the drive's rhythm is not the master's: its clock drifts, and it follows no SYNC."""
+        """Whether the drive's clock drifts relative to the master, because it does not follow SYNC."""
         locked = self.model.follows_sync and self.clock.sync_ns is not None
         return bool(self.clock.drift_ppm.value) and not locked
 
     def _look(self, now: int) -> None:
-        """Look at the target in the rhythm of a clock that is not the master's."""
+        """Evaluate the target at the period of the drive's own clock."""
         ppm = self.clock.drift_ppm.value
         if self.power.live and self._in_use and self._drifts:
             period = round(self.objects.interpolation_s * (1e9 - 1e3 * ppm)) or _MS
@@ -180,7 +180,7 @@ class CyclicPosition(StreamMode):
             self._follow(now)
 
     def _count_unseen(self) -> None:
-        """Count what the drift does: no set-point since the last look, or one that nobody looked at."""
+        """Count missed and overwritten set-points of a drifting clock."""
         unseen, self._unseen = self._unseen, 0
         if unseen and self.cycles:
             self._inputs = None
@@ -193,7 +193,7 @@ class CyclicPosition(StreamMode):
         self.go(self.target(), now)
 
     def go(self, place: float, now: int) -> None:
-        """Go to a place in user counts within the interpolation time, where it changed."""
+        """Move to a position in user counts within the interpolation time, if it has changed."""
         target = self.limits.position(self.units.zero + place * self.units.position)
         if not self.changed(target):
             return
@@ -211,13 +211,13 @@ class CyclicPosition(StreamMode):
         self.limits.judge_following_error(target - position - within, now)
 
     def _in_rhythm(self, now: int) -> bool:
-        """Whether a set-point that came with a SYNC just now is timed by the rhythm of SYNC."""
+        """Return whether a set-point that just arrived with a SYNC is timed by the period of SYNC."""
         clock = self.clock
         timed = self.model.recovers_sync and clock.sync_ns == now and self.streaming
         return timed and clock.rhythm.has_period(self.objects.interpolation_s)
 
     def _onward(self, place: float, velocity: float, slack: float) -> float:
-        """Return for how many seconds the demand goes on beyond its set-point, at most to a limit; or for `slack`."""
+        """Return the time in s for which the demand continues beyond its set-point, at most to a limit; or `slack`."""
         longest = max(self.cycles * self.objects.interpolation_s, slack)
         if not longest or not velocity:
             return 0.0
@@ -241,7 +241,7 @@ class CyclicPosition(StreamMode):
         return float(self.objects.number(o.TARGET_POSITION) + self.objects.number(o.POSITION_OFFSET))
 
     def bits(self) -> int:
-        """Return bits 12 and 13; bit 10 is reserved."""
+        """Return bits 12 and 13; bit 10 is reserved (CiA 402-2)."""
         return (BIT_12 if self.power.live and not self.limits.active else 0) | (BIT_13 if self.limits.exceeded else 0)
 
 
@@ -251,7 +251,7 @@ class CyclicVelocity(StreamMode):
     set_point = o.TARGET_VELOCITY
 
     def update(self, now: int) -> None:
-        """Take the target."""
+        """Apply the target."""
         target = self.limits.target_velocity()
         unit = self.units.acceleration
         up = self.objects.number(o.MAX_ACCELERATION) * unit or INFINITE
@@ -278,12 +278,12 @@ class Torque(StreamMode):
         self.set_point = o.TARGET_TORQUE if cyclic else 0
 
     def start(self, now: int) -> None:
-        """Go on to the target; what TQ does is no stream and is not measured."""
+        """Continue to the target; TQ has no stream and no quality statistics."""
         self._begun = self._begun or not self._cyclic
         super().start(now)
 
     def update(self, now: int) -> None:
-        """Take target, limits and slope."""
+        """Apply target, limits and slope."""
         target = self.limits.torque(self.objects.number(o.TARGET_TORQUE) + self.objects.number(o.TORQUE_OFFSET))
         slope = INFINITE if self._cyclic else float(self.objects.number(o.TORQUE_SLOPE)) or INFINITE
         if self.changed((target, slope)):
@@ -315,7 +315,7 @@ _FIFO, _LINEAR = 0, 0
 
 
 class SetPointBuffer:
-    """0x60C4 of one axis: the positions that wait, in user counts."""
+    """Buffer 0x60C4 of one axis: waiting positions in user counts."""
 
     def __init__(self, axis: AxisParts) -> None:
         self._objects = axis.objects
@@ -334,17 +334,17 @@ class SetPointBuffer:
 
     @property
     def open(self) -> bool:
-        """Whether records go through the buffer."""
+        """Whether records use the buffer."""
         return self._objects.number(o.INTERPOLATION_BUFFER, CLEAR) == 1
 
     @property
     def size(self) -> int:
-        """How many records it holds: 0x60C4:02 as far as 0x60C4:01 allows, and where that is 0 the latter."""
+        """Capacity: 0x60C4:02, limited by 0x60C4:01, which is used if the former is 0."""
         most = min(self._objects.number(o.INTERPOLATION_BUFFER, MAXIMUM), _MOST)
         return min(self._objects.number(o.INTERPOLATION_BUFFER, SIZE) or most, most)
 
     def put(self, place: float) -> None:
-        """Take a record; one too many was refused before it came here."""
+        """Append a record; one too many was already refused."""
         if len(self._waiting) < self.size:
             self._waiting.append(place)
 
@@ -352,11 +352,11 @@ class SetPointBuffer:
         return len(self._waiting)
 
     def get(self) -> float | None:
-        """Return the oldest record and drop it, None where it is empty."""
+        """Remove and return the oldest record, None if it is empty."""
         return self._waiting.popleft() if self._waiting else None
 
     def clear(self) -> None:
-        """Drop all records."""
+        """Remove all records."""
         self._waiting.clear()
 
     def _check(self, entry: Entry, value: Value) -> Value:
@@ -394,7 +394,7 @@ class InterpolatedPosition(CyclicPosition):
         super().__init__(axis)
 
     def reset(self) -> None:
-        """Forget the last target and what waits."""
+        """Reset the last target and the waiting records."""
         super().reset()
         self.buffer.clear()
         self._dry_ns: int | None = None  # when a record was due and none was there
@@ -404,7 +404,10 @@ class InterpolatedPosition(CyclicPosition):
         return bool(self.power.controlword & NEW_SET_POINT)
 
     def update(self, now: int) -> None:
-        """Take the set-point while interpolation is enabled; the first of the buffer, which then goes on by itself."""
+        """Apply the set-point while interpolation is enabled.
+
+        The first one of the buffer, which then continues by itself.
+        """
         if not self._enabled:
             return
         if not self.buffer.open:
@@ -418,20 +421,20 @@ class InterpolatedPosition(CyclicPosition):
             super().missed()
 
     def take(self, now: int) -> None:
-        """Take the record that an RPDO brought."""
+        """Process the record of an RPDO."""
         if not self.buffer.open:
             super().take(now)
         else:
             self.record_written(now)
 
     def record_written(self, now: int) -> None:
-        """Take a record into the buffer, where it is open."""
+        """Append a record to the buffer, if it is open."""
         if self.buffer.open:
             self.buffer.put(self.target())
             self.update(now)
 
     def _next(self, now: int) -> None:
-        """Go to the next position of the buffer, once in an interpolation period."""
+        """Move to the next position of the buffer, once per interpolation period."""
         if not (self.power.live and self._in_use and self._enabled and self.buffer.open):
             return
         place = self.buffer.get()
@@ -454,7 +457,7 @@ class InterpolatedPosition(CyclicPosition):
         return float(self.objects.number(o.INTERPOLATION_DATA, self.position_subindex))
 
     def control(self, word: int, previous: int, now: int) -> None:
-        """Stop when interpolation is switched off."""
+        """Stop when interpolation is disabled."""
         if previous & ~word & NEW_SET_POINT:
             self._inputs = None
             self.mover.cancel("interpolate")
