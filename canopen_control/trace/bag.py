@@ -104,7 +104,7 @@ class BagMessages:
         fields = (self._empty_field(node.name, part) for _, (node, part) in self.store.fielddefs[name][1])
         return self.store.types[name](*fields)
 
-    def _empty_field(self, node: str, part: Any) -> object:  # noqa: ANN401 - as above
+    def _empty_field(self, node: str, part: Any) -> Any:  # noqa: ANN401 - as above
         if node == "NAME":
             return self.empty(part)
         return ("" if part[0] == "string" else 0) if node == "BASE" else []
