@@ -50,7 +50,7 @@ BREACHED = {"set_points_elsewhere", "parameter_clamped"}  # the drive does not d
 def setup_of(folder, mode, keys=""):
     """A robot of two drives whose bus.yml has further keys."""
     sdo = [key.removeprefix("sdo: [").removesuffix("]") for key in keys.splitlines() if key.startswith("sdo:")]
-    others = "\n".join(key for key in keys.splitlines() if not key.startswith(("sdo:", "velocity_mode:")))
+    others = "\n".join(key for key in keys.splitlines() if not key.startswith("sdo:") and "_mode:" not in key)
     makers.folder(folder, mode, keys=others)
     path = folder / "bus.yml"
     path.write_text(path.read_text().replace("  sdo:\n", "  sdo:\n" + "".join(f"    - {each}\n" for each in sdo)))
