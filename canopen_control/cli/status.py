@@ -120,7 +120,7 @@ def _alike(one: _Cause, other: _Cause) -> bool:
 
 
 def _leave_out(cause: _Cause, current: Mapping[str, str]) -> None:
-    """Take out of a cause what is said as the error of its node."""
+    """Remove the clauses that are already shown as the node's error."""
     for error in current.values():
         place = _WHO.fullmatch(error)
         if place is not None and place[1] == cause.who:

@@ -55,7 +55,7 @@ class _Dof:
             self.reference_rate.value = math.nan
 
     def stay(self) -> None:
-        """Have the reference that keeps it where it is: what is measured, and of what moves 0."""
+        """Set the reference to the measured state, zero for velocities."""
         measured = math.nan if self.state is None else self.state.value
         self.reference.value = 0.0 if self.reference.interface in MOVING else measured
         if self.reference_rate is not None:

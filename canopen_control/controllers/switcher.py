@@ -477,7 +477,10 @@ class UpdateLoop:
                     self._events.append(ControllerEvent("commander_gone", controller.name, text))
 
     def set_aside(self, joints: Iterable[str], now: int) -> None:
-        """Let joints that a user has taken out alone forget their commands, while the others of a controller go on."""
+        """Clear the commands of joints that a user disabled or halted individually.
+
+        The rest of a controller continues.
+        """
         names = frozenset(joints)
         for slot in self._commanding:
             ends = tuple(each for part in slot.parts for each in part.ends if each.joint in names)

@@ -438,7 +438,10 @@ def signal_of(node: RemoteNode, name: str) -> Signal | None:
 
 
 def _derived(node: RemoteNode, name: str) -> bool:
-    """Whether an interface is made of several values of the device; one of bus.yml with its name goes before it."""
+    """Return whether an interface is computed from several values of the device.
+
+    A signal of bus.yml takes precedence.
+    """
     plan = node.plan
     if name in plan.signals or name not in DERIVED.get(plan.profile, ()):
         return False

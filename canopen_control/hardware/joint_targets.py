@@ -178,7 +178,7 @@ class JointTargets:
         self._axis.hold(raw)
 
     def came(self) -> None:
-        """Hold anew: the boot of a node puts what it read into its targets, and the axis may have moved since."""
+        """Set the targets to standstill again after a boot, which set them to values read from the node."""
         self._held = None
 
     def hold_others(self) -> None:

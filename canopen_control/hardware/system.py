@@ -231,7 +231,7 @@ class CanopenSystem(ComponentLifecycle):
             joint.enable()
 
     def regroup(self) -> None:
-        """Take that its joints are in other stop groups than before."""
+        """Refresh the stop groups after joints were regrouped."""
         self.groups = list(dict.fromkeys(joint.group for joint in self.joints))
 
     def stop(self, now: int) -> None:

@@ -267,7 +267,7 @@ class Network:
         self._collect()
 
     def was_away(self, nanoseconds: int) -> None:
-        """Take that for so long nothing was sent: no node was asked for its guarding answer."""
+        """Postpone the guarding deadlines after this process was suspended for `nanoseconds`."""
         if self._guarding is not None:
             self._guarding.postpone(nanoseconds)
             self._stale = True

@@ -150,7 +150,7 @@ _AGAIN_NS: Final = 1_000_000_000
 
 
 class PortWatcher(Protocol):
-    """What reads a port as soon as something has come."""
+    """Reader of a port, which wakes when frames arrive."""
 
     def port_changed(self, port: Port | None) -> None:
         """Watch this port from now on; None: the one before is gone."""

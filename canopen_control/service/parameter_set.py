@@ -552,7 +552,7 @@ def reason_of(error: CanopenError) -> str:
 
 
 def device_identity(session: NodeSession) -> DeviceIdentity:
-    """Read who the node is; the first question, so that a node that is not there is told at once."""
+    """Read identity and device type, first, so that a missing node is reported at once."""
     numbers = {name: session.number(*OBJECTS[name]) for name in OBJECTS if name not in TEXTS.values()}
     return identity_from(numbers, {name: _text(session, *OBJECTS[name]) for name in TEXTS.values()})
 

@@ -64,7 +64,7 @@ class DisturbedNodes:
             self.deaf_at = now
             return
         for node_id, drive in robot.drives.items():
-            if drive.wire.tampered:  # including disconnected drives
+            if drive.wire.has_wire_faults:  # including disconnected drives
                 self.hidden_at = self.deaf_at = now
             if self.hidden_at == now or _is_disturbed(drive, now):
                 self._last[node_id] = now

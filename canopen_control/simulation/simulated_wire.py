@@ -75,7 +75,7 @@ class SimulatedWire:
         return self._wire.bits
 
     @property
-    def tampered(self) -> bool:
+    def has_wire_faults(self) -> bool:
         """Whether rules or cut cables are active."""
         return bool(self.lost or self.doubled or self.disturbed or self.cut or self._off)
 

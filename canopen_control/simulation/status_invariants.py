@@ -93,7 +93,7 @@ class _Shaft:
             self._bounds = {}
 
     def agrees(self, which: int, value: float | None) -> bool:
-        """Whether a position or a velocity is one of the last cycles."""
+        """Return whether a position or a velocity occurred in the last cycles."""
         if value is None or not self.truth:
             return True
         bounds = self._bounds.get(which)

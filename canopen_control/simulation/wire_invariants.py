@@ -281,7 +281,7 @@ class WireInvariants:
 
     def _all_heard_since(self, asked_ns: int) -> bool:
         """Whether an abort would have been recorded: no frame was lost meanwhile, and the master is the same."""
-        return not self._wire.tampered and asked_ns > max(self._quiet_until, self._last_start)
+        return not self._wire.has_wire_faults and asked_ns > max(self._quiet_until, self._last_start)
 
     @property
     def _last_start(self) -> int:
@@ -304,6 +304,6 @@ class WireInvariants:
     def _excused(self, now: int) -> int:
         """Return until when the master may be late: it was stalled, restarted, or could not send."""
         stalled_until = self._robot.host.stalled_until
-        if now < stalled_until or self._wire.tampered:  # or a cable was cut
+        if now < stalled_until or self._wire.has_wire_faults:  # or a cable was cut
             self._quiet_until = now + _SECOND
         return max(self._quiet_until, stalled_until + 100 * _MS, self._robot.started_ns + _SECOND)

@@ -188,7 +188,7 @@ class DeadMan:
 
     @property
     def driver(self) -> str | None:
-        """The page that drives, None if nobody does."""
+        """Page that drives the robot, None if no page does."""
         return self._driver
 
     @property

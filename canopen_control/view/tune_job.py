@@ -116,7 +116,7 @@ class JobProgress(Protocol):
 
 
 def refusal(controllers: Sequence[ControllerReading], place: NodePlace, axis: int, robot: str) -> str:
-    """Say why a run of this axis would be refused, "" where it would not: what `drive_of_robot` asks for, in words."""
+    """Return the reason why `drive_of_robot` would refuse a run of this axis, "" if it would not."""
     if not axis < len(place.joints):
         return f"{place.name} moves no joint of {robot}: there is nothing to tune."
     joint = place.joints[axis]

@@ -1,8 +1,4 @@
-"""What the page says: the robot's state, its drives and its events as words with a tone. No browser, no toolkit.
-
-A state is always said in words beside its colour, and what to do next beside what is wrong. Pieces of HTML escape
-everything that comes from outside.
-"""
+"""Texts of the page: the robot's state, its drives and its events, each with a tone. No browser, no toolkit."""
 
 from __future__ import annotations
 

@@ -197,7 +197,7 @@ class SetpointStatistics:
             self._accelerations.add(0.0, points)
 
     def _goes_on(self, way: float) -> None:
-        """Count the standstill that was none, if there was one, and the way after it."""
+        """Count an interruption of motion caused by a late set-point, and the travel after it."""
         if self._resting and self._velocities.count:
             self._velocities.add(0.0, self._resting)
             if self._resting > 1:  # the first point of it had an acceleration, and was counted

@@ -58,7 +58,7 @@ class SyncPll:
         return self._count >= _LOCKED and abs(self.period_ns * 1e-9 - seconds) <= _SAME * seconds
 
     def heard(self, now: int) -> None:
-        """Take a SYNC."""
+        """Process a received SYNC."""
         gap, period = now - self._edge, self.period_ns
         if not period and self._count and gap > 0:
             self._edge, self.period_ns, self._count = float(now), gap, 2

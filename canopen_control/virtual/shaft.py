@@ -176,7 +176,7 @@ class SharedBase:
         return self._file
 
     def _read(self, fd: int) -> None:
-        """Take the file's state; one that a killed process left in half is begun anew."""
+        """Load the state in the file; an incomplete one of a killed process is reset."""
         try:
             content = json.loads(os.pread(fd, 1 << 24, 0) or b"{}")
             if content:

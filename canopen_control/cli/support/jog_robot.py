@@ -105,7 +105,7 @@ def _read(robot: NewRobot, path: Path, channel: str) -> RobotSetup:
 
 
 def _short_lived(setup: RobotSetup) -> RobotSetup:
-    """Let commands end soon that nobody renews: who hangs, as on a terminal that is stopped, moves nothing."""
+    """Shorten the command timeout, so that a stopped terminal stops the drive."""
     renewed = {
         name: replace(config, params=Params.of({"joint": name, "command_timeout": COMMAND_LIFE_S}, name))
         for name, config in setup.controllers.controllers.items()

@@ -327,7 +327,7 @@ class TrajectoryExecutor:
         self.hold()
 
     def drop(self, *, holding: bool) -> None:
-        """Follow nothing more."""
+        """Clear the trajectory."""
         self.motion = self._queued = self._taken = None
         self.holding = holding
 

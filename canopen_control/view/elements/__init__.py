@@ -1,1 +1,1 @@
-"""What the page needs that the toolkit has not: each a few lines of Python and its JavaScript."""
+"""Page elements that the toolkit lacks: each a few lines of Python and its JavaScript."""
