@@ -24,6 +24,7 @@ from canopen_control.cli.support.output import Progress, json_text
 from canopen_control.cli.support.target import LABEL, find_eds, parse_node_id, robot_on
 from canopen_control.conformance.check import CheckTouch
 from canopen_control.conformance.checked_node import CheckedNode
+from canopen_control.conformance.html_report import html_page
 from canopen_control.conformance.report import changed_verdicts, junit, report_lines
 from canopen_control.conformance.run import choose, run_checks
 from canopen_control.errors import BusError, ConfigError
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
 
 EXAMPLE = """canopen-control conform 5 --can can0 --eds drive.eds
-         canopen-control conform 5 --can can0 --eds drive.eds --configure --yes --junit conform.xml"""
+         canopen-control conform 5 --can can0 --eds drive.eds --configure --yes --html conform.html"""
 
 LEVELS = ("301", "305", "402", "all")
 HEARTBEAT_S = 1.2  # a heartbeat of a second shows the NMT state
@@ -66,6 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="time that each answer may take in s (default: 0.5)",
     )
     parser.add_argument("--junit", metavar="FILE", help="write a JUnit XML report")
+    parser.add_argument("--html", metavar="FILE", help="write a page with the verdict per clause and a summary")
     parser.add_argument("--against", metavar="OLD.json", help="show what differs from an older run's --json")
     parser.add_argument("--json", action="store_true", help="print JSON")
 
@@ -94,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
             raise ConfigError(f"nothing could be tested: {error}") from error
         finally:
             port.close()
-    _write(args, report, old)
+    _write(args, report, old, [] if eds is None else [str(issue) for issue in eds.issues])
     return 1 if report.failed else 0
 
 
@@ -134,13 +136,22 @@ def _old_verdicts(path: Path) -> dict[str, str]:
         raise ConfigError(f"{path} is no report of `conform --json`") from None
 
 
-def _write(args: argparse.Namespace, report: ConformanceReport, old: dict[str, str] | None) -> None:
+def _write_file(name: str, data: bytes) -> None:
+    try:
+        Path(name).expanduser().write_bytes(data)
+    except OSError as error:
+        raise ConfigError(f"{name} cannot be written: {error.strerror}") from None
+
+
+def _write(args: argparse.Namespace, report: ConformanceReport, old: dict[str, str] | None, issues: list[str]) -> None:
     changes = [] if old is None else changed_verdicts(report, old)
     if args.junit is not None:
-        try:
-            Path(args.junit).expanduser().write_bytes(junit(report))
-        except OSError as error:
-            raise ConfigError(f"{args.junit} cannot be written: {error.strerror}") from None
+        _write_file(args.junit, junit(report))
+    if args.html is not None:
+        from canopen_control.virtual.quirks import QUIRKS
+
+        does = {quirk.name: quirk.does for quirk in QUIRKS.values()}
+        _write_file(args.html, html_page(report, does, issues).encode())
     if args.json:
         print(json_text({**asdict(report), "changes": changes}))
         return

@@ -18,8 +18,9 @@ def bus(private_folders):
 
 
 def test_a_drive_passes_and_the_reports_hold_every_check(bus, capsys, tmp_path):
-    path, old = tmp_path / "conform.xml", tmp_path / "old.json"
-    assert main(["conform", "5", *CAN, "--timeout", "0.05", "--junit", str(path), "--json"]) == 0
+    path, page, old = tmp_path / "conform.xml", tmp_path / "conform.html", tmp_path / "old.json"
+    assert main(["conform", "5", *CAN, "--timeout", "0.05", "--junit", str(path), "--html", str(page), "--json"]) == 0
+    assert "Summary for a buyer" in page.read_text()
     text = capsys.readouterr().out
     old.write_text(text)
     document = json.loads(text)
