@@ -1,4 +1,4 @@
-"""What quirks change of a node: hooks with a way back, and the acts that use them.
+"""What quirks change of a node, by hooks that can be undone.
 
 An act is called once when its quirk is switched on, with the strength; what it hooked is undone when the quirk is
 switched off. None of them has its name or its source: those are in `quirks`. Without a quirk nothing of this file runs.
@@ -6,10 +6,8 @@ switched off. None of them has its name or its source: those are in `quirks`. Wi
 
 from __future__ import annotations
 
-import contextlib
-from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.nmt import NmtCommand, NmtState
@@ -29,173 +27,28 @@ from canopen_control.cia402.state import (
 from canopen_control.frame import CanFrame
 from canopen_control.virtual.device_model import MissingSetPoint
 from canopen_control.virtual.fault_table import FAULTS, is_heartbeat, is_sdo_answer, is_sdo_request, refusing
-from canopen_control.virtual.mode_base import BIT_12, NEW_SET_POINT, ModeGate
-from canopen_control.virtual.node_pdos import RPDO, TPDO
+from canopen_control.virtual.mode_base import BIT_12, NEW_SET_POINT
+from canopen_control.virtual.node_pdos import TPDO
 from canopen_control.virtual.profile_modes import IMMEDIATELY
+from canopen_control.virtual.quirk_hooks import QuirkHooks, pdo_mappings, pdo_records
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from canopen_control.cia402.state import Transition
     from canopen_control.od.model import Entry, Value
-    from canopen_control.virtual.fault_table import Incoming, Outgoing
     from canopen_control.virtual.injection_point import InjectionPoint
     from canopen_control.virtual.object_store import Guard
+    from canopen_control.virtual.quirk_hooks import Plain
     from canopen_control.virtual.virtual_drive import VirtualDrive
     from canopen_control.virtual.virtual_node import VirtualNode
 
     Sent = list[tuple[int, CanFrame]]
     AxisAct = Callable[["QuirkHooks", VirtualDrive, float], None]
     NodeAct = Callable[["QuirkHooks", float], None]
-    Judge = Callable[[Entry, Value, Guard], Value]
 
-T = TypeVar("T")
 _MS, _S = 1_000_000, 1_000_000_000
 _CYCLIC = (OperationMode.IP, OperationMode.CSP, OperationMode.CSV, OperationMode.CST)
-
-
-class QuirkHooks:
-    """Changes of `node` that can be undone, in reverse order; `outgoing` and `incoming` are those of its frames."""
-
-    def __init__(self, node: VirtualNode) -> None:
-        self.node = node
-        self.outgoing: list[Outgoing] = []
-        self.incoming: list[Incoming] = []
-        self._undo = contextlib.ExitStack()
-        self._gates: dict[int, ModeGate] = {}
-
-    def undo(self) -> None:
-        """Make everything as it was."""
-        self._undo.close()
-        self.outgoing.clear()
-        self.incoming.clear()
-        self._gates.clear()
-
-    def later(self, undo: Callable[[], object]) -> None:
-        """Call `undo` when the quirks are undone."""
-        self._undo.callback(undo)
-
-    def attribute(self, part: Any, name: str, value: object) -> None:  # noqa: ANN401 - any part of a node
-        """Set an attribute."""
-        self.later(partial(setattr, part, name, getattr(part, name)))
-        setattr(part, name, value)
-
-    def entry(self, table: dict[Any, Any], key: object, value: object) -> None:
-        """Set an entry of a table."""
-        self.later(partial(table.__setitem__, key, table[key]) if key in table else partial(table.pop, key, None))
-        table[key] = value
-
-    def healthy(self, point: InjectionPoint[T], value: T) -> None:
-        """Set the healthy value of an injection point: faults come and go from there."""
-        self.attribute(point, "healthy", value)
-        self.attribute(point, "value", value)
-
-    # -- objects
-
-    def guard(self, indices: Iterable[int], judge: Judge) -> None:
-        """Let `judge` judge writes to objects; its last argument is what judged them before."""
-        store = self.node.store
-        for index in indices:
-            if index not in {entry.index for entry in store.od}:
-                continue
-            present, by_values = store.guard_of(index)
-            self.later(partial(store.set_guard, index, present, by_values=by_values))
-            store.set_guard(index, _judged(judge, present))
-
-    def show(self, index: int, subindex: int, view: Callable[[Any], Value]) -> None:
-        """Let an entry show what `view` makes of its value."""
-        store = self.node.store
-        if not store.has(index, subindex):
-            return
-        source = store.source_of(index, subindex)
-        self.later(partial(store.set_source, index, subindex, source))
-        store.set_source(
-            index, subindex, partial(_viewed, view, source or partial(_stored, store.values, index, subindex))
-        )
-
-    def preset(self, index: int, subindex: int, value: Value) -> None:
-        """Set a value now and after every reset."""
-        store = self.node.store
-        if not store.has(index, subindex):
-            return
-        before, presets = store.values[index, subindex], store.preset_of(index, subindex)
-
-        def undo() -> None:
-            store.unset_preset(index, subindex, *presets)
-            if store.values[index, subindex] == value:
-                store.set(index, subindex, before)
-
-        self.later(undo)
-        store.preset(index, subindex, value)
-
-    def absent(self, *indices: int) -> None:
-        """Answer SDO requests as if objects were not there, and map none of them."""
-        self.incoming.append(refusing(AbortCode.NO_OBJECT, lambda _command, index: index in indices))
-        self.guard(_mappings(self.node), partial(_not_mapped, indices))
-
-    # -- axes
-
-    def word(self, drive: VirtualDrive, change: Callable[[int], int]) -> None:
-        """Change the statusword of an axis."""
-        statusword = drive.readings.statusword
-        self.attribute(statusword, "changes", (*statusword.changes, change))
-
-    def act(self, drive: VirtualDrive, number: int, act: Callable[[Transition, int, Plain], None]) -> None:
-        """Let `act` do a transition; its last argument is what did it before."""
-        before = drive.power.act_of(number)
-        self.entry(drive.power.acts, number, lambda transition, now: act(transition, now, before))
-
-    def delay(self, drive: VirtualDrive, number: int, seconds: float) -> None:
-        """Let a transition take a time."""
-        self.entry(drive.power.delays_ns, number, round(seconds * _S))
-
-    def gate(self, drive: VirtualDrive) -> ModeGate:
-        """Return the gate before the modes of an axis."""
-        if drive.axis not in self._gates:
-            gate = self._gates[drive.axis] = ModeGate()
-            drive.modes.set_gate(gate)
-            self.later(partial(drive.modes.set_gate, None))
-        return self._gates[drive.axis]
-
-    def model(self, drive: VirtualDrive, **changed: Any) -> None:  # noqa: ANN401 - the fields of a model
-        """Change what the device model says of an axis."""
-        self.later(partial(drive.set_model, drive.objects.model))
-        drive.set_model(replace(drive.objects.model, **changed))
-
-
-if TYPE_CHECKING:
-    Plain = Callable[[Transition, int], None]
-
-
-def _judged(judge: Judge, present: Guard | None) -> Guard:
-    before = _taken if present is None else present
-    return lambda entry, value: judge(entry, value, before)
-
-
-def _taken(_entry: Entry, value: Value) -> Value:
-    return value
-
-
-def _viewed(view: Callable[[Any], Value], source: Callable[[], Value]) -> Value:
-    return view(source())
-
-
-def _stored(values: dict[tuple[int, int], Value], index: int, subindex: int) -> Value:
-    return values[index, subindex]
-
-
-def _not_mapped(indices: tuple[int, ...], entry: Entry, value: Value, before: Guard) -> Value:
-    if entry.subindex and int(value) >> 16 in indices:
-        raise SdoServerAbort(AbortCode.NO_OBJECT)
-    return before(entry, value)
-
-
-def _records(node: VirtualNode) -> list[int]:
-    return [*(RPDO + number for number in node.pdos.rpdos), *(TPDO + number for number in node.pdos.tpdos)]
-
-
-def _mappings(node: VirtualNode) -> list[int]:
-    return [record + 0x200 for record in _records(node)]
 
 
 # -- functions that make acts
@@ -651,7 +504,7 @@ def velocity_unit(hooks: QuirkHooks, drive: VirtualDrive, counts: float) -> None
 def cob_ids_fixed(hooks: QuirkHooks, _strength: float) -> None:
     """Refuse other COB-IDs of PDOs; the mapping is changed while they are valid."""
     hooks.attribute(hooks.node.pdos.records, "remaps_valid", True)
-    refuses = _refuses(AbortCode.READ_ONLY, lambda _node, entry, _value, _n: entry.subindex == 1, _records)
+    refuses = _refuses(AbortCode.READ_ONLY, lambda _node, entry, _value, _n: entry.subindex == 1, pdo_records)
     refuses(hooks, 0.0)
 
 
@@ -697,7 +550,7 @@ def mapping_swapped(hooks: QuirkHooks, _strength: float) -> None:
 def cob_ids_of(hooks: QuirkHooks, node_id: float) -> None:
     """Start with the COB-IDs of another node."""
     store, own = hooks.node.store, hooks.node.node_id
-    for record in _records(hooks.node):
+    for record in pdo_records(hooks.node):
         value = store.number(record, 1)
         if value & 0x7F == own:
             hooks.preset(record, 1, value & ~0x7F | int(node_id))
@@ -818,7 +671,7 @@ def cob_ids_not_stored(hooks: QuirkHooks, _strength: float) -> None:
     store = hooks.node.store
 
     def judge(entry: Entry, value: Value, before: Guard) -> Value:
-        kept = {record: store.power_on.get((record, 1)) for record in _records(hooks.node)}
+        kept = {record: store.power_on.get((record, 1)) for record in pdo_records(hooks.node)}
         answer = before(entry, value)
         for record, cob_id in kept.items():
             store.power_on.pop((record, 1), None)
@@ -959,15 +812,15 @@ one_ramp = _model(lambda _strength: {"velocity_ramp_both_ways": True})
 mapping_count_first = _refuses(
     AbortCode.UNSUPPORTED_ACCESS,
     lambda node, entry, _value, _n: bool(entry.subindex and node.store.number(entry.index)),
-    _mappings,
+    pdo_mappings,
 )
 mapping_in_preop = _refuses(
     AbortCode.DEVICE_STATE,
     lambda node, _entry, _value, _n: node.nmt.state is not NmtState.PRE_OPERATIONAL,
-    lambda node: [*_records(node), *_mappings(node)],
+    lambda node: [*pdo_records(node), *pdo_mappings(node)],
 )
 mapping_short = _refuses(
-    AbortCode.MAPPING_TOO_LONG, lambda _node, entry, value, most: entry.subindex == 0 and value > most, _mappings
+    AbortCode.MAPPING_TOO_LONG, lambda _node, entry, value, most: entry.subindex == 0 and value > most, pdo_mappings
 )
 tpdo_by_event = _refuses(
     AbortCode.INVALID_VALUE,
@@ -977,7 +830,7 @@ tpdo_by_event = _refuses(
 foreign_pdo_unmappable = _refuses(
     AbortCode.NOT_MAPPABLE,
     lambda node, entry, _value, _n: node.store.number(entry.index - 0x200, 1) & 0x7F != node.node_id,
-    _mappings,
+    pdo_mappings,
 )
 consumer_refused = _refuses(
     AbortCode.READ_ONLY, lambda _node, entry, _value, _n: entry.subindex > 0, lambda _node: [0x1016]

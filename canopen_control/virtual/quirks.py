@@ -19,7 +19,8 @@ from canopen_control.rpc.messages.drive import QuirkListing
 from canopen_control.virtual import quirk_acts as acts
 from canopen_control.virtual.fault_table import FaultSwitches
 from canopen_control.virtual.node_events import QuirkSwitched
-from canopen_control.virtual.quirk_acts import QuirkHooks, as_fault
+from canopen_control.virtual.quirk_acts import as_fault
+from canopen_control.virtual.quirk_hooks import QuirkHooks
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

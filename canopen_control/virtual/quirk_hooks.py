@@ -1,0 +1,173 @@
+"""Hooks of quirks: changes of a virtual node that can be undone, in reverse order."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia301.sdo_server import SdoServerAbort
+from canopen_control.virtual.fault_table import refusing
+from canopen_control.virtual.mode_base import ModeGate
+from canopen_control.virtual.node_pdos import RPDO, TPDO
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from canopen_control.cia402.state import Transition
+    from canopen_control.od.model import Entry, Value
+    from canopen_control.virtual.fault_table import Incoming, Outgoing
+    from canopen_control.virtual.injection_point import InjectionPoint
+    from canopen_control.virtual.object_store import Guard
+    from canopen_control.virtual.virtual_drive import VirtualDrive
+    from canopen_control.virtual.virtual_node import VirtualNode
+
+    Judge = Callable[[Entry, Value, Guard], Value]
+    Plain = Callable[[Transition, int], None]
+
+T = TypeVar("T")
+_S = 1_000_000_000
+
+
+class QuirkHooks:
+    """Changes of `node` that can be undone, in reverse order; `outgoing` and `incoming` are those of its frames."""
+
+    def __init__(self, node: VirtualNode) -> None:
+        self.node = node
+        self.outgoing: list[Outgoing] = []
+        self.incoming: list[Incoming] = []
+        self._undo = contextlib.ExitStack()
+        self._gates: dict[int, ModeGate] = {}
+
+    def undo(self) -> None:
+        """Make everything as it was."""
+        self._undo.close()
+        self.outgoing.clear()
+        self.incoming.clear()
+        self._gates.clear()
+
+    def later(self, undo: Callable[[], object]) -> None:
+        """Call `undo` when the quirks are undone."""
+        self._undo.callback(undo)
+
+    def attribute(self, part: Any, name: str, value: object) -> None:  # noqa: ANN401 - any part of a node
+        """Set an attribute."""
+        self.later(partial(setattr, part, name, getattr(part, name)))
+        setattr(part, name, value)
+
+    def entry(self, table: dict[Any, Any], key: object, value: object) -> None:
+        """Set an entry of a table."""
+        self.later(partial(table.__setitem__, key, table[key]) if key in table else partial(table.pop, key, None))
+        table[key] = value
+
+    def healthy(self, point: InjectionPoint[T], value: T) -> None:
+        """Set the healthy value of an injection point: faults come and go from there."""
+        self.attribute(point, "healthy", value)
+        self.attribute(point, "value", value)
+
+    # -- objects
+
+    def guard(self, indices: Iterable[int], judge: Judge) -> None:
+        """Let `judge` judge writes to objects; its last argument is what judged them before."""
+        store = self.node.store
+        for index in indices:
+            if index not in {entry.index for entry in store.od}:
+                continue
+            present, by_values = store.guard_of(index)
+            self.later(partial(store.set_guard, index, present, by_values=by_values))
+            store.set_guard(index, _judged(judge, present))
+
+    def show(self, index: int, subindex: int, view: Callable[[Any], Value]) -> None:
+        """Let an entry show what `view` makes of its value."""
+        store = self.node.store
+        if not store.has(index, subindex):
+            return
+        source = store.source_of(index, subindex)
+        self.later(partial(store.set_source, index, subindex, source))
+        store.set_source(
+            index, subindex, partial(_viewed, view, source or partial(_stored, store.values, index, subindex))
+        )
+
+    def preset(self, index: int, subindex: int, value: Value) -> None:
+        """Set a value now and after every reset."""
+        store = self.node.store
+        if not store.has(index, subindex):
+            return
+        before, presets = store.values[index, subindex], store.preset_of(index, subindex)
+
+        def undo() -> None:
+            store.unset_preset(index, subindex, *presets)
+            if store.values[index, subindex] == value:
+                store.set(index, subindex, before)
+
+        self.later(undo)
+        store.preset(index, subindex, value)
+
+    def absent(self, *indices: int) -> None:
+        """Answer SDO requests as if objects were not there, and map none of them."""
+        self.incoming.append(refusing(AbortCode.NO_OBJECT, lambda _command, index: index in indices))
+        self.guard(pdo_mappings(self.node), partial(_not_mapped, indices))
+
+    # -- axes
+
+    def word(self, drive: VirtualDrive, change: Callable[[int], int]) -> None:
+        """Change the statusword of an axis."""
+        statusword = drive.readings.statusword
+        self.attribute(statusword, "changes", (*statusword.changes, change))
+
+    def act(self, drive: VirtualDrive, number: int, act: Callable[[Transition, int, Plain], None]) -> None:
+        """Let `act` do a transition; its last argument is what did it before."""
+        before = drive.power.act_of(number)
+        self.entry(drive.power.acts, number, lambda transition, now: act(transition, now, before))
+
+    def delay(self, drive: VirtualDrive, number: int, seconds: float) -> None:
+        """Let a transition take a time."""
+        self.entry(drive.power.delays_ns, number, round(seconds * _S))
+
+    def gate(self, drive: VirtualDrive) -> ModeGate:
+        """Return the gate before the modes of an axis."""
+        if drive.axis not in self._gates:
+            gate = self._gates[drive.axis] = ModeGate()
+            drive.modes.set_gate(gate)
+            self.later(partial(drive.modes.set_gate, None))
+        return self._gates[drive.axis]
+
+    def model(self, drive: VirtualDrive, **changed: Any) -> None:  # noqa: ANN401 - the fields of a model
+        """Change what the device model says of an axis."""
+        self.later(partial(drive.set_model, drive.objects.model))
+        drive.set_model(replace(drive.objects.model, **changed))
+
+
+def _judged(judge: Judge, present: Guard | None) -> Guard:
+    before = _taken if present is None else present
+    return lambda entry, value: judge(entry, value, before)
+
+
+def _taken(_entry: Entry, value: Value) -> Value:
+    return value
+
+
+def _viewed(view: Callable[[Any], Value], source: Callable[[], Value]) -> Value:
+    return view(source())
+
+
+def _stored(values: dict[tuple[int, int], Value], index: int, subindex: int) -> Value:
+    return values[index, subindex]
+
+
+def _not_mapped(indices: tuple[int, ...], entry: Entry, value: Value, before: Guard) -> Value:
+    if entry.subindex and int(value) >> 16 in indices:
+        raise SdoServerAbort(AbortCode.NO_OBJECT)
+    return before(entry, value)
+
+
+def pdo_records(node: VirtualNode) -> list[int]:
+    """Return the indices of the communication records of all PDOs."""
+    return [*(RPDO + number for number in node.pdos.rpdos), *(TPDO + number for number in node.pdos.tpdos)]
+
+
+def pdo_mappings(node: VirtualNode) -> list[int]:
+    """Return the indices of the mapping records of all PDOs."""
+    return [record + 0x200 for record in pdo_records(node)]
