@@ -114,6 +114,8 @@ class TransitionTimedOut:
         """Sentence for users."""
         asked = "" if self.command is None else f", asked by {self.command.name}"
         end = "; not enabled" if self.gave_up else ""
+        if self.gave_up and self.transition is not None:
+            end += f"; `transition_timeouts_ms: {{{self.transition}: 20000}}` in bus.yml gives it more time"
         if self.transition == _QUICK_STOP:
             end += "; 0x605A may switch its quick stop off (0, or a value of the manufacturer's): write 2 under `sdo:`"
         return (
@@ -201,7 +203,10 @@ class ControlChanged:
         """Sentence for users."""
         if self.remote:
             return f"under remote control again ({_word(self.statusword)})"
-        return f"under local control, controlword may be ignored ({_word(self.statusword)}, bit 9 is 0)"
+        return (
+            f"under local control, controlword may be ignored ({_word(self.statusword)}, bit 9 is 0); "
+            "`ignore_remote: true` in bus.yml is for a drive that never sets it"
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,7 +39,7 @@ SAID = [
     (
         TransitionTimedOut(1, State.SWITCHED_ON, State.OPERATION_ENABLED, Command.ENABLE_OPERATION, 4, 0x0233, True),
         "did not leave SWITCHED_ON for OPERATION_ENABLED in time, asked by ENABLE_OPERATION (statusword 0x0233); "
-        "not enabled",
+        "not enabled; `transition_timeouts_ms: {4: 20000}` in bus.yml gives it more time",
     ),
     (
         TransitionTimedOut(1, None, State.OPERATION_ENABLED, None, None, None, False),
@@ -66,7 +66,8 @@ SAID = [
     ),
     (
         ControlChanged(1, 0x0040),
-        "under local control, controlword may be ignored (statusword 0x0040, bit 9 is 0)",
+        "under local control, controlword may be ignored (statusword 0x0040, bit 9 is 0); `ignore_remote: true` in "
+        "bus.yml is for a drive that never sets it",
     ),
     (ControlChanged(1, 0x0240), "under remote control again (statusword 0x0240)"),
     (StatuswordUndefined(1, 0x0001, 10), "statusword 0x0001 shows no state, for 10 updates"),
