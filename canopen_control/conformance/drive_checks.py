@@ -715,3 +715,50 @@ def _mode_halted(node: CheckedNode) -> None:
 def _method_enabled(node: CheckedNode) -> None:
     with drive_at(node, _OE), node.kept(o.HOMING_METHOD) as method:
         node.put(o.HOMING_METHOD, 0, method, 1)
+
+
+# -- set-points at the present position, by which nothing moves
+
+
+@contextmanager
+def _set_point_here(node: CheckedNode) -> Iterator[None]:
+    """Context in which a set-point of PP at the present position is given by bit 4."""
+    with drive_at(node, _OE, OperationMode.PP), node.kept(o.TARGET_POSITION):
+        node.write(o.TARGET_POSITION, 0, node.read(o.POSITION_ACTUAL))
+        control(node, 0x1F)
+        node.listen(0.1)
+        yield
+
+
+@_add("D54", "402-2, 10 (profile position)", "PP: a set-point given by bit 4 is acknowledged by bit 12", touch=_MOTION)
+def _acknowledged(node: CheckedNode) -> None:
+    with _set_point_here(node):
+        word = statusword(node)
+        expect(bool(word & 0x1000), f"statusword 0x{word:04X}", "bit 12 = 1")
+        control(node, 0x0F)
+        node.listen(0.1)
+        word = statusword(node)
+        expect(not word & 0x1000, f"statusword 0x{word:04X}", "bit 12 = 0 after bit 4 = 0")
+
+
+@_add("D56", "402-2, 10 (profile position)", "PP: bit 10 is 1 at the target", touch=_MOTION)
+def _reached(node: CheckedNode) -> None:
+    with _set_point_here(node):
+        control(node, 0x0F)
+        node.listen(1.0)
+        word = statusword(node)
+        expect(bool(word & 0x0400), f"statusword 0x{word:04X}", "bit 10 = 1")
+
+
+@_add("D59", "402-2, 12 (cyclic position)", "CSP: missing set-points end in no fault at standstill", _SHOULD, _MOTION)
+def _missing_set_points(node: CheckedNode) -> None:
+    sync = node.number(0x1005) & 0x7FF
+    with drive_at(node, _ON):
+        set_mode(node, OperationMode.CSP)
+        node.write(o.TARGET_POSITION, 0, node.read(o.POSITION_ACTUAL))
+        control(node, 0x0F)
+        reaches(node, _OE)
+        for _ in range(50):
+            node.send(sync)
+            node.listen(0.01)
+        reaches(node, _OE, 0.0)

@@ -103,6 +103,8 @@ DEVIATIONS = (
     Deviation("parameter_clamped", "D13"),
     Deviation("homing_zero_refused", "D65m"),
     Deviation("homing_method_fixed", "D65w"),
+    Deviation("set_point_needs_bit_5", "D54"),
+    Deviation("target_reached_inverted", "D56"),
     Deviation("error_code_absent", "D093f"),
     Deviation("velocity_absent", "D096c"),
 )
@@ -145,6 +147,10 @@ _MEANINGS = (
     ("0x6040", "A master that reads the controlword back cannot check what it commanded."),
     ("0x6098", "A master that sets up homing will be refused."),
     ("0x60C2", "Cyclic motion will be uneven: the drive interpolates over another time than the master's cycle."),
+    (
+        "10",
+        "A master that moves the drive by profile positions will wait for an answer, or take it for arrived too early.",
+    ),
     ("6.3", "A master that enables the drive will wait longer than usual, or report a failed transition."),
     ("402", "A master that relies on this object of the profile will not get what it expects."),
 )
