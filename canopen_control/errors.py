@@ -162,7 +162,7 @@ class BusNotOpen(InterfaceNotFound):
     def __init__(self, name: str, others: Sequence[str] = ()) -> None:
         there = f"open now: {', '.join(others)}" if others else "no local bus is open now"
         super().__init__(name, f"{there}; canopen-control run and drive make one")
-        self.args = (f"bus {name}: nobody has it open; {self.hint}",)
+        self.args = (f"bus {name}: no program has it open; {self.hint}",)
 
 
 class InterfaceDown(BusError):

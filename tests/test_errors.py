@@ -20,7 +20,7 @@ MESSAGES = [
     (errors.BusOff("can0"), "check the cable"),
     (errors.InterfaceNotFound("can7", "try can0"), "no CAN interface 'can7'; try can0"),
     (errors.InterfaceNotFound("can7"), "no CAN interface 'can7'"),
-    (errors.BusNotOpen("local:x"), "bus local:x: nobody has it open; no local bus is open now"),
+    (errors.BusNotOpen("local:x"), "bus local:x: no program has it open; no local bus is open now"),
     (errors.BusNotOpen("local:x", ["local:a", "local:b"]), "open now: local:a, local:b; canopen-control run"),
     (errors.InterfaceDown("can0"), "ip link set can0 up"),
     (

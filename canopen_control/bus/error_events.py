@@ -89,7 +89,7 @@ _FULL_LENGTH: Final = 8
 _CLASSES: Final = 0x1FFFFFFF
 _ACKNOWLEDGE_SLOT: Final = 0x19
 _WHILE_SENDING: Final = 0x80
-_NOBODY: Final = "nobody acknowledged the frame: is another node on the bus, with power and the same bit rate?"
+_NOBODY: Final = "no node acknowledged the frame: is another node on the bus, with power and the same bit rate?"
 _WARNINGS: Final = {
     RX_WARNING: "the receive errors have reached the warning level, 96",
     TX_WARNING: "the transmit errors have reached the warning level, 96",

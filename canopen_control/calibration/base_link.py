@@ -66,7 +66,7 @@ class TypedEnds:
         try:
             return self._ask(prompt)
         except EOFError:
-            raise ControlError("nobody answers any more; the calibration has ended") from None
+            raise ControlError("no node answers any more; the calibration has ended") from None
 
 
 class FiledEnds:
@@ -155,7 +155,7 @@ def choose_base(controllers: tuple[ControllerReading, ...], name: str | None) ->
     if not active[0].active:
         raise ConfigError(
             f"{active[0].name} is {active[0].state}; activate it: canopen-control controller switch --activate "
-            f"{active[0].name}, with --deactivate for who holds its wheels"
+            f"{active[0].name}, with --deactivate for the controller that holds its wheels"
         )
     return active[0]
 
@@ -236,7 +236,7 @@ class BaseLink:
             finally:
                 with contextlib.suppress(RemoteError):  # a robot that is gone or refuses gets no commands from here
                     self._twist(0.0, 0.0)
-        raise ControlError("the robot tells nothing more")
+        raise ControlError("the robot reports nothing more")
 
     def _odometry(self, state: StateSample, begun: float) -> OdometrySample | None:
         """Return the odometry of a sample, None before the first one; ControlError if the base may not move."""

@@ -33,7 +33,7 @@ def _blind(robot: CheckedRobot) -> Iterator[Finding]:
             if carried.isdisjoint({objects.POSITION_ACTUAL + offset, objects.VELOCITY_ACTUAL + offset}):
                 text = (
                     f"{name}: no TPDO carries 0x{objects.POSITION_ACTUAL + offset:04X} or "
-                    f"0x{objects.VELOCITY_ACTUAL + offset:04X}: it is moved without anything that tells how"
+                    f"0x{objects.VELOCITY_ACTUAL + offset:04X}: it is moved without any feedback"
                 )
                 place, od = bus.place(name, "tpdo"), bus.dictionaries[name]
                 measured = [index + offset for index in (objects.POSITION_ACTUAL, objects.VELOCITY_ACTUAL)]

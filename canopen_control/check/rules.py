@@ -462,9 +462,9 @@ def _guesses(robot: CheckedRobot) -> Iterator[Finding]:
             place = bus.place(node.name, key)
             severity = Severity.WARNING if unset else Severity.NOTE
             why = (
-                "0x608F and 0x6092 of the EDS are 1/1, as a device has them that nobody has set up"
+                "0x608F and 0x6092 of the EDS are 1/1, as in a device that was never set up"
                 if unset
-                else "neither EDS nor drive tells it"
+                else "neither EDS nor drive has it"
             )
             text = f"{node.name}: {key} is a guess: {why}"
             yield Finding(place.path, place.line, severity, text, _MEASURE, column=place.column)

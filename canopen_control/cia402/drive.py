@@ -218,7 +218,7 @@ class QuickStopExit:
 class ResetPhase(Enum):
     """Phase of a fault reset."""
 
-    IDLE = "nobody asked for one"
+    IDLE = "none was requested"
     ASKED = "bit 7 is to be sent 0 first"
     LOW = "bit 7 was sent 0 and is to be raised"
     HIGH = "bit 7 is 1"
@@ -296,12 +296,12 @@ class EnableRequest(Enum):
 class EnableTrigger(Enum):
     """Trigger of a change of the request; the value describes it."""
 
-    ENABLE = "somebody enables it"
-    OVERTAKE = "somebody enables it in OPERATION_ENABLED, and something else than to stay there was sent last"
-    DISABLE = "somebody disables it"
-    QUICK_STOP = "somebody quick stops it"
-    QUICK_STOP_ENABLED = "somebody quick stops it in OPERATION_ENABLED"
-    DISABLE_VOLTAGE = "somebody cuts its voltage"
+    ENABLE = "a request enables it"
+    OVERTAKE = "a request enables it in OPERATION_ENABLED, and something else than to stay there was sent last"
+    DISABLE = "a request disables it"
+    QUICK_STOP = "a request quick stops it"
+    QUICK_STOP_ENABLED = "a request quick stops it in OPERATION_ENABLED"
+    DISABLE_VOLTAGE = "a request cuts its voltage"
     LEFT = "the drive is seen in another state than OPERATION_ENABLED"
     ARRIVED = "what was on its way to the drive has arrived, or its time is over"
     LOST = "a fault, or an enable that ended without a command"
@@ -480,7 +480,7 @@ class DriveRequest:
 class ModeState(Enum):
     """State of a mode request; the value describes it."""
 
-    NONE = "nobody asked for a mode: the drive's own is right"
+    NONE = "no mode was requested: the drive's own is right"
     ASKED = "a mode is asked for, and 0x6061 does not show it"
     UNSHOWN = "the drive shows no mode while it is off: it may be enabled, and has to show the mode then"
     CONFIRMED = "0x6061 shows the mode that was asked for"
@@ -492,8 +492,8 @@ class ModeState(Enum):
 class ModeTrigger(Enum):
     """Trigger of the mode table; the value describes it."""
 
-    ASK = "somebody asks for another mode"
-    ASK_AGAIN = "somebody asks for the mode that is asked for already"
+    ASK = "another mode is requested"
+    ASK_AGAIN = "the same mode is requested again already"
     SHOWN = "0x6061 shows the mode"
     NOT_SHOWN = "0x6061 shows another mode, or nothing"
     NONE_SHOWN = "half of the time is over, and 0x6061 of a drive that is off shows 0"

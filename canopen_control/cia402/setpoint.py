@@ -132,7 +132,7 @@ class SetPointHandshake:
     Write `target` to 0x607A (None: none was given yet) in the same cycle as the bits that `update` returns, and the
     bits to `DriveMachine.mode_bits`. One more set-point may wait while the drive takes or reaches the one before; it is
     offered as soon as bit 12 is 0, and whether the drive finishes the first one is its affair and that of
-    `immediately`. Only the last one is told as reached. `release_timeout_ns` must be as long as a motion for drives
+    `immediately`. Only the last one is reported as reached. `release_timeout_ns` must be as long as a motion for drives
     that keep bit 12 while they move; `motion_timeout_ns` None leaves the motion its time.
     """
 

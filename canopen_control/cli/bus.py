@@ -145,7 +145,7 @@ def _does(listener: Listener) -> list[str]:
         return [f"has a socket of {listener.protocol}"]
     identifiers = listener.identifiers
     words = [_HEARS.get(identifiers, f"hears {identifiers} identifiers")]
-    where = {None: "on an interface that only root is told", "": "of all interfaces"}.get(listener.interface)
+    where = {None: "on an interface that only root can see", "": "of all interfaces"}.get(listener.interface)
     return words + ([where] if where else [])
 
 
@@ -319,7 +319,7 @@ def _rule(rule: hub.DropState, nodes: Sequence[KnownNode]) -> str:
 def _interface(args: argparse.Namespace) -> str:
     name: str = args.interface
     if ":" in name:
-        raise ConfigError(f"{name} is no interface of the kernel: it is there as soon as somebody opens it")
+        raise ConfigError(f"{name} is no interface of the kernel: it exists as soon as a program opens it")
     return name
 
 
@@ -375,7 +375,7 @@ def _label(spec: ChannelSpec, word: str) -> str:
     found = next((label for label in meant if label in known), None)
     if found is None:
         there = ", ".join(_named(label, nodes) for label in labels) or "none"
-        raise ConfigError(f"nobody called {word!r} on {spec}; there are: {there}")
+        raise ConfigError(f"no member called {word!r} on {spec}; there are: {there}")
     return found
 
 

@@ -154,8 +154,8 @@ def _ends(args: argparse.Namespace, plan: CalibrationPlan, *, simulated: bool) -
         return TrueEnds(_say)
     if not sys.stdin.isatty():
         raise ConfigError(
-            "the true pose of this base is not known, and nobody can be asked where it ends: run it in a terminal, or "
-            "give --ends FILE"
+            "the true pose of this base is not known, and there is no terminal to ask where it ends: run it in a "
+            "terminal, or give --ends FILE"
         )
     return TypedEnds(input, _say)
 

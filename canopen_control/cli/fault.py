@@ -121,7 +121,7 @@ def _others_than(nodes: list[KnownNode], silent: dict[str, CanopenError], can: s
         there = f" {where}; there are: {', '.join(map(str, nodes))}"
         return f"{there}; for another bus: --can CHANNEL" if can is None else there
     if silent:
-        why = "; ".join(f"the robot {robot!r} does not tell its nodes: {error}" for robot, error in silent.items())
+        why = "; ".join(f"the robot {robot!r} does not list its nodes: {error}" for robot, error in silent.items())
         return f" is known: {why}; with --can CHANNEL a drive is reached by its node id, without the robot"
     return ""
 

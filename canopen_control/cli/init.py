@@ -178,7 +178,7 @@ def _from_bus(args: argparse.Namespace) -> list[Device]:
     _take_given(survey.found.values(), files)
     nodes = [node for node_id, node in survey.found.items() if node_id != survey.master_id]
     if not nodes:
-        raise CanopenError(f"nobody answers on {survey.channel}; is it powered, and the bit rate right?")
+        raise CanopenError(f"no node answers on {survey.channel}; is it powered, and the bit rate right?")
     devices = []
     for node in nodes:
         if node.eds is None:
@@ -250,9 +250,7 @@ def _lines(written: Written, channel: str) -> list[str]:
     lines += [f"check warns: {text}" for text in written.warnings if "is a guess" not in text]
     guessed = list(dict.fromkeys(joint.node for joint in robot.joints if not joint.axis.told))
     if guessed:
-        lines.append(
-            f"counts_per_revolution in bus.yml is a guess for {_some(guessed)}: the EDS tells none; measure it"
-        )
+        lines.append(f"counts_per_revolution in bus.yml is a guess for {_some(guessed)}: the EDS has none; measure it")
     name = str(written.folder)
     if written.problems:
         lines += [f"PROBLEM, marked in bus.yml too: {text}" for text in written.problems]

@@ -190,7 +190,9 @@ def _lines(robot: NewRobot, axis: AxisChoice, scale: JogScale, limits: JogLimits
     what = " ".join(filter(None, (node.device.od.device.vendor_name, node.device.od.device.product_name)))
     yield f"node {node.device.node_id}{f', {what}' if what else ''}: {axis.interface} in {axis.mode.name}"
     turn = (
-        f"{scale.counts:g} counts a turn" if scale.told else "counts a turn are not told by EDS or drive (--counts N)"
+        f"{scale.counts:g} counts a turn"
+        if scale.told
+        else "counts a turn: neither in the EDS nor in the drive (--counts N)"
     )
     yield f"limits: {scale.velocity_words(limits.speed)}, {scale.position_words(limits.travel)} each way,"
     yield f"        current {limits.current / 10:g} % of the rated one; {turn}"

@@ -162,7 +162,7 @@ def _readings(direct: DirectBus, od: ObjectDictionary, node_id: int, title: str)
         values[address] = int.from_bytes(whole, "little", signed=entry.data_type.signed)
     errors = {_ERRORS[address]: value for address, value in values.items() if address in _ERRORS}
     told = ", ".join(f"{name} 0x{value:02X}" for name, value in errors.items())
-    yield PreflightStep("errors", not any(errors.values()), f"{title}: {told or 'tells of none'}")
+    yield PreflightStep("errors", not any(errors.values()), f"{title}: {told or 'none'}")
     limits = ", ".join(f"{_STATE[address]} {value}" for address, value in values.items() if address in _STATE)
     if limits:
         yield PreflightStep("limits", None, f"{title}: {limits} (device units)")
@@ -448,7 +448,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     if not (args.yes or args.no_jog or sys.stdin.isatty()):
         raise ConfigError(
-            "nobody is there to ask (no terminal); add --yes to answer every question with yes, or --no-jog"
+            "there is no terminal to ask questions; add --yes to answer every question with yes, or --no-jog"
         )
     flight = Preflight(_read_setup(args), print, (lambda _question: True) if args.yes else _ask, args.speed)
     with json_alone(args):

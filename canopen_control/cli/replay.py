@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     recording = open_frames(args.file, args.bus)
     channel = str(parse_channel(args.can))
     if parse_channel(channel).kind.in_process:
-        raise ConfigError(f"{channel} is inside one process, nobody would hear it; use local:NAME instead")
+        raise ConfigError(f"{channel} is inside one process, no other program would hear it; use local:NAME instead")
     _tell_a_new_bus(channel)
     if not args.force:
         _refuse_where_somebody_is(recording, channel)
@@ -147,7 +147,7 @@ def _tell_a_new_bus(channel: str) -> None:
     spec = parse_channel(channel)
     if spec.kind is ChannelKind.LOCAL and spec.name not in (others := list_sockets("bus")):
         there = ", ".join(f"local:{other}" for other in others) or "none"
-        print(f"canopen-control: nobody has {channel} open, it is made now; open so far: {there}", file=sys.stderr)
+        print(f"canopen-control: no program has {channel} open, it is made now; open so far: {there}", file=sys.stderr)
 
 
 def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:

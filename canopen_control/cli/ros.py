@@ -200,7 +200,7 @@ def _add_timeout(action: argparse.ArgumentParser) -> None:
         type=_positive,
         default=5.0,
         metavar="S",
-        help="for somebody to be there, and to answer (default: 5)",
+        help="for a server to be there, and to answer (default: 5)",
     )
 
 
@@ -298,7 +298,7 @@ def _pub(graph: Graph, args: argparse.Namespace) -> int:
 
     publication = graph.publisher(args.topic, full_name(args.type, "msg"), _data(args.data))
     if not graph.spin(args.timeout, lambda: publication.subscribers() > 0):
-        raise CanopenError(f"nobody subscribes to {args.topic} as {args.type}; is the robot there, and run with --ros?")
+        raise CanopenError(f"nothing subscribes to {args.topic} as {args.type}; does the robot run, with --ros?")
     graph.spin(0.1)  # the other side needs a moment to know us as well
     begin, count = time.monotonic(), 0
     with json_alone(args):

@@ -283,7 +283,7 @@ def _report(survey: ScanResult, *, as_json: bool) -> None:
             print(line)
     else:
         print(
-            f"canopen-control: nobody answers on {survey.channel}; is it powered, and the bit rate right?",
+            f"canopen-control: no node answers on {survey.channel}; is it powered, and the bit rate right?",
             file=sys.stderr,
         )
     for note in survey.notes:

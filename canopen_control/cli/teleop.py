@@ -348,7 +348,7 @@ class RosTarget:
         before, self._alone = self._alone, alone
         if alone == before or (before is None and not alone):
             return []
-        return [f"nobody subscribes to {self._topic} yet" if alone else f"somebody subscribes to {self._topic}"]
+        return [f"nothing subscribes to {self._topic} yet" if alone else f"a program subscribes to {self._topic}"]
 
     def close(self) -> None:
         """Nothing: the graph is closed by who opened it."""

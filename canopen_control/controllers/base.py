@@ -336,11 +336,11 @@ class Controller:
             raise self.refusal(f"is {self.state.value}; activate it before commanding it")
         if len(values) != len(names):
             raise self.refusal(
-                f"wants {len(names)} values ({', '.join(names)}), got {len(values)}; nothing was applied"
+                f"takes {len(names)} values ({', '.join(names)}), got {len(values)}; nothing was applied"
             )
         for name, value in zip(names, values, strict=True):
             if not _finite(value):
-                raise self.refusal(f"wants finite numbers, got {value!r} for {name}; nothing was applied")
+                raise self.refusal(f"takes finite numbers, got {value!r} for {name}; nothing was applied")
 
     @property
     def standing(self) -> str:

@@ -66,7 +66,7 @@ class BatteryFacts:
     """Properties of one battery: V and Ah, an enum of sensor_msgs/BatteryState, nan and "" if unknown."""
 
     minimum_voltage: float = setting(
-        math.nan, nan=True, help="V of an empty battery, for the percentage of one that tells none"
+        math.nan, nan=True, help="V of an empty battery, for the percentage of one that reports none"
     )
     maximum_voltage: float = setting(math.nan, nan=True, help="V of a full one")
     capacity: float = setting(math.nan, nan=True, help="Ah, when it was full last")
@@ -277,7 +277,7 @@ class PoseTransform:
 class PoseParams(CommonParams):
     """Parameters of pose_broadcaster/PoseBroadcaster: the state interfaces of `pose_name`, or each by its own name."""
 
-    frame_id: str = setting("", help="frame in which the pose is told")
+    frame_id: str = setting("", help="frame of the pose")
     pose_name: str = setting("", help="a <sensor> of the description with `position.x` to `orientation.w`")
     interface_names: dict[str, str] = setting(
         key="interface_names",

@@ -339,7 +339,7 @@ def _controllers(
             found[name] = _config(name, convert(type_node, str, ""), block.key, params, block)
         else:
             hint = nearest(name, declared)
-            block.key.problems.suspect(block.key, f"{name!r} has parameters but no type, so nobody loads it{hint}")
+            block.key.problems.suspect(block.key, f"{name!r} has parameters but no type, so it is not loaded{hint}")
     _check_fallbacks(declared, found)
     return found
 

@@ -49,7 +49,7 @@ class GpioParams(CommonParams):
         key="command_interfaces",
         section=True,
         factory=dict,
-        help="`.GPIO.interfaces`: the command interfaces, its outputs; none: it only tells",
+        help="`.GPIO.interfaces`: the command interfaces, its outputs; none: it only reports",
     )
     state_interfaces: dict[str, tuple[str, ...]] = setting(
         key="state_interfaces",
@@ -285,4 +285,4 @@ class GpioCommandController(Controller):
         if self.state is not ControllerState.ACTIVE:
             raise self.refusal(f"is {self.state.value}; activate it before commanding it")
         if not self._names:
-            raise self.refusal("has no command_interfaces; it only tells")
+            raise self.refusal("has no command_interfaces; it only reports")

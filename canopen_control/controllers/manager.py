@@ -291,7 +291,7 @@ class ControllerManager:
 
     def leave_out(self, names: Sequence[str]) -> None:
         """Tell that a best-effort switch leaves out names that nobody knows."""
-        self._tell("left_out", "", f"a switch leaves out what nobody knows: {', '.join(names)}; see: controller list")
+        self._tell("left_out", "", f"a switch leaves out unknown controllers: {', '.join(names)}; see: controller list")
 
     def deactivate_using(self, component: HardwareComponent, reason: str, now: int | None = None) -> Names:
         """Deactivate whoever commands a component that failed, with those chained to them; return their names.
@@ -365,7 +365,7 @@ class ControllerManager:
         """Tell that something for a controller was refused, once until it takes something."""
         if name not in self._told_refusal and not isinstance(error, NotYetEnabled):
             self._told_refusal.add(name)
-            self._tell("refused", name, f"{error} (from {source or 'nobody named'}; told once)")
+            self._tell("refused", name, f"{error} (from {source or 'not named'}; told once)")
 
     def _require_enabled(self, controller: Controller) -> None:
         """Raise NotEnabled, and count it, while no part of what the controller moves follows commands as a whole."""
@@ -380,7 +380,7 @@ class ControllerManager:
         failed, self.running.failed = self.running.failed, []
         for controller, reason in failed:
             again = f"canopen-control controller switch --activate {controller.name}"
-            dropped = self._switcher.drop([controller], f"{reason}; to go on, once that is mended: {again}", now)
+            dropped = self._switcher.drop([controller], f"{reason}; to go on, once that is repaired: {again}", now)
             fallbacks = dict.fromkeys(name for each in dropped for name in self._fallbacks.get(each, ()))
             if fallbacks:
                 self._fall_back(list(fallbacks), controller.name, now)

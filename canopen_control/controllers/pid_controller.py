@@ -274,7 +274,7 @@ class PidController(Controller):
         if self._measured_at and now - self._measured_at > self.params.measured_state_timeout * 1e9:
             self._lose_states()
             text = (
-                f"no measured state for {self.params.measured_state_timeout:g} s, targets are 0; send references anew"
+                f"no measured state for {self.params.measured_state_timeout:g} s, targets are 0; send references again"
             )
             self.tell("measured_state_lost", text)
         self._export()

@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 class DofGains(LoopGains):
     """The gains of one degree of freedom; `antiwindup` is ROS 1's way of the strategy `legacy`, and deprecated."""
 
-    INEFFECTIVE: ClassVar[dict[str, str]] = {"activate_state_publisher": "~/controller_state tells all of it"}
+    INEFFECTIVE: ClassVar[dict[str, str]] = {"activate_state_publisher": "~/controller_state contains all of it"}
 
     antiwindup: bool = setting(False, help="with the strategy legacy: the integral itself is limited (deprecated)")
     error_deadband: float = setting(1e-16, help="an error that is not integrated")
     feedforward_gain: float = setting(0.0, help="factor of what leads")
     angle_wraparound: bool = setting(False, help="the error of a joint without end is the short way round")
     save_i_term: bool = setting(True, help="the integral outlives a deactivation")
-    activate_state_publisher: bool = setting(False, help="has no effect: `~/controller_state` tells all of it")
+    activate_state_publisher: bool = setting(False, help="has no effect: `~/controller_state` contains all of it")
 
     @property
     def clamps_integral(self) -> bool:

@@ -61,11 +61,11 @@ class AxisPhase(enum.Enum):
 class PhaseTrigger(enum.Enum):
     """Trigger of a row of the chart; the value describes it."""
 
-    ENABLE = "somebody enables it"
-    STOP = "somebody, or trouble in its group, stops it"
-    QUICK_STOP = "somebody quick stops it"
-    HALT = "somebody halts it"
-    FAULT_RESET = "somebody resets a fault"
+    ENABLE = "a request enables it"
+    STOP = "a request, or trouble in its group, stops it"
+    QUICK_STOP = "a request quick stops it"
+    HALT = "a request halts it"
+    FAULT_RESET = "a request resets a fault"
     GROUP_MAY_RISE = "every joint of its group that is being enabled waits"
     GROUP_RISES = "a joint of its group is being enabled"
     GROUP_ENABLED = "no joint of its group is being enabled any more"

@@ -608,7 +608,7 @@ class DeviceParts:
                 inputs.lost = False
                 outputs = [name for part in self._parts if part.node is inputs.node for name in part.commanded]
                 which = "those commanded are" if len(outputs) > _FEW else f"{', '.join(outputs)} {_is(outputs)}"
-                held = f"; of its outputs {which} void, and not restored until commanded anew" if outputs else ""
+                held = f"; of its outputs {which} void, and not restored until commanded again" if outputs else ""
                 found.append((inputs.node, "device_lost", f"lost: its inputs are unknown{held}"))
         return found
 

@@ -107,7 +107,7 @@ def choose_mode(axis: AxisProcessData, parameters: AxisParameters, interface: st
         return mode_of(wanted)
     if not listed:
         raise DriveError(
-            f"{axis.node.who}: neither the drive nor its EDS tells which modes it has (0x6502); "
+            f"{axis.node.who}: neither the drive nor its EDS lists its modes (0x6502); "
             f"give {POSITION if interface == TARGET else interface}_mode in bus.yml"
         )
     candidates = [mode for mode in _SERVED[interface] if mode in listed]

@@ -3,7 +3,7 @@
 The law of this file: a drive is enabled when a controller claims one of its joint's command interfaces, and by a
 user's word; nothing else enables it, except `recovery: enable` of bus.yml for a node that was lost and is back. When
 one joint gets into trouble (its node lost, its feedback stale, its drive faulted or left on its own) every joint of its
-group stops along its ramp and is disabled, in the same cycle, and stays so until somebody enables it again.
+group stops along its ramp and is disabled, in the same cycle, and stays so until a request enables it again.
 """
 
 from __future__ import annotations

@@ -88,7 +88,7 @@ class LineClient:
         try:
             self._socket = sockets.connect(path, timeout)
         except (FileNotFoundError, ConnectionRefusedError):
-            raise RemoteError("BusClosed", f"{self.label} is not running (nobody listens at {path})") from None
+            raise RemoteError("BusClosed", f"{self.label} is not running (no program listens at {path})") from None
         except OSError as error:
             raise RemoteError("BusClosed", f"{self.label} cannot be reached: {error}") from error
         # poll() waits, because a socket timeout applies to both directions.

@@ -178,7 +178,9 @@ def _check_software(plan: NodePlan, transfers: BootTransfers) -> Generator[Reque
     if version is None:
         raise boot_error(plan, "G", f"it has no 0x1F56:01, and software_version is 0x{plan.software_version:08X}")
     if version != plan.software_version:
-        letter, hint = ("I", f"; load {plan.software_file} with its maker's tool") if plan.software_file else ("H", "")
+        letter, hint = "H", ""
+        if plan.software_file:
+            letter, hint = "I", f"; load {plan.software_file} with its manufacturer's tool"
         raise boot_error(
             plan, letter, f"0x1F56:01 is 0x{version:08X}, software_version is 0x{plan.software_version:08X}{hint}"
         )

@@ -157,12 +157,12 @@ _TELLING: Final = {
     Evidence.SDO: (
         "other_sdo_client",
         Level.INFO,
-        "bus {bus}: somebody else reads or writes objects: {seen}; its answers and this master's can be mixed up",
+        "bus {bus}: another program reads or writes objects: {seen}; its answers and this master's can be mixed up",
     ),
     Evidence.NMT: (
         "other_master",
         Level.WARNING,
-        "bus {bus}: somebody else commands nodes: {seen}; if that is no tool of yours, another master is on the bus",
+        "bus {bus}: another program commands nodes: {seen}; if that is no tool of yours, another master is on the bus",
     ),
     Evidence.MASTER: (
         "other_master",

@@ -428,14 +428,14 @@ def _plan_producer(builder: PlanBuilder) -> int:
     if not keys.heartbeat_producer:
         if (listed := builder.listed_value(PRODUCER)) is not None:
             if not listed:
-                builder.warn("sdo", "0x1017 is set to 0: nobody notices when this node dies")
+                builder.warn("sdo", "0x1017 is set to 0: the master does not notice when this node dies")
             return listed
         if fixed or not builder.can_write(PRODUCER, 0):
             if not fixed:
                 cannot = "cannot be written" if (PRODUCER, 0) in builder.od else f"is not in {builder.file}"
                 can_guard = builder.can_write(GUARD_TIME, 0) and builder.can_write(LIFE_TIME, 0)
                 way = "give it guard_time" if can_guard else "it has no node guarding (0x100C, 0x100D) either"
-                builder.warn("dcf", f"0x1017 {cannot}: nobody notices when this node dies; {way}")
+                builder.warn("dcf", f"0x1017 {cannot}: the master does not notice when this node dies; {way}")
             return fixed
         if period := builder.downloaded_value(PRODUCER):
             builder.write_downloaded(PRODUCER, 0)

@@ -321,7 +321,7 @@ def _switch_off(builder: PlanBuilder, kind: str, number: int, cob_id: int | None
             f"its COB-ID in {builder.file} is none that a PDO may have" if cob_id else "it has no COB-ID by default"
         )
     elif not cob_id & INVALID_BIT:
-        reason = "live by default, configured by nobody"
+        reason = "live by default, and not configured"
         if in_file:
             reason = f"live {builder.download_reason}, and bus.yml lists others"
             builder.remark(

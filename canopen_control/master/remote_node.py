@@ -518,7 +518,7 @@ class RemoteNode:
         if self._task is not None:
             self._task.cancel()
             self._task = None
-        self.sdo.cancel_all(BootError(self.node_id, "B", "given up, the node is booted anew", self.name))
+        self.sdo.cancel_all(BootError(self.node_id, "B", "given up, the node is booted again", self.name))
 
     def _settle(self, now: int) -> None:
         """Process the end of a boot."""

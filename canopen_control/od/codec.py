@@ -61,9 +61,9 @@ def forbidden_limit(entry: Entry) -> str:
     if required is None:
         return ""
     if entry.high is not None and entry.high < required.high:
-        return f"HighLimit {entry.high} forbids what CiA 301 wants there ({required.why}); ignored"
+        return f"HighLimit {entry.high} forbids what CiA 301 demands there ({required.why}); ignored"
     if entry.low is not None and entry.low > required.low:
-        return f"LowLimit {entry.low} forbids what CiA 301 wants there ({required.why}); ignored"
+        return f"LowLimit {entry.low} forbids what CiA 301 demands there ({required.why}); ignored"
     return ""
 
 

@@ -182,7 +182,7 @@ def _check_structure(od: ObjectDictionary, info: ObjectInfo, subindices: list[in
         return
     # CiA 301, 7.4.4: subindex 0 of arrays and records is the highest subindex
     if 0 not in subindices:
-        report.warning(info.line, "sub0-missing", f"{where} has no subindex 0, which tells the highest one")
+        report.warning(info.line, "sub0-missing", f"{where} has no subindex 0, which holds the highest one")
     else:
         _check_sub0(od[info.index, 0], max((sub for sub in subindices if sub != _STRUCTURE_SUB), default=0), report)
     _check_sub_number(info, len(subindices), where, report)

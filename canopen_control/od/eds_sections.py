@@ -619,7 +619,7 @@ def _bitrate(section: Section, report: Report) -> int | None:
     if number is None or number <= 0:
         return None
     if number > _HIGHEST_KBITS:
-        text = f"Baudrate={number} is taken as bit/s; CiA 306 wants kbit/s"
+        text = f"Baudrate={number} is taken as bit/s; CiA 306 has kbit/s"
         report.warning(section.line_of("baudrate"), "commissioning", text)
         return number
     return number * 1000

@@ -34,7 +34,7 @@ NODE_NAME: Final = "canopen_control_bridge"
 _RETRY_NS: Final = 500_000_000
 _ANSWER_NS: Final = 500_000_000
 _SIM_TIME: Final = (
-    "use_sim_time: stamps follow /clock, and are 0 until somebody publishes it; timeouts go by the robot's own time "
+    "use_sim_time: stamps follow /clock, and are 0 until a program publishes it; timeouts go by the robot's own time "
     "(a robot that is simulated publishes /clock itself, which changes nothing of that)"
 )
 _TIMEOUT_S: Final = 2.0  # for the robot to answer

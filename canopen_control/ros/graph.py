@@ -253,7 +253,7 @@ class Graph:
         client = self._node.create_client(found, service)
         if not self.spin(seconds, client.service_is_ready):
             raise CanopenError(
-                f"nobody serves {service} as {kind}; canopen-control ros service list shows who serves what"
+                f"no node serves {service} as {kind}; canopen-control ros service list shows the services"
             )
         future = client.call_async(request)
         if not self.spin(seconds, future.done):

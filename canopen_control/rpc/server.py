@@ -109,7 +109,7 @@ class Server(Generic[H, P]):
         """Raise LookupError unless every declared method is answered."""
         missing = [name for name in self._api.methods if name not in self._handlers]
         if missing:
-            raise LookupError(f"nobody answers {', '.join(missing)} of the {self._api.name} socket")
+            raise LookupError(f"no handler answers {', '.join(missing)} of the {self._api.name} socket")
 
     @property
     def connections(self) -> list[Connection]:

@@ -267,7 +267,7 @@ class SimulationMethods:
             clock.pause()
             self._tell("paused", f"the simulation was paused by {call.who}")
         elif clock.paused and not call.request.paused:
-            self._robot.manager.running.forget(clock.now(), "the simulation was paused; command anew")
+            self._robot.manager.running.forget(clock.now(), "the simulation was paused; send the command again")
             clock.resume()
             self._tell(
                 "resumed", f"the simulation goes on, {call.who} asked for it; commands from before are forgotten"

@@ -142,7 +142,7 @@ def why_not_started(buses: Collection[RobotBus], missing: Iterable[tuple[RobotBu
 def _why_silent(bus: RobotBus) -> str:
     master = bus.config.master
     return (
-        f"nobody answers on {bus.channel}: not one frame came from {', '.join(bus.config.nodes)} within "
+        f"no node answers on {bus.channel}: not one frame came from {', '.join(bus.config.nodes)} within "
         f"{master.boot_time / 1000:g} s; are the drives there, powered, and set to {master.baudrate} kbit/s?"
     )
 
@@ -324,7 +324,7 @@ class StopLatch:
         except FileNotFoundError:
             return
         except (OSError, ValueError, LookupError, TypeError):  # it is there: somebody has latched it
-            self.by = "somebody before"
+            self.by = "an earlier client"
 
     def tell(self, now: int) -> None:
         """Report at the start that STOP is still latched."""
@@ -371,7 +371,7 @@ class StopLatch:
         """Release the latch; a second call does nothing."""
         if self.by is not None:
             self.by = None
-            text = f"STOP was released by {by}; the drives stay disabled until somebody enables them"
+            text = f"STOP was released by {by}; the drives stay disabled until you enable them"
             self._report(Event(now, "stop_released", "", text, Level.WARNING))
             self._write_down(now)
 

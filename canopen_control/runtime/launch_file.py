@@ -239,7 +239,7 @@ class _Reading:
         absent = [package for word in named for package in launch.absent_packages(word)]
         computed = [(line, what) for line, what in launch.computed if "command" in what or "file" in what]
         for line, what in computed:
-            self.doubts.append(f"{launch.path}:{line}: {what} is computed, which only running it would tell")
+            self.doubts.append(f"{launch.path}:{line}: {what} is computed, which only running it would show")
         for name in dict.fromkeys(absent):
             self.doubts.append(
                 f"{launch.path}: package {name!r} is nowhere to be found; source its workspace, or add the folder that "

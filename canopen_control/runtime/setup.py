@@ -50,7 +50,7 @@ class RobotSetup:
     """What a robot is made of; `channels` maps bus names to channels, `to_activate` the controllers.
 
     `sync` is who sends SYNC by the name of the bus, `kernel_sync` whether the command line asks the kernel for it.
-    `unplaced` are the buses whose channel nobody named, which are embedded ones; `world` is the file of what stands
+    `unplaced` are the buses whose channel not named, which are embedded ones; `world` is the file of what stands
     around the robot, with physics.
     """
 
@@ -324,7 +324,7 @@ def _sim_time(control: ControllersFile, kinds: Sequence[PluginKind]) -> list[str
     return [
         f"{control.path}: use_sim_time has no effect: nothing of this robot is simulated, so its stamps are this "
         "computer's time; start the other nodes without it, or the bridge with --ros-args -p use_sim_time:=true where "
-        "somebody publishes /clock"
+        "a program publishes /clock"
     ]
 
 

@@ -123,7 +123,7 @@ class SyncChoice:
     def words(self) -> str:
         """Who sends it and why, in one sentence."""
         if self.sender is SyncSender.NOBODY:
-            return "nobody sends SYNC"
+            return "no device sends SYNC"
         by = (
             "is sent by the kernel, and the cycle follows it"
             if self.sender is SyncSender.KERNEL

@@ -237,7 +237,7 @@ def _guesses(drive: DriveChoice, *keys: str) -> list[str]:
 def _said(axis: AxisChoice) -> str:
     if axis.told:
         return "position counts per revolution (0x608F); verify"
-    return "A GUESS: position counts of one turn of the motor; neither EDS nor drive tells them"
+    return "A GUESS: position counts of one turn of the motor; neither EDS nor drive has them"
 
 
 def _writes(robot: NewRobot, node: NewNode, drive: DriveChoice) -> list[str]:
@@ -272,7 +272,7 @@ def _takes(node: NewNode, index: int, value: int) -> bool:
 def _pdos(drive: DriveChoice) -> list[str]:
     lines = ["", "# Process data, sent every cycle. PDOs that are not listed are switched off."]
     if not all(axis.feedback for axis in drive.axes):
-        lines.append("# NOTHING tells where it is or how fast it turns: neither 0x6064 nor 0x606C can be mapped.")
+        lines.append("# NOTHING shows where it is or how fast it turns: neither 0x6064 nor 0x606C can be mapped.")
     for key, words, uses in (("tpdo", "from the drive", drive.tpdos), ("rpdo", "to the drive", drive.rpdos)):
         if any(use.own for use in uses):
             numbers = ", ".join(str(use.number) for use in uses)

@@ -177,7 +177,7 @@ def _control(joint: NewJoint) -> list[str]:
 # The controllers of devices that are no drives in a new ros2_controllers.yaml: outputs by name, and what is measured.
 #
 # A device with outputs gets a GPIO command controller, which tells its inputs too. A battery gets its broadcaster, any
-# other device one that tells all of its signals. The joint of an encoder is told by the joint state broadcaster.
+# other device one that contains all of its signals. The joint of an encoder is told by the joint state broadcaster.
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,7 +219,7 @@ def _battery(node: NewNode) -> list[str]:
 
 
 def _inputs(node: NewNode) -> list[str]:
-    return [remark(f"joints: [{node.name}]", "everything that the device tells, with each update")]
+    return [remark(f"joints: [{node.name}]", "everything that the device reports, with each update")]
 
 
 _OUTPUTS: Final = DeviceController("outputs", "gpio_controllers/GpioCommandController", _outputs)
@@ -411,7 +411,7 @@ def refuse_existing(folder: Path, *, force: bool) -> None:
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise RobotConfigError(f"{folder} is there and is no folder; choose another name")
     if folder.exists() and not force:
-        raise RobotConfigError(f"{folder} is there already; choose another name, or write its files anew with --force")
+        raise RobotConfigError(f"{folder} is there already; choose another name, or overwrite its files with --force")
 
 
 def _with_distinct_files(robot: NewRobot) -> NewRobot:

@@ -69,7 +69,7 @@ def why_not_free(node: NodeSession) -> str:
     if not powered or powered[0] is None:
         return ""
     words = powered[0].name.replace("_", " ")
-    return f"{node} is {words}: somebody else has enabled it, and two must not move it; end that program first"
+    return f"{node} is {words}: another program has enabled it, and two must not move it; end that program first"
 
 
 PERIOD_S: Final = 0.02

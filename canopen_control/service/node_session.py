@@ -80,7 +80,7 @@ class NodeSession:
     def dictionary(self) -> ObjectDictionary:
         """EDS of the node; ConfigError without one."""
         if self.od is None:
-            raise ConfigError(f"{self}: nothing tells what its objects are; give its EDS with --eds FILE")
+            raise ConfigError(f"{self}: no file describes its objects; give its EDS with --eds FILE")
         return self.od
 
     # -- objects

@@ -545,7 +545,7 @@ class EditHistory:
             self.edits.remove(edit)
             raise DriveError(
                 f"{entry_label(entry)} holds {value_text(entry, held)} and not {value_text(entry, edit.after)} any "
-                "more: somebody else has written it since; nothing was written"
+                "more: another program has written it since; nothing was written"
             )
         session.write_value(entry, edit.before)
         self.edits.remove(edit)

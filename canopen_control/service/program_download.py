@@ -3,7 +3,7 @@
 Sans-IO: `program_download` is a generator that yields what is to be done (read, write, pause, pre-operational) and is
 sent what came of it. The law: what is written to 0x1F51 may be answered, or not, or be answered by a boot-up, since the
 node resets into its boot-loader and out of it; believed is only what 0x1F51, 0x1F57 and 0x1F56 say afterwards. A
-transfer that breaks off is begun anew with a fresh clear, from the first byte: no known device can resume.
+transfer that breaks off is started again with a fresh clear, from the first byte: no known device can resume.
 """
 
 from __future__ import annotations
@@ -166,7 +166,8 @@ def flash_text(status: int) -> str:
     code = status >> 1 & 0x7F
     if not code:
         return ""
-    return _ERRORS.get(code, f"error {code} of the maker (0x{status >> 16:04X})" if code > 63 else f"error {code}")
+    own = f" of the manufacturer (0x{status >> 16:04X})" if code > 63 else ""
+    return _ERRORS.get(code, f"error {code}{own}")
 
 
 def refuse_no_program(image: bytes, name: str = "the program file") -> None:
@@ -204,7 +205,7 @@ def program_download(image: bytes, options: ProgramOptions, progress: DownloadPr
             raise DriveError(
                 f"the program was not taken: {why}; the node has no program now and waits in its boot-loader"
             )
-        progress.notes.append(f"begun anew: {why}")
+        progress.notes.append(f"started again: {why}")
     yield from _verify(image, number, options, progress)
     yield from _run(number, options, progress)
     yield from _verify_date(options, progress)
@@ -219,7 +220,7 @@ def _ask(number: int, progress: DownloadProgress) -> Sequence:
             raise outcome.error
         raise ConfigError(
             f"program {number} of the node cannot be loaded over CANopen: 0x1F51:{number:02X}: "
-            f"{reason_of(outcome.error)}; its maker's tool may have another way"
+            f"{reason_of(outcome.error)}; the manufacturer's tool may have another way"
         )
     progress.old = yield from _number(IDENTIFICATION, number)
     progress.old_date = yield from _date()
@@ -313,7 +314,7 @@ def _verify_date(options: ProgramOptions, progress: DownloadProgress) -> Sequenc
     wanted = options.expected_date
     if wanted is not None and not wanted.fits(progress.new_date):
         shown = "no date" if progress.new_date is None else str(progress.new_date)
-        raise DriveError(f"the program runs, and tells {shown} (0x1F52); expected was {wanted}")
+        raise DriveError(f"the program runs, and reports {shown} (0x1F52); expected was {wanted}")
 
 
 def _date() -> Generator[DownloadOrder, DownloadAnswer, ProgramDate | None]:
@@ -383,7 +384,7 @@ def interrupted_words(session: NodeSession, progress: DownloadProgress, error: B
     """Say how far a download was that has ended half-way, and what to do next."""
     reason = str(error) or "interrupted"
     gone = "" if isinstance(error, DriveError) else "the old program may be gone: "
-    return f"{session}: {progress.step.value}: {reason}; {gone}the same command begins anew"
+    return f"{session}: {progress.step.value}: {reason}; {gone}the same command starts again"
 
 
 def _carry_out(session: NodeSession, order: DownloadOrder, pause: Callable[[float], None]) -> DownloadAnswer:

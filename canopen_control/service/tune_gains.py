@@ -95,7 +95,7 @@ def set_gains(session: NodeSession, values: Mapping[Address, Value], kept: KeptG
     od = session.dictionary
     held, left_out = read_values(session, [od[address] for address in values])
     if left_out:
-        raise DriveError(f"{session} does not tell its gains, so they could not be taken back: {left_out[0]}")
+        raise DriveError(f"{session} does not show its gains, so they could not be taken back: {left_out[0]}")
     kept.keep(od, {**held, **kept.read()})
     _write(session, values)
     return _changes(od, held, values)
@@ -349,11 +349,11 @@ def settable_gains(
             )
             held = ", ".join(f"{entry_label(od[place])} ({gain.name.lower()})" for gain, place in places.items())
             raise ConfigError(
-                f"{session}: its maker holds gains in {held}; what 1 in them is worth stands in its manual alone, so "
-                f"nothing is set without: {' '.join(named_places)}"
+                f"{session}: its manufacturer holds gains in {held}; the value of 1 in them is in its manual alone, "
+                f"so nothing is set without: {' '.join(named_places)}"
             )
         raise ConfigError(
-            f"{session}: nobody knows which of its objects hold {' and '.join(missing)} "
+            f"{session}: it is unknown which of its objects hold {' and '.join(missing)} "
             "or what their numbers are worth, if it has such loops (a stepper has none); leave --apply away, or name "
             "them: --gain velocity_p=0x3210:01*0.001"
         )

@@ -277,7 +277,7 @@ class TuneRun:
                     self._take_torque(message)
                 if isinstance(message, StateSample) and message.cycle.period_s:
                     return message.cycle.period_s
-        raise DriveError(f"{self._drive.joint}: its robot tells nothing of its cycles")
+        raise DriveError(f"{self._drive.joint}: its robot reports nothing of its cycles")
 
     def _move(self, client: RobotClient, motion: TuneMotion, record: TuneRecord) -> None:
         heard = time.monotonic()

@@ -134,7 +134,7 @@ class ReportInvariants:
         for joint in self._robot.core.joints.values():
             if joint.node.node_id == node.node_id:
                 reported = wrong and joint.enabled
-                self._hold("{} is told enabled, and its statusword says no", joint.joint, reported, now)
+                self._hold("{} is reported as enabled, and its statusword says no", joint.joint, reported, now)
                 claimed = wrong and not troubled and not joint.axis.number and joint.claimed not in (None, TARGET)
                 off = claimed and self._robot.core.state is RobotState.RUNNING
                 self._hold("running, and {} is claimed by a controller and off", joint.joint, off, now)

@@ -186,7 +186,7 @@ class MotionInvariants:
         if stop is not None and stop.since + _UNASKED_NS < at:
             late = (at - stop.since) / 1e9
             self._tell(
-                "enable_unasked", f"node {node.node_id} is enabled {late:.3f} s after {stop.why}, and nobody asked"
+                "enable_unasked", f"node {node.node_id} is enabled {late:.3f} s after {stop.why}, without a request"
             )
 
     def _judge_power(self, now: int) -> None:

@@ -214,7 +214,7 @@ class StatusInvariants:
             if self._wrong_since:
                 self._wrong_since.pop((faces, subject, what), None)
         elif self._lasts((faces, subject, what), _SOON_NS, now):
-            self._tell_of(faces, f"{subject} is told as {claim}, it is {truth}")
+            self._tell_of(faces, f"{subject} is reported as {claim}, it is {truth}")
 
     def _judge_values(
         self, faces: Faces, shaft: _Shaft, position: float | None, velocity: float | None, now: int
@@ -237,7 +237,7 @@ class StatusInvariants:
                 self._wrong_since.pop((faces, shaft.joint, quantity), None)
         elif self._lasts((faces, shaft.joint, quantity), _EVERY_NS, now):
             true = shaft.truth[-1][which]
-            self._tell_of(faces, f"the {quantity} of {shaft.joint} is told as {value}, it is {true:.4f}")
+            self._tell_of(faces, f"the {quantity} of {shaft.joint} is reported as {value}, it is {true:.4f}")
 
     def _judge_published(self, sample: JointStatesSample, now: int) -> None:
         """Check the published `/joint_states` and their stamps."""
@@ -283,7 +283,7 @@ class StatusInvariants:
         if not limit or now < max(since, self._disturbed.hidden_at) + limit + _SOON_NS:
             return
         if reading.ready:
-            self._tell_once(name, since, "shown_wrong", f"status: {name} is told as ready and has no supply")
+            self._tell_once(name, since, "shown_wrong", f"status: {name} is reported as ready and has no supply")
         elif was_ready and not _has_event(events, name, since):
             self._tell_once(name, since, "event_missing", f"{name} was lost, and no event says so")
 
@@ -435,10 +435,10 @@ class GoalInvariants:
         elif goal.goal.state is GoalState.SUCCEEDED:
             for joint, (_, least) in off.items():
                 if least > _GOAL_SLACK:
-                    text = f"the goal of {goal.act.target} is told as reached, {joint} is off by {least:.4f} more"
+                    text = f"the goal of {goal.act.target} is reported as reached, {joint} is off by {least:.4f} more"
                     self._tell("goal_wrong", f"{text} than its tolerance")
         elif goal.goal.code is ResultCode.GOAL_TOLERANCE_VIOLATED and _are_there(off):
-            self._tell("goal_wrong", f"the goal of {goal.act.target} is told as missed, and all joints are there")
+            self._tell("goal_wrong", f"the goal of {goal.act.target} is reported as missed, and all joints are there")
         elif goal.goal.code is ResultCode.INVALID_GOAL and off and self._hides_its_stop(goal, now):
             message = f"a stop has ended the goal of {goal.act.target}, which says: {goal.goal.text}"
             self._tell("goal_wrong", message)

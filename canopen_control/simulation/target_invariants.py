@@ -193,7 +193,7 @@ class TargetInvariants:
             wrong = ""
         if wrong and not axis.wrong and (pushes or self._is_calm(view, now)):
             rule = "limit_ignored" if view.enabled else "target_disabled"
-            self._tell(rule, f"node {view.node_id} is told {wrong}")
+            self._tell(rule, f"node {view.node_id} gets the command {wrong}")
             axis.wrong = wrong
         elif not wrong:
             axis.wrong = ""
@@ -312,7 +312,7 @@ class TargetInvariants:
             self._wrong.discard(joint)
         elif joint not in self._wrong:
             self._wrong.add(joint)
-            self._tell("target_wrong", f"the drive of {joint} is told {target:.0f}, commanded was {commanded[-1]:.0f}")
+            self._tell("target_wrong", f"the drive of {joint} gets {target:.0f}, commanded was {commanded[-1]:.0f}")
 
     def _judge_life(self, joint: str, view: ObservedNode, recent: Sequence[float], now: int) -> None:
         """Check that a drive is not commanded to stand while a command is renewed and not ended."""

@@ -229,7 +229,7 @@ _SLAVE: dict[int, Callable[[bytes], str]] = {
     _C.STORE: _answer("store", _STORE_ANSWERS),
     _C.SWITCHED: _said("selected"),
     _C.IDENTIFIED: _said("identified"),
-    _C.IDENTIFIED_NON_CONFIGURED: _said("somebody has no node id"),
+    _C.IDENTIFIED_NON_CONFIGURED: _said("a node has no node id"),
     **{_C.INQUIRE + n: _part("is", part) for n, part in enumerate(_PARTS)},
     _C.INQUIRE_NODE_ID: lambda data: _node_id(data[1]),
 }

@@ -35,9 +35,9 @@ def open_listener(channel: str, label: str, *, owner: str = "") -> Port:
     """
     spec = parse_channel(channel)
     if spec.kind.in_process:
-        raise ConfigError(f"{channel} is inside one process, nobody else can listen; use local:NAME instead")
+        raise ConfigError(f"{channel} is inside one process, no other program can listen; use local:NAME instead")
     if owner and spec.kind is ChannelKind.PYTHON_CAN and spec.interface not in SERVED:
-        raise ConfigError(f"{channel} has one owner, the running robot {owner}; nobody can listen beside it")
+        raise ConfigError(f"{channel} has one owner, the running robot {owner}; no other program can listen")
     port = open_port(channel, label=label, join=True)
     if isinstance(port, Stamping):
         port.ask_stamps()

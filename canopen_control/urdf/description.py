@@ -110,7 +110,7 @@ class XacroRun:
             return f"{self._path}: xacro took more than {self._limits.processor_s} s of the processor; {_HINT}"
         if code == -signal.SIGALRM:
             return f"{self._path}: xacro took more than {self._limits.wall_s} s; {_HINT}"
-        return f"{self._path}: xacro ended without an answer (exit code {code}), as for want of memory; {_HINT}"
+        return f"{self._path}: xacro ended without an answer (exit code {code}), as for lack of memory; {_HINT}"
 
 
 @dataclass(frozen=True)

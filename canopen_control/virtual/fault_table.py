@@ -244,11 +244,11 @@ class Fault:
         )
 
 
-_STOP_ALL = "stops all axes, names the node, wants a new enable"
+_STOP_ALL = "stops all axes, names the node, needs a new enable"
 _ROWS = (
     Fault(1, "boot_late", "node", "boots 5 s after its next reset", "waits, goes on asking, boots the others meanwhile", switched=device.boot_after(5_000_000_000)),
     Fault(1, "no_boot", "node", "never boots again after its next reset", "boot error B that names the node; the others boot", switched=device.boot_after(None)),
-    Fault(2, "spontaneous_reset", "node", "resets itself: everything not stored is gone", "stops all axes, boots and configures it anew, wants a new enable", switched=device.brown_out, once=True),
+    Fault(2, "spontaneous_reset", "node", "resets itself: everything not stored is gone", "stops all axes, boots and configures it again, needs a new enable", switched=device.brown_out, once=True),
     Fault(3, "heartbeat_lost", "wire", "its heartbeats do not arrive", f"node lost after the consumer time: {_STOP_ALL}", outgoing=heartbeat_dropped),
     Fault(3, "silent", "wire", "its cable is cut: it hears and says nothing", f"node lost after the consumer time: {_STOP_ALL}", outgoing=drop_all, incoming=deaf),
     Fault(4, "heartbeat_jitter", "wire", "its heartbeats come up to 60 % of a period late", "no alarm", outgoing=jittered),
@@ -262,8 +262,8 @@ _ROWS = (
     Fault(9, "sdo_wrong_mux", "wire", "answers for another object than asked", "ignores it until the time-out", outgoing=sdo_wrong_mux),
     Fault(10, "sdo_busy", "wire", "refuses writes because of its present state", "tries again for some seconds, then says why", incoming=refuses_writes),
     Fault(11, "optional_missing", "wire", "lacks 0x603F, 0x6007 and 0x60C2", "does without", incoming=lacks_optional),
-    Fault(12, "sdo_toggle_error", "wire", "repeats the toggle bit in segments", "aborts and starts the transfer anew, at most twice", outgoing=sdo_toggled),
-    Fault(12, "sdo_segment_lost", "wire", "loses the segments of its uploads", "aborts and starts the transfer anew, at most twice", outgoing=sdo_segment_lost),
+    Fault(12, "sdo_toggle_error", "wire", "repeats the toggle bit in segments", "aborts and starts the transfer again, at most twice", outgoing=sdo_toggled),
+    Fault(12, "sdo_segment_lost", "wire", "loses the segments of its uploads", "aborts and starts the transfer again, at most twice", outgoing=sdo_segment_lost),
     Fault(13, "sdo_no_block", "wire", "knows no block transfer", "uses segments instead", incoming=refuses_blocks),
     Fault(14, "sdo_short_answer", "wire", "sends one byte where the object has more", "says so, takes no wrong value", outgoing=sdo_one_byte),
     Fault(15, "mapping_fixed", "wire", "its PDO mapping cannot be written", "uses the present mapping if it will do, else a clear error", incoming=refuses_mapping),
@@ -288,9 +288,9 @@ _ROWS = (
     Fault(31, "mode_display_late", "axis", "changes its mode 200 ms late", "waits for the display", switched=device.mode_late),
     Fault(32, "pp_ack_missing", "axis", "never acknowledges a set-point (bit 12)", "time-out; bit 4 goes back to 0", switched=device.ack_missing),
     Fault(32, "pp_ack_stuck", "axis", "its acknowledgement (bit 12) is always set", "waits for it to fall first; time-out", switched=device.ack_stuck),
-    Fault(33, "target_reached_stale", "axis", "bit 10 is always set", "wants to see the acknowledgement first", switched=device.reached_stuck),
+    Fault(33, "target_reached_stale", "axis", "bit 10 is always set", "waits for the acknowledgement first", switched=device.reached_stuck),
     Fault(34, "hand_moved", "axis", "its shaft is moved by 500 counts", "presets its targets from the actual position", switched=device.shaft_moved, once=True),
-    Fault(36, "limit_switch", "axis", "runs into the positive limit switch here and now", "reports the side and follows only the way back; what moves with it (the wheels of a base) stops too, and wants a new enable", switched=device.limit_switch),
+    Fault(36, "limit_switch", "axis", "runs into the positive limit switch here and now", "reports the side and follows only the way back; what moves with it (the wheels of a base) stops too, and needs a new enable", switched=device.limit_switch),
     Fault(37, "homing_fails", "axis", "homing ends with an error", "bit 4 back to 0, previous mode back, not homed", switched=device.homing_failing),
     Fault(37, "homing_endless", "axis", "its switches are out of reach: homing never ends", "time-out, bit 4 back to 0", switched=device.switches_gone),
     Fault(38, "position_jump", "axis", "its position jumps by a million counts", "an error, no odometry", switched=device.count_lost, once=True),
@@ -306,8 +306,8 @@ _ROWS = (
     Fault(43, "direction_inverted", "axis", "shows position and velocity with the wrong sign", "finds it in a jog test", switched=device.inverted),
     Fault(47, "clock_fast", "node", "has a clock that is 100 ppm fast: in CSP it sees a set-point twice now and then", "goes on; a repeated set-point is no fault", switched=device.clock_off_by(100.0)),
     Fault(47, "clock_slow", "node", "has a clock that is 100 ppm slow: in CSP it misses a set-point now and then", "goes on; a missed set-point is no fault", switched=device.clock_off_by(-100.0)),
-    Fault(0, "rpdo_late", "node", "hears its RPDOs 3 ms late", "goes on; what the drive tells of its set-points shows the phase", switched=device.rpdos_late(3_000_000)),
-    Fault(0, "rpdo_lost", "node", "does not hear one RPDO of a hundred", "goes on; what the drive tells of its set-points counts the missed ones", switched=device.rpdos_lost(100)),
+    Fault(0, "rpdo_late", "node", "hears its RPDOs 3 ms late", "goes on; what the drive reports of its set-points shows the phase", switched=device.rpdos_late(3_000_000)),
+    Fault(0, "rpdo_lost", "node", "does not hear one RPDO of a hundred", "goes on; what the drive reports of its set-points counts the missed ones", switched=device.rpdos_lost(100)),
     Fault(0, "enabled_in_preop", "axis", "obeys controlword 15 in PRE-OPERATIONAL too, and set-points by SDO", "enables it in OPERATIONAL alone, as always", switched=device.served_in_preop),
     Fault(0, "warning", "axis", "sets the warning bit", "shows it, nothing stops", switched=device.warning),
     Fault(0, "device_error", "node", "reports an error of its hardware (0x5000) that lasts", "shows it", switched=device.hardware_error),
@@ -316,8 +316,8 @@ _ROWS = (
     Fault(0, "input_jump", "input", "its analogue inputs are off by a quarter of the full scale (a device that is no drive)", "shows it; a limit in who uses it stops", switched=device.inputs("jump")),
     Fault(0, "output_overload", "output", "its outputs are overloaded: it switches them off and reports 0x2310, which lasts (a device that is no drive)", "shows it; what stands commanded stays", switched=device.output_overload),
     Fault(0, "program_lost", "program", "has lost its program: it resets, and its boot-loader runs (a node with 0x1F51)", "stops all axes, does not take the boot-loader for the drive; `firmware` loads a program without its EDS", switched=device.program_lost),
-    Fault(0, "program_damaged", "program", "changes a bit of a program on its way into the flash (a node with 0x1F51)", "says that the sum is wrong and starts nothing; the same command begins anew", switched=device.program_damaged),
-    Fault(0, "flash_fails", "program", "its flash fails after 1024 bytes of a program (a node with 0x1F51)", "says so and starts nothing; the same command begins anew", switched=device.flash_failing),
+    Fault(0, "program_damaged", "program", "changes a bit of a program on its way into the flash (a node with 0x1F51)", "says that the sum is wrong and starts nothing; the same command starts again", switched=device.program_damaged),
+    Fault(0, "flash_fails", "program", "its flash fails after 1024 bytes of a program (a node with 0x1F51)", "says so and starts nothing; the same command starts again", switched=device.flash_failing),
     Fault(0, "flash_slow", "program", "takes twelve seconds to clear its program (a node with 0x1F51)", "waits as long as the flash says that it is busy", switched=device.flash_slow),
     Fault(0, "following_error", "axis", "following error: FAULT 0x8611, whose cause lasts", "names it; a reset says that the cause is still present", switched=device.following_error),
 )  # fmt: skip

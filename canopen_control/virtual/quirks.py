@@ -185,7 +185,7 @@ _ROWS: Final = (
     Quirk("sdo_aborts_zero", "aborts with the code 0", _SDO, "unsourced", node=acts.aborts_zero, group="abort codes"),
     Quirk("sdo_no_block", "knows no block transfer", _SDO, "unsourced", node=as_fault("sdo_no_block")),
     Quirk("optional_missing", "lacks 0x603F, 0x6007 and 0x60C2", "CiA 402-2, optional objects", "unsourced", node=as_fault("optional_missing")),
-    Quirk("error_code_absent", "has no 0x603F; the EMCY tells the error", "CiA 402-2, object 0x603F", _KINCO, node=acts.error_code_absent),
+    Quirk("error_code_absent", "has no 0x603F; the EMCY has the error code", "CiA 402-2, object 0x603F", _KINCO, node=acts.error_code_absent),
     Quirk("velocity_absent", "has no 0x606C", "CiA 402-2, object 0x606C", "unsourced", node=acts.velocity_absent),
     Quirk("storing_silent", "hears and sends nothing for a time while it stores parameters", _STORE, "unsourced", node=acts.storing_takes, strength=_s(4.0)),
     # process data

@@ -54,7 +54,7 @@ def test_no_error_frame_raises(classes, data):
 # What a trace says
 
 
-NOBODY = "nobody acknowledged the frame"
+NOBODY = "no node acknowledged the frame"
 
 
 @pytest.mark.parametrize(

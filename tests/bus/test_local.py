@@ -264,13 +264,13 @@ def test_a_hub_answers(runtime):
     assert ask_hub("asked", GetHubStatus()).members[0].label == "me"
     assert ask_hub("asked", Cut("me")) == Done()
     assert ask_hub("asked", GetHubStatus()).cut == ["me"]
-    with pytest.raises(ConfigError, match="nobody called 'you' on local:asked; there are: me"):
+    with pytest.raises(ConfigError, match="no member called 'you' on local:asked; there are: me"):
         ask_hub("asked", Cut("you"))
     port.close()
 
 
 def test_a_bus_that_nobody_has_open_is_said_to_be_so(runtime):
-    with pytest.raises(BusNotOpen, match="bus local:none: nobody has it open"):
+    with pytest.raises(BusNotOpen, match="bus local:none: no program has it open"):
         ask_hub("none", GetHubStatus())
 
 

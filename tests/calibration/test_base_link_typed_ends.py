@@ -35,7 +35,7 @@ def test_who_has_left_ends_it():
     def gone(_prompt):
         raise EOFError
 
-    with pytest.raises(ControlError, match="nobody answers any more"):
+    with pytest.raises(ControlError, match="no node answers any more"):
         TypedEnds(gone, print).before("run 1")
 
 

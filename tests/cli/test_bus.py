@@ -121,7 +121,7 @@ def test_the_bit_rate_and_its_load(ports, capsys):
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (["status", "local:none"], 2, "bus local:none: nobody has it open"),
+        (["status", "local:none"], 2, "bus local:none: no program has it open"),
         (["status", "virtual:x"], 2, "only local: buses and CAN interfaces can be looked at"),
         (["status", "can7"], 2, "no CAN interface 'can7'"),
         (["fault", "vcan0", "clear"], 2, "local: buses only"),
@@ -144,7 +144,7 @@ def test_what_does_not_work_is_one_sentence(arguments, code, message, capsys):
 
 def test_a_label_that_is_not_there_is_answered_with_those_that_are(ports, capsys):
     assert main(["bus", "fault", "local:cli", "cut", "right_drive"]) == 2
-    assert "nobody called 'right_drive' on local:cli; there are: robot, left_drive" in capsys.readouterr().err
+    assert "no member called 'right_drive' on local:cli; there are: robot, left_drive" in capsys.readouterr().err
     assert list(frames_of(ports[0].receive())) == []
 
 
@@ -188,7 +188,7 @@ def test_delays_and_losses_are_told_by_these_names(robby, capsys):
 def test_who_is_not_there_is_answered_with_the_names_of_those_who_are(robby, capsys):
     assert main(["bus", "fault", "local:cli", "cut", "right_drive"]) == 2
     said = capsys.readouterr().err
-    assert "nobody called 'right_drive' on local:cli; there are: master, left_drive (drive 3)" in said
+    assert "no member called 'right_drive' on local:cli; there are: master, left_drive (drive 3)" in said
 
 
 def test_up_says_each_command(monkeypatch, capsys):

@@ -67,7 +67,7 @@ def test_every_listener_is_one_line_that_says_what_it_does(kernel):
         "  candump any (pid 11) hears everything, of all interfaces",
         "  cangen vcan0 (pid 12) only sends",
         f"  {'x' * 57}... (pid 13) hears one identifier",
-        "  other (pid 14) hears some identifiers, on an interface that only root is told",
+        "  other (pid 14) hears some identifiers, on an interface that only root can see",
         "  isotprecv (pid 15) has a socket of CAN_ISOTP",
         "  watcher (pid 16) uses the kernel's broadcast manager",
         "  3 more, of other users: type it with sudo to see them named",

@@ -113,7 +113,10 @@ def test_a_real_base_is_not_driven_where_nobody_can_be_asked(invented, capsys, m
     base = invented(simulated=False)
     monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: False))
     assert main(["calibrate"]) == 2
-    assert "nobody can be asked where it ends: run it in a terminal, or give --ends FILE" in capsys.readouterr().err
+    assert (
+        "there is no terminal to ask where it ends: run it in a terminal, or give --ends FILE"
+        in capsys.readouterr().err
+    )
     assert base.driven == 0
 
 

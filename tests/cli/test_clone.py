@@ -42,7 +42,7 @@ def test_the_new_drive_is_equal_and_stays_itself(bus, capsys):
     assert (new.values[0x1801, 1], new.values[0x1802, 1]) == (0xC0000284, 0x400001C3)
     assert (new.values[0x607C, 0], new.values[0x2705, 0], new.values[0x1018, 4]) == (0, 0, 4)
     assert new.power_on[0x6081, 0] == 1600
-    assert main(["diff", "3", "4", *bus.options]) == 1  # what was kept is told as different
+    assert main(["diff", "3", "4", *bus.options]) == 1  # what was kept is reported as different
     assert capsys.readouterr().out.count("\n") == 3
 
 

@@ -114,6 +114,6 @@ def test_a_robot_that_hangs_is_named_and_its_drives_are_reached_by_their_ids(nod
     for channel in ([], ["--can", CAN]):
         assert main(["fault", "left_drive", "silent", "on", *channel]) == 2
         said = capsys.readouterr().err
-        assert "no node 'left_drive' is known: the robot 'robby' does not tell its nodes: robot robby has not" in said
+        assert "no node 'left_drive' is known: the robot 'robby' does not list its nodes: robot robby has not" in said
         assert "; with --can CHANNEL a drive is reached by its node id, without the robot" in said
     assert main(["fault", "5", "silent", "on", "--can", CAN]) == 0

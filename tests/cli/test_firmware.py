@@ -60,7 +60,7 @@ def test_the_date_of_a_program_is_told_and_compared(bus, tmp_path, capsys, expec
     assert main(["firmware", "3", str(path), *bus.options, "--eds", bus.eds, "--expect-date", expected]) == code
     said = capsys.readouterr()
     if code:
-        assert "the program runs, and tells 2025-01-25 12:00:00 (0x1F52); expected was 2025-01-26" in said.err
+        assert "the program runs, and reports 2025-01-25 12:00:00 (0x1F52); expected was 2025-01-26" in said.err
     else:
         assert said.out.endswith(" of 2025-01-25 12:00:00\n")
     assert bus.nodes[3].program.runs
@@ -114,7 +114,7 @@ def test_a_damaged_file_is_told_and_the_right_one_mends_it(bus, program, tmp_pat
     assert main(["firmware", "3", str(damaged), *bus.options, "--eds", bus.eds]) == 1
     error = capsys.readouterr().err
     assert "format or CRC error" in error
-    assert "the same command begins anew" in error
+    assert "the same command starts again" in error
     assert main(["firmware", "3", program, *bus.options, "--eds", bus.eds]) == 0
     assert "is in its boot-loader" in capsys.readouterr().err
 

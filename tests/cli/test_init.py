@@ -43,7 +43,7 @@ def test_a_robot_is_made_and_the_next_commands_are_named(capsys):
     assert capsys.readouterr().out.splitlines() == [
         "turntable/ is made: TMCM-1270.eds, bus.yml, ros2_controllers.yaml, turntable.urdf",
         "  node 5 table_drive: moves table_joint, velocity in PV",
-        "counts_per_revolution in bus.yml is a guess for table_drive: the EDS tells none; measure it",
+        "counts_per_revolution in bus.yml is a guess for table_drive: the EDS has none; measure it",
         "turn it, on virtual devices: canopen-control demo turntable",
         "real drives, after a look at bus.yml: canopen-control preflight turntable --can can0",
     ]
@@ -229,7 +229,7 @@ def test_what_a_drive_says_of_itself_goes_before_its_eds(here, monkeypatch):
 def test_a_bus_where_nobody_is_makes_nothing(monkeypatch, capsys):
     found(monkeypatch)
     assert main(["init", "found", "--can", "local:x"]) == 1
-    assert "nobody answers on local:x" in capsys.readouterr().err
+    assert "no node answers on local:x" in capsys.readouterr().err
     assert not Path("found").exists()
 
 

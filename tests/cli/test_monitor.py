@@ -12,7 +12,7 @@ from canopen_control.cli.main import main
         (["--config", "robby"], "--config, --bus and --eds go with --can"),
         (["--name", "nobody"], "no robot 'nobody' is running"),
         (["--can", "local:x", "--config", "nowhere"], "nowhere"),
-        (["--can", "local:x"], "bus local:x: nobody has it open; no local bus is open now"),
+        (["--can", "local:x"], "bus local:x: no program has it open; no local bus is open now"),
     ],
 )
 def test_what_is_wrong_is_a_sentence_and_exit_code_2(private_folders, arguments, sentence, capsys):

@@ -304,7 +304,7 @@ def test_what_could_not_be_turned_is_said_and_not_covered_by_the_pass(monkeypatc
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ([], "nobody is there to ask"),
+        ([], "there is no terminal to ask questions"),
         (["--mock"], "unrecognized arguments: --mock"),
         (["--no-drives"], "unrecognized arguments: --no-drives"),
         (["--real"], "unrecognized arguments: --real"),

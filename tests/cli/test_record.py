@@ -142,7 +142,7 @@ def test_a_bus_that_nobody_has_is_no_bus_to_record(folders, tmp_path, capsys):
     port = open_local("robby", "other")
     path = tmp_path / "x.log"
     assert main(["record", "--can", "local:typo", "-o", str(path), "--for", "0.1"]) == 2
-    assert "bus local:typo: nobody has it open; open now: local:robby;" in capsys.readouterr().err
+    assert "bus local:typo: no program has it open; open now: local:robby;" in capsys.readouterr().err
     assert not path.exists()
     port.close()
 

@@ -116,7 +116,7 @@ def test_ctrl_c_ends_it_and_it_says_how_far_it_came(folders, log, capsys, monkey
 @pytest.mark.parametrize("bad", ["memory:x", "virtual:x"])
 def test_a_bus_nobody_would_hear_is_refused(bad, log, capsys):
     assert main(["replay", log, "--can", bad]) == 2
-    assert "nobody would hear it" in capsys.readouterr().err
+    assert "no other program would hear it" in capsys.readouterr().err
 
 
 def test_a_wrong_speed_is_a_sentence(log, capsys):

@@ -100,7 +100,7 @@ def test_a_nodes_parameters_are_listed_read_and_set(program):
     ("arguments", "code", "sentence"),
     [
         (["topic", "echo", "/nobody", "--timeout", "0.5"], 1, "there is no topic /nobody"),
-        (["topic", "pub", "/nobody", TYPE, "--timeout", "0.5"], 1, "nobody subscribes to /nobody"),
+        (["topic", "pub", "/nobody", TYPE, "--timeout", "0.5"], 1, "nothing subscribes to /nobody"),
         (["topic", "pub", "/x", TYPE, "{speed: 1}"], 2, "speed: there is no such field"),
         (["topic", "pub", "/x", TYPE, "{data: ["], 2, "<data>:1"),
         (["topic", "pub", "/x", "std_msgs/msg/Nothing"], 2, "this ROS has no interface std_msgs/msg/Nothing"),

@@ -62,8 +62,8 @@ def test_a_refused_command_is_counted_and_says_what_is_wanted():
     with pytest.raises(ControlError, match="idle is unconfigured"):
         idle.checked([1.0], ["a"])
     idle.state = ControllerState.ACTIVE
-    with pytest.raises(ControlError, match=r"wants 2 values \(a, b\), got 1; nothing was applied"):
+    with pytest.raises(ControlError, match=r"takes 2 values \(a, b\), got 1; nothing was applied"):
         idle.checked([1.0], ["a", "b"])
-    with pytest.raises(ControlError, match="wants finite numbers, got 'x' for a"):
+    with pytest.raises(ControlError, match="takes finite numbers, got 'x' for a"):
         idle.checked(["x"], ["a"])
     assert idle.rejected == 3

@@ -206,7 +206,7 @@ def test_a_repeated_name_is_a_warning_and_the_last_one_wins_or_an_error_if_stric
 
 def test_parameters_that_nobody_loads_and_stray_lines_are_told_with_the_nearest_name(file):
     read = file(JAZZY.replace("\nbase:\n", "\nbsae:\n") + "stray: 3\n")
-    assert "'bsae' has parameters but no type, so nobody loads it, did you mean 'base'?" in read.warnings[0]
+    assert "'bsae' has parameters but no type, so it is not loaded, did you mean 'base'?" in read.warnings[0]
     assert "'stray' belongs to no controller" in read.warnings[1]
 
 

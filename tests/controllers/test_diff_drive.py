@@ -281,7 +281,7 @@ def test_a_stamp_from_the_future_does_not_put_the_timeout_off():
 def test_a_bad_twist_is_refused_and_counted(values):
     _, control, base = robot()
     control.switch(["base"], now=0)
-    with pytest.raises(ControlError, match="wants"):
+    with pytest.raises(ControlError, match="takes"):
         control.command("base", values, 0)
     assert base.rejected == 1
 

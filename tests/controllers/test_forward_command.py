@@ -257,7 +257,7 @@ def test_a_bad_command_is_refused_whole_counted_and_does_not_refresh_the_timeout
     control.switch(["forward"], now=0)
     control.command("forward", [1.0, 2.0, 3.0], 0)
     control.update(S // 2, 0.01)
-    with pytest.raises(ControlError, match="forward wants"):
+    with pytest.raises(ControlError, match="forward takes"):
         control.command("forward", values, S // 2)
     assert forward.rejected == 1
     control.update(S, 0.01)

@@ -66,10 +66,10 @@ def test_a_command_of_all_is_in_the_order_of_the_parameters():
     ("values", "words"),
     [
         ({"io/lamp": 1.0, "io/lam": 1.0}, "applies nothing: it has no output 'io/lam', did you mean 'io/lamp'?"),
-        ({"io/lamp": 1.0, "io/horn": NAN}, "wants finite numbers, got nan for io/horn; nothing was applied"),
-        ({"io/lamp": math.inf}, "wants finite numbers, got inf for io/lamp"),
-        ([1.0, 1.0], "wants 3 values (io/lamp, io/horn, valve/open), got 2"),
-        ([1.0, 1.0, NAN], "wants finite numbers, got nan for valve/open"),
+        ({"io/lamp": 1.0, "io/horn": NAN}, "takes finite numbers, got nan for io/horn; nothing was applied"),
+        ({"io/lamp": math.inf}, "takes finite numbers, got inf for io/lamp"),
+        ([1.0, 1.0], "takes 3 values (io/lamp, io/horn, valve/open), got 2"),
+        ([1.0, 1.0, NAN], "takes finite numbers, got nan for valve/open"),
     ],
 )
 def test_a_command_that_does_not_fit_is_refused_whole(values, words):
@@ -225,7 +225,7 @@ def test_without_command_interfaces_it_only_tells():
     hardware, control = robot(command_interfaces={})
     control.update(S, 0.01)
     assert control.get("outputs").sample(0).parts["io"] == {"pressed": None, "lamp": None}
-    with pytest.raises(ControlError, match="has no command_interfaces; it only tells"):
+    with pytest.raises(ControlError, match="has no command_interfaces; it only reports"):
         control.command("outputs", {"io/lamp": 1.0}, 0)
     control.switch((), ["outputs"], now=S)
     assert same(hardware.values(), [NAN, NAN, NAN])

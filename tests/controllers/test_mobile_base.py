@@ -161,7 +161,7 @@ def test_what_is_no_twist_is_refused_with_the_axis(kind):
         for bad in (math.nan, math.inf):
             with pytest.raises(ControlError, match=f"finite numbers, got {bad} for {axis}"):
                 control.command("base", [*good[:index], bad, *good[index + 1 :]], 40 * STEP)
-    with pytest.raises(ControlError, match=f"wants {len(good)} values"):
+    with pytest.raises(ControlError, match=f"takes {len(good)} values"):
         control.command("base", [*good, 0.0], 40 * STEP)
     control.update(51 * STEP, 0.01)  # none of them has put the timeout off
     assert set(velocities(hardware)) == {0.0}

@@ -159,7 +159,7 @@ def test_a_velocity_reference_that_nobody_renews_ends_and_a_position_stays():
 @pytest.mark.parametrize("values", [[1.0], [1.0, math.nan], [1.0, 1.0, 1.0]])
 def test_a_reference_that_is_none_is_refused(values):
     robot = Robot().start()
-    with pytest.raises(ControlError, match="wants"):
+    with pytest.raises(ControlError, match="takes"):
         robot.command(*values)
     assert robot.cycle() == [0.0, 0.0]
 
@@ -369,7 +369,7 @@ def test_measured_states_that_stay_away_end_the_reference_and_later_ones_move_no
     assert robot.cycle(4) == [2.0, 2.0]
     assert robot.cycle(2) == [0.0, 0.0]
     assert [each.text for each in robot.manager.events() if each.kind == "measured_state_lost"] == [
-        "pid: no measured state for 0.05 s, targets are 0; send references anew"
+        "pid: no measured state for 0.05 s, targets are 0; send references again"
     ]
     assert [each.value for each in robot.pid.exported_states()] == pytest.approx([math.nan] * 2, nan_ok=True)
     robot.pid.set_measured_states([0.3, 0.3], robot.now)
@@ -378,7 +378,7 @@ def test_measured_states_that_stay_away_end_the_reference_and_later_ones_move_no
 
 
 @pytest.mark.parametrize(
-    ("values", "text"), [([1.0], "wants 2 values"), ([1.0, math.nan], "finite"), ([0.0] * 3, "wants 4 values")]
+    ("values", "text"), [([1.0], "takes 2 values"), ([1.0, math.nan], "finite"), ([0.0] * 3, "takes 4 values")]
 )
 def test_measured_states_that_are_not_whole_are_refused(values, text):
     robot = external(interfaces=("position", "velocity"))

@@ -29,13 +29,15 @@ INSTEAD = {
     r"\bas of `": "same as for",
 }
 WORDS = re.compile("|".join(INSTEAD), re.IGNORECASE)
+#: programs do not want, and what they say has a subject
+IN_MESSAGES = re.compile("|".join([*INSTEAD, r"\b(?:nobody|somebody)\b", r"\bwants?\b"]), re.IGNORECASE)
 #: how a message of the program begins that a page quotes, and whose words are the message's
 QUOTED = re.compile(r"^`.*`$", re.MULTILINE)
 
 
-def found(text):
+def found(text, words=WORDS):
     """Return what is there of the list, with its surroundings."""
-    return [text[max(0, match.start() - 40) : match.end() + 20] for match in WORDS.finditer(text)]
+    return [text[max(0, match.start() - 40) : match.end() + 20] for match in words.finditer(text)]
 
 
 @pytest.mark.parametrize(
@@ -64,17 +66,22 @@ def test_the_overview_has_none_of_them():
     assert all(GROUPS.values())
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "canopen_control" / "view").rglob("*.py")), ids=lambda path: path.name)
-def test_the_texts_of_the_page_have_none_of_them(path):
-    text = path.read_text(encoding="utf-8")
-    if not WORDS.search(text):
-        return
+@pytest.mark.parametrize("folder", sorted(path.name for path in (ROOT / "canopen_control").iterdir()))
+def test_messages_and_the_texts_of_the_page_have_none_of_them(folder):
+    paths = [path for path in (ROOT / "canopen_control").rglob("*.py") if path.relative_to(ROOT).parts[1] == folder]
+    texts = [(path, path.read_text(encoding="utf-8")) for path in paths]
+    words = [f"{path}: {word}" for path, text in texts if IN_MESSAGES.search(text) for word in in_strings(text)]
+    assert words == []
+
+
+def in_strings(text):
+    """Yield what the strings of a module have of the list; its docstrings are for readers of code."""
     tree = ast.parse(text)
-    shown = {
-        id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)
-    }  # docstrings are for readers of code
-    texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in shown]
-    assert [word for each in texts if isinstance(each, str) and " " in each for word in found(each)] == []
+    docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        text = node.value if isinstance(node, ast.Constant) and id(node) not in docstrings else None
+        if isinstance(text, str) and " " in text:
+            yield from found(text, IN_MESSAGES)
 
 
 def test_a_word_of_the_list_would_be_seen():

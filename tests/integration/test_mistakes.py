@@ -105,7 +105,7 @@ def test_a_file_that_is_missing_in_the_folder(stage, tmp_path):
 def test_a_bus_that_nobody_answers_on(stage, tmp_path):
     config = copy_robby(tmp_path, bus={"  sync_period: 20000": "  boot_time: 1500\n  sync_period: 20000"})
     program = stage.call("run", config, "--no-drives", "--can", "local:desert")
-    check(program, 1, "nobody answers on local:desert: not one frame came from left_drive, right_drive within 1.5 s")
+    check(program, 1, "no node answers on local:desert: not one frame came from left_drive, right_drive within 1.5 s")
     stage.nobody_is_left(GONE_S)
 
 
@@ -164,7 +164,7 @@ def test_a_channel_without_an_adapter(stage):
 def test_requests_that_a_robot_refuses(stage):
     stage.robby("refuses")
     for arguments, code, sentence in (
-        (["command", "robby_forward_controller", 1], 1, "wants 2 values.*got 1; nothing was applied"),
+        (["command", "robby_forward_controller", 1], 1, "takes 2 values.*got 1; nothing was applied"),
         (["command", "robby_base_controller", 1, 1], 1, "robby_base_controller is unloaded.*switch --activate"),
         (["command", "robby_bas_controller", 1, 1], 2, "no controller 'robby_bas_controller' is loaded"),
         (["twist", "robby_forward_controller", 1, 1], 1, "robby_forward_controller takes no twist"),

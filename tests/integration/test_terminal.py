@@ -93,7 +93,7 @@ def test_the_monitor_stops_the_robot_by_a_key_also_while_a_filter_is_typed(stage
 
 def test_a_bare_bus_is_shown_by_its_frames(stage, terminal):
     terminal.run(f"{PROGRAM} monitor --can local:bare --eds 3=TMCM-1270.eds")
-    terminal.until("bus local:bare: nobody has it open")
+    terminal.until("bus local:bare: no program has it open")
     with contextlib.closing(open_local("bare", "somebody")):
         terminal.run(f"{PROGRAM} monitor --can local:bare --eds 3=TMCM-1270.eds")
         terminal.until("nobody is heard")

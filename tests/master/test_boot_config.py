@@ -278,7 +278,7 @@ def test_a_mapping_that_is_taken_and_not_kept_is_no_success():
         run(node)
 
 
-UNLISTED = [write(0x1400, 1, 0x80000203, reason="live by default, configured by nobody", optional=True)]
+UNLISTED = [write(0x1400, 1, 0x80000203, reason="live by default, and not configured", optional=True)]
 
 
 def test_an_unlisted_pdo_is_switched_off_once():

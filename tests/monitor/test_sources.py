@@ -216,7 +216,7 @@ def bus():
 
 def test_a_silent_bus_says_so(bus):
     content = bus.table.content(START, "local:x (listening only)", ("1000 kbit/s",))
-    assert str(content.state) == "▲ listening, nobody is heard"
+    assert str(content.state) == "▲ listening, no node is heard"
     assert content.facts == ("1000 kbit/s",)
     assert not content.drives
 

@@ -117,7 +117,7 @@ def test_use_sim_time_is_told_with_what_it_does(number):
         process.terminate()
         output, _ = process.communicate(timeout=ros.TIMEOUT)
     assert output.startswith(
-        "canopen-control: use_sim_time: stamps follow /clock, and are 0 until somebody publishes it"
+        "canopen-control: use_sim_time: stamps follow /clock, and are 0 until a program publishes it"
     )
 
 

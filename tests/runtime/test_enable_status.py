@@ -259,7 +259,7 @@ def test_the_api_latches_refuses_and_releases(bench_of_latch):
         assert client.ask("status")["result"]["latched"] is False
         assert client.ask("axis", action="enable", node="all")["result"] == {}
         assert robby.texts("stop_released") == [
-            "STOP was released by a test; the drives stay disabled until somebody enables them"
+            "STOP was released by a test; the drives stay disabled until you enable them"
         ]
     finally:
         client.close()

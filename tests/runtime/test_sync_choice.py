@@ -66,7 +66,7 @@ def test_wheels_in_profile_velocity_and_a_bus_without_sync_are_as_they_were(tmp_
     assert list(wheels.told_of_sync) == []
     silent = copy_robby(tmp_path / "silent", bus={"sync_period: 20000": "sync_period: 0"})
     choice = setup_of(silent).sync["can"]
-    assert (choice.sender, choice.words, choice.hint) == (NOBODY, "nobody sends SYNC", "")
+    assert (choice.sender, choice.words, choice.hint) == (NOBODY, "no device sends SYNC", "")
 
 
 @pytest.mark.parametrize(

@@ -284,7 +284,7 @@ def test_a_drive_without_feedback_is_written_and_told_and_simulated(tmp_path):
     assert found.severity is Severity.WARNING
     assert "nofb.eds has neither" in found.fix
     assert any("no TPDO carries" in each for each in written.warnings)
-    assert "# NOTHING tells where it is or how fast it turns" in (written.folder / "bus.yml").read_text()
+    assert "# NOTHING shows where it is or how fast it turns" in (written.folder / "bus.yml").read_text()
 
 
 def test_a_robot_may_be_made_in_a_folder_that_is_not_there(tmp_path):

@@ -37,7 +37,7 @@ def test_without_an_error_code_the_history_tells_and_else_nobody():
 def test_a_drive_that_somebody_has_enabled_is_not_free(word, free):
     assert (why_not_free(session(word)) == "") is free
     if not free:
-        assert "OPERATION ENABLED: somebody else" in why_not_free(session(word))
+        assert "OPERATION ENABLED: another program" in why_not_free(session(word))
 
 
 def test_the_errors_that_a_drive_remembers_are_told_newest_first():

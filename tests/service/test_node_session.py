@@ -163,7 +163,7 @@ def test_a_node_that_is_no_drive_has_no_states():
 
 
 def test_without_an_eds_the_user_is_told_how_to_give_one():
-    with pytest.raises(ConfigError, match="node 5: nothing tells what its objects are; give its EDS with --eds FILE"):
+    with pytest.raises(ConfigError, match="node 5: no file describes its objects; give its EDS with --eds FILE"):
         assert session(od=None).dictionary
 
 

@@ -82,7 +82,7 @@ def test_what_somebody_else_has_written_since_is_not_undone():
     session, history = session_with(OD), EditHistory()
     history.write(session, OD[SPEED], "1234")
     session.write_value(OD[SPEED], 77)
-    with pytest.raises(DriveError, match="holds 77 and not 1234 any more: somebody else has written it since"):
+    with pytest.raises(DriveError, match="holds 77 and not 1234 any more: another program has written it since"):
         history.undo(session)
     assert session.read_value(OD[SPEED]) == 77
     assert history.last is None

@@ -397,7 +397,7 @@ def test_after_any_loss_the_next_attempt_succeeds(at, kind, fails_at):
         (6, "format or CRC error"),
         (0xE, "the flash is secured"),
         (0x7E, "unspecified error"),
-        (0x1234_0080, "error 64 of the maker (0x1234)"),
+        (0x1234_0080, "error 64 of the manufacturer (0x1234)"),
         (40, "error 20"),
     ],
 )

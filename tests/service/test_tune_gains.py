@@ -284,7 +284,7 @@ def test_an_object_that_is_not_there_is_told():
 
 
 def test_a_drive_whose_gains_nobody_knows_is_told():
-    with pytest.raises(ConfigError, match=r"nobody knows which of its objects hold velocity_p and velocity_i"):
+    with pytest.raises(ConfigError, match=r"it is unknown which of its objects hold velocity_p and velocity_i"):
         settable_gains(session_with(TMCM), 0, [], 1.0)
 
 

@@ -66,7 +66,7 @@ def test_a_state_from_before_is_told(judged, monkeypatch):
     judged.run(1.0)
     MUTANTS["states_told_as_they_were"](monkeypatch)
     judged.run(0.2).do("stop").run(1.5)
-    wanted = "left_drive is told as OPERATION_ENABLED, it is SWITCH_ON_DISABLED"
+    wanted = "left_drive is reported as OPERATION_ENABLED, it is SWITCH_ON_DISABLED"
     assert {text for _, text in judged.told} >= {f"status: {wanted}", f"sample: {wanted}"}
 
 
@@ -85,7 +85,7 @@ def test_a_trouble_without_an_event_is_told_once(made, monkeypatch, act):
 def test_a_drive_without_supply_that_is_told_as_ready_is_told(judged, monkeypatch):
     MUTANTS["lost_nodes_told_as_ready"](monkeypatch)
     judged.run(0.5).do("power", 2, 2.0).run(1.9)
-    assert judged.told == [("shown_wrong", "status: right_drive is told as ready and has no supply")]
+    assert judged.told == [("shown_wrong", "status: right_drive is reported as ready and has no supply")]
 
 
 def test_a_drive_that_counts_anew_goes_on_where_it_was_seen_last(judged):

@@ -50,7 +50,7 @@ def test_what_happens_to_the_channel_comes_after_the_frames_before_it():
 
 @pytest.mark.process
 def test_a_bus_that_nobody_has_open_is_not_made_by_who_listens(private_folders):
-    with pytest.raises(BusNotOpen, match="bus local:typo: nobody has it open; no local bus is open now"):
+    with pytest.raises(BusNotOpen, match="bus local:typo: no program has it open; no local bus is open now"):
         open_listener("local:typo", "trace")
     assert list_sockets("bus") == []
     port = open_port("local:robby", label="master")

@@ -43,13 +43,13 @@ def work():
 def test_the_program_before_and_after_is_told_with_what_was_noted(session, steps):
     def run(progress):
         progress.old, progress.new = None, 0x1A2B
-        progress.notes.append("begun anew: CRC error")
+        progress.notes.append("started again: CRC error")
 
     steps.append(run)
     done = work()
     said = load_program(session, done, NEW, ProgramOptions(2))
     assert said == f"node 5: program 2 of {len(NEW)} bytes runs: unknown -> 0x00001A2B"
-    assert done.lines == ["begun anew: CRC error"]
+    assert done.lines == ["started again: CRC error"]
 
 
 def test_a_download_that_ends_half_way_says_what_may_be_gone(session, steps):
@@ -58,7 +58,7 @@ def test_a_download_that_ends_half_way_says_what_may_be_gone(session, steps):
         raise DriveError("the program was not taken: CRC error; the node waits in its boot-loader")
 
     steps.append(break_off)
-    with pytest.raises(DriveError, match=r"node 5: sending: .*CRC error.*the same command begins anew"):
+    with pytest.raises(DriveError, match=r"node 5: sending: .*CRC error.*the same command starts again"):
         load_program(session, work(), NEW, ProgramOptions())
 
 

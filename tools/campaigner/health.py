@@ -76,7 +76,7 @@ class Logs:
             with path.open("rb") as file:
                 size = file.seek(0, 2)
                 at = self._read.get(path, 0)
-                file.seek(at if at <= size else 0)  # else it was begun anew
+                file.seek(at if at <= size else 0)  # else it was started again
                 data = file.read()
                 self._read[path] = file.tell()
         except OSError:

@@ -232,7 +232,7 @@ class JogRun:
             words.append(self._scale.velocity_words(joint.velocity))
         if not math.isnan(motion.travelled):
             words.append(f"at {self._scale.position_words(motion.travelled)}")
-        words.append("current not told" if self._current.value is None else f"current {self._current.value / 10:.1f} %")
+        words.append("current unknown" if self._current.value is None else f"current {self._current.value / 10:.1f} %")
         errors = axis.error if axis is not None and axis.error else "no error"
         return ", ".join([*words, errors]) + (f": {motion.note}" if motion.note else "")
 

@@ -710,7 +710,7 @@ class JointTrajectoryController(Controller):
         waiting = [each for each in self.commands if not each.enabled]
         if waiting:
             return self.enable_status.reason(waiting)
-        return f"{joint}: nobody knows its position; wait for its feedback"
+        return f"{joint}: its position is unknown; wait for its feedback"
 
     def _brake(self) -> None:
         """Come to rest: with the deceleration of each joint where all have one, else at once; then stay."""

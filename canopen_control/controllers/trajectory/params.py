@@ -272,7 +272,7 @@ class TrajectoryParams(CommonParams):
         "", key="speed_scaling.state_interface", help="a state interface that says how fast it runs"
     )
     scaling_command: str = setting(
-        "", key="speed_scaling.command_interface", help="a command interface that is told how fast it is to run"
+        "", key="speed_scaling.command_interface", help="a command interface that receives the speed of the trajectory"
     )
     allow_partial_joints_goal: bool = setting(False, help="takes trajectories of some joints; the others stay")
     open_loop_control: bool = setting(

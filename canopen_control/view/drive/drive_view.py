@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 # The Objects tab: the whole dictionary of the node as a tree, live where it is in sight, with edits and their undo.
 
 
-_NO_EDS: Final = "Nothing tells what the objects of this node are: bus.yml names no EDS for it."
+_NO_EDS: Final = "No file describes the objects of this node: bus.yml names no EDS for it."
 _READING: Final = "Reading the EDS ..."
 _ANEW: Final = 25  # showings
 
@@ -171,7 +171,7 @@ def _product(od: ObjectDictionary) -> str:
 
 
 _NO_ERRORS: Final = "<p class='cc-note'>The drive remembers no error.</p>"
-_GONE: Final = "<p class='cc-note'>Nobody knows.</p>"
+_GONE: Final = "<p class='cc-note'>Unknown.</p>"
 
 
 class StatusTab:
@@ -300,7 +300,7 @@ TABS: Final = (
 
 _ROBOT, _DRIVE = "robot", "drive"
 _OPEN: Final = "cc-in-drive"
-_LOST: Final = "<p class='cc-line cc-bad'>No connection: nobody knows what the drive does.</p>"
+_LOST: Final = "<p class='cc-line cc-bad'>No connection: the state of the drive is unknown.</p>"
 
 
 class DriveView:

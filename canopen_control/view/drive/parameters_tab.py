@@ -79,7 +79,7 @@ class ReleasePanel:
 def release_words(reading: NodeReading | None, robot: Banner) -> tuple[str, str]:
     """Return whether parameter sets may be written to a node as text, with its tone; `robot` is the robot's state."""
     if reading is None:
-        return "No connection: nobody knows what the drive does.", WARN
+        return "No connection: the state of the drive is unknown.", WARN
     powered = [axis.joint for axis in reading.axes if axis.state in _TORQUE]
     if powered:
         names = ", ".join(powered)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 # The panels that are only read: the tables of drives and joints, and the log of events.
 
 
-_UNKNOWN = "<p class='cc-note'>No connection: nobody knows what the drives do.</p>"
+_UNKNOWN = "<p class='cc-note'>No connection: the state of the drives is unknown.</p>"
 
 
 class DrivesPanel:

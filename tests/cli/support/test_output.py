@@ -207,6 +207,6 @@ def test_progress_may_tell_speed_and_the_time_that_is_left():
 def test_the_speed_is_that_of_the_transfer_under_way():
     now, stream = [0.0], io.StringIO()
     progress = Progress("loading", "bytes", stream=stream, clock=lambda: now[0], rate=True)
-    for now[0], done in ((1.0, 0), (2.0, 3000), (3.0, 500), (10.0, 2250)):  # it broke off, and was begun anew
+    for now[0], done in ((1.0, 0), (2.0, 3000), (3.0, 500), (10.0, 2250)):  # it broke off, and was started again
         progress.at(done, 4000)
     assert stream.getvalue().splitlines()[-1].endswith("10 s, 250 bytes/s, 7 s left")

@@ -206,7 +206,7 @@ def test_a_position_that_nobody_knows_ends_the_goal_too(arm):
     arm.run(10)
     arm.hardware.set("a/position", math.nan)
     arm.run()
-    assert goal.text.startswith("a: nobody knows its position")
+    assert goal.text.startswith("a: its position is unknown")
 
 
 @pytest.mark.parametrize(

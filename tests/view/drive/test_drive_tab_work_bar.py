@@ -24,7 +24,7 @@ def test_another_part_and_another_try_are_rated_anew():
     assert work.pace(1.0) is None
     work.done = 700
     assert work.pace(2.0) == (200.0, 1.5)
-    work.done = 100  # begun anew
+    work.done = 100  # started again
     assert work.pace(3.0) is None
     work.doing = "waiting for the flash"
     assert work.pace(4.0) is None

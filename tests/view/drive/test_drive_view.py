@@ -142,4 +142,4 @@ def test_without_a_connection_nobody_knows_what_the_drive_does():
         view.show(context.content(lost="gone"))
         return html(user)
 
-    assert "nobody knows what the drive does" in played(act, context=context)
+    assert "the state of the drive is unknown" in played(act, context=context)

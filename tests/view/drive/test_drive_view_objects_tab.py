@@ -154,7 +154,7 @@ def test_a_node_without_an_eds_and_one_that_cannot_be_read_are_told():
         await settle(turns=10)
         return html(user)
 
-    assert "Nothing tells what the objects of this node are" in played(act, od=None)
+    assert "No file describes the objects of this node" in played(act, od=None)
 
     class Broken(StubDesk):
         def dictionary(self):
