@@ -78,7 +78,7 @@ def test_what_was_commanded_before_the_node_was_lost_is_void(goes_on):
     line.object.know(0)
     assert line.sends(1.0 if goes_on else math.nan) is None
     assert line.command.enabled
-    if goes_on:  # a controller that writes the same in each cycle has not commanded anew
+    if goes_on:  # a controller that writes the same in each cycle has not commanded again
         assert [line.sends(1.0), line.sends(1.0)] == [None, None]
         assert line.output.void
         assert [line.sends(0.0), line.sends(1.0)] == [0, 4]
@@ -466,7 +466,7 @@ def test_a_device_that_disappears_is_told_with_what_is_void(io):
     io.run(1500)
     assert io.texts("device_lost") == [
         "node 5 (io): lost: its inputs are unknown; of its outputs do0, do1, ao1 are void, "
-        "and not restored until commanded anew"
+        "and not restored until commanded again"
     ]
     assert status_message(io.robot).nodes["io"].void_outputs == ("do0", "do1", "ao1")
     io.power_on(IO)

@@ -169,6 +169,6 @@ def test_a_method_that_nobody_answers_is_found_at_the_start(store):
     store.server.check()
     other = Server(STORE, store.reactor, socket_path("robot", "other"), lambda: Hello("empty"))
     other.answers(Put, lambda call: call.reply(Done()))
-    with pytest.raises(LookupError, match="nobody answers get of the store socket"):
+    with pytest.raises(LookupError, match="no handler answers get of the store socket"):
         other.check()
     other.close()

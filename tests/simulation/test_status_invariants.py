@@ -55,7 +55,7 @@ def test_a_velocity_with_the_wrong_sign_is_told_of_each_face_once(judged, monkey
     judged.run(1.0)
     MUTANTS["velocities_told_reversed"](monkeypatch)
     judged.drive(5.0, 0.0, seconds=1.0).run(0.9)
-    assert [(rule, text.split(" is told")[0]) for rule, text in judged.told] == [
+    assert [(rule, text.split(" is reported")[0]) for rule, text in judged.told] == [
         ("shown_wrong", "status: the velocity of left_wheel_joint"),
         ("shown_wrong", "sample: the velocity of left_wheel_joint"),
     ]
@@ -152,6 +152,6 @@ def test_a_place_is_the_shafts_from_boot_on_whatever_the_bus_has_lost_since(judg
     assert judged.told == []
     judged.robot.core.joints["right_wheel_joint"].axis.unwrap.count += 500
     judged.drive(5.0, 5.0, seconds=0.5).run(1.0)
-    assert {text.split(" is told")[0] for _, text in judged.told} == {
+    assert {text.split(" is reported")[0] for _, text in judged.told} == {
         f"{face}: the position of right_wheel_joint" for face in ("status", "sample", "joint_states")
     }
