@@ -65,8 +65,8 @@ def test_a_goal_that_ends_as_its_tolerances_say_is_no_news(arm):
 @pytest.mark.parametrize(
     ("verdict", "when", "words"),
     [
-        (REACHED, lambda self: True, "is told as reached, joint_1 is off by"),
-        (MISSED, lambda self: self.over, "is told as missed, and all joints are there"),
+        (REACHED, lambda self: True, "is reported as reached, joint_1 is off by"),
+        (MISSED, lambda self: self.over, "is reported as missed, and all joints are there"),
         (None, lambda self: True, "has been reached, and it does not end"),
     ],
 )
