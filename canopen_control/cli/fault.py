@@ -172,7 +172,7 @@ def connect_to(channel: str, node_id: int) -> DriveClient:
 
 
 def _others(bus: str) -> str:
-    """Say which virtual drives there are: on this bus, else anywhere."""
+    """Return the names of the virtual drives, on this bus or else anywhere, as text."""
     found: dict[str, list[int]] = {}
     for other, _, number in (name.rpartition("-") for name in list_sockets("drive")):
         if number.isdecimal():

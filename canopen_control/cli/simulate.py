@@ -243,7 +243,7 @@ def _bridge(args: argparse.Namespace) -> tuple[str, ...] | None:
 
 
 def _serve(simulation: SimulationRun, bridge: tuple[str, ...] | None) -> None:
-    """Let programs reach the robot, those of ROS too where there is to be a bridge."""
+    """Serve the robot's socket for other programs, and start the ROS bridge if requested."""
     from canopen_control.simulation.served_simulation import ServedSimulation
 
     simulation.served = ServedSimulation(simulation.player)

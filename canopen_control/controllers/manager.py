@@ -214,7 +214,7 @@ class ControllerManager:
         return controller
 
     def loops(self, name: str, what: str) -> ClosesLoops:
-        """Return a controller that closes loops; ControlError for another one, whose sentence says `what` of it."""
+        """Return a controller with control loops; ControlError, with `what` in its sentence, for another one."""
         controller = self.get(name)
         if not isinstance(controller, ClosesLoops):
             raise ControlError(f"{name} {what}; it is no PID controller")

@@ -25,13 +25,7 @@ _MOST_OFF: Final = 1.5608  # rad: what is further off is as slow as this
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SteeringKinematics(PlanarPose):
-    """One traction wheel and one steered one: a bicycle; the others override what differs.
-
-    `linear` (m/s) and `angular` (rad/s) are means over the last `window` steps, `angle` is the measured steering angle.
-    `traction` and `steering` are the wheels' commands after `command`. `fits` says how the speed between two wheels is
-    taken: as the mean of what each says, as upstream, which has a pole where one of them is the middle of the curve, or
-    as the fit to both, the same where the wheels agree.
-    """
+    """Kinematics of a bicycle, with one traction and one steered wheel; derived classes override the differences."""
 
     traction_count: ClassVar[int] = 1
     steering_count: ClassVar[int] = 1

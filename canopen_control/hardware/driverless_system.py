@@ -57,7 +57,7 @@ class WorldSensors(ComponentLifecycle):
         self._known = False
 
     def take(self, values: Mapping[str, float]) -> None:
-        """Take what was measured, by the names of interfaces such as "imu/orientation.x"."""
+        """Set measured values by the names of interfaces, such as "imu/orientation.x"."""
         for state in self._states:
             state.value = values.get(state.name, math.nan)
         self._taken = self._known = True

@@ -1,8 +1,4 @@
-"""What the monitor shows, as plain data: cells with a tone, tables of cells, lines of logs.
-
-A tone is never the only thing that tells; each has its sign before the words, so that it is read
-without colours too. Pure: no terminal, no socket, no clock.
-"""
+"""Content of the monitor as plain data: cells with a tone, tables of cells, lines of logs."""
 
 from __future__ import annotations
 

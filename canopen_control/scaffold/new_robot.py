@@ -49,10 +49,7 @@ _MASTERS: Final = (1, *range(127, 1, -1))
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """A node that is to be on the bus: its id, its EDS and what the file says; `remark` is what a scan told of it.
-
-    It is a drive of the manufacturer `like`, where that was named.
-    """
+    """Planned node: its id, its EDS and the content of the file; `remark` is the result of a scan."""
 
     node_id: int
     eds: Path

@@ -293,7 +293,7 @@ class SignalValues:
         return tuple(self._values)
 
     def put(self, node_id: int, index: int, subindex: int, data: bytes) -> bool:
-        """Take the bytes of an object; whether it is one of the signals."""
+        """Record the bytes of an object; return whether it is one of the signals."""
         places = self._places.get((node_id, index, subindex), ())
         for place, signal in places:
             self._values[place] = signal.value(data)

@@ -314,7 +314,7 @@ _INTROSPECTION: Final = {10: 1, 11: 2, 15: 6, 16: 7, 3: 8, 2: 9, 5: 10, 4: 11, 7
 
 
 class Capsules(NamedTuple):
-    """What the metaclass of a message holds."""
+    """Content of the metaclass of a message."""
 
     create: object
     destroy: object
