@@ -5,7 +5,7 @@ import pytest
 from canopen_control.conformance.check import CheckTouch, is_of_clause
 from canopen_control.conformance.html_report import DEVIATIONS
 from canopen_control.conformance.run import CHECKS, choose, run_checks
-from canopen_control.virtual.quirks import QUIRKS
+from canopen_control.virtual.quirk_table import QUIRKS
 
 
 @pytest.mark.parametrize("known", DEVIATIONS, ids=lambda known: known.quirk)

@@ -7,7 +7,7 @@ from support.quirky import Quirky
 from support.virtualbench import BIT_12, LIMIT, REACHED, T, entry, generic, servo, servo_od
 
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.quirks import QUIRKS
+from canopen_control.virtual.quirk_table import QUIRKS
 
 REMOTE, VOLTAGE, WARNING = 1 << 9, 1 << 4, 1 << 7
 NO_OBJECT, READ_ONLY, DEVICE_STATE, INVALID = 0x06020000, 0x06010002, 0x08000022, 0x06090030

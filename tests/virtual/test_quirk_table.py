@@ -1,0 +1,17 @@
+"""The rows of the table of quirks."""
+
+from canopen_control.virtual.quirk_table import QUIRKS
+
+
+def test_every_quirk_says_what_it_changes_from_what_and_who_tells_it():
+    assert len(QUIRKS) >= 60
+    for quirk in QUIRKS.values():
+        assert quirk.does[0].islower()
+        assert not quirk.does.endswith(".")
+        assert quirk.clause.startswith(("CiA 301, ", "CiA 402-2, "))
+        assert quirk.source
+        assert (quirk.axis is None) != (quirk.node is None)
+        if quirk.strength is not None:
+            assert quirk.strength.low <= quirk.strength.default <= quirk.strength.high
+            assert quirk.strength.unit
+    assert sum(quirk.source != "unsourced" for quirk in QUIRKS.values()) >= 53
