@@ -25,7 +25,13 @@ _MOST_OFF: Final = 1.5608  # rad: what is further off is as slow as this
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SteeringKinematics(PlanarPose):
-    """Kinematics of a bicycle, with one traction and one steered wheel; derived classes override the differences."""
+    """Kinematics of a bicycle, with one traction and one steered wheel; derived classes override the differences.
+
+    `linear` (m/s) and `angular` (rad/s) are means over the last `window` steps, `angle` is the measured steering angle.
+    `traction` and `steering` are the wheels' commands after `command`. `fits` selects how the speed of a base with two
+    wheels is computed: as the mean of both, as upstream, which has a pole where one of them is the centre of the curve,
+    or as the fit to both, which is the same where the wheels agree.
+    """
 
     traction_count: ClassVar[int] = 1
     steering_count: ClassVar[int] = 1

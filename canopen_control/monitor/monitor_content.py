@@ -1,4 +1,8 @@
-"""Content of the monitor as plain data: cells with a tone, tables of cells, lines of logs."""
+"""Content of the monitor as plain data: cells with a tone, tables of cells, lines of logs.
+
+A tone is never the only sign: a character stands before the words, so that they are read without colours too. Pure: no
+terminal, no socket, no clock.
+"""
 
 from __future__ import annotations
 

@@ -49,7 +49,10 @@ _MASTERS: Final = (1, *range(127, 1, -1))
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """Planned node: its id, its EDS and the content of the file; `remark` is the result of a scan."""
+    """Planned node: its id, its EDS and the content of the file; `remark` is the result of a scan.
+
+    `like` is the personality of its manufacturer, where it was named.
+    """
 
     node_id: int
     eds: Path
