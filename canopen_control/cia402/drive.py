@@ -1,6 +1,6 @@
 """The master's side of one axis: statusword in, controlword out, towards the goal somebody set.
 
-Law of this file (CiA 402-2, 6.3, seen from the other end of the bus):
+Rules (CiA 402-2, 6.3, seen from the other end of the bus):
 
 - Verbs set a goal and return; `update` makes one step towards it, whenever a statusword is there. Nothing blocks.
 - One command at a time, and the next one only when the statusword shows that the last one was obeyed: 06, 07, 0F. The
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
 # What a drive is to become: the goals of the master's side of an axis, and when each is reached.
 #
-# Law of this file: a goal is a state to aim for with `state.next_command`. A stop is reached wherever the drive has no
+# A goal is a state to aim for with `state.next_command`. A stop is reached wherever the drive has no
 # torque any more, at the height it was to end or below; a drive in a fault counts as stopped once its reaction is over.
 
 
@@ -105,7 +105,7 @@ def is_stopped(goal: DriveGoal, disabled_state: State, state: State | None) -> b
 
 # The steps of the master's side of an axis: the time of each, the way out of a quick stop, the edge of a fault reset.
 #
-# Law of this file (CiA 402-2):
+# Rules (CiA 402-2):
 #
 # - Each transition of the diagram has its time, by number. A step that asks for no transition, because the drive is to
 #   stay where it is, has none. A step whose time is over is told once and not timed again.
@@ -271,7 +271,7 @@ class FaultReset:
 
 # What is wanted of a drive: the intent, the table of what changes it, and the command of the present step.
 #
-# Law of this file: an `EnableRequest` is a goal together with what is still on its way to the drive; `ENABLE_TABLE`
+# An `EnableRequest` is a goal together with what is still on its way to the drive; `ENABLE_TABLE`
 # says what each trigger makes of it, and what has no row changes nothing. Only ENABLE and OVERTAKE lead to the goal
 # ENABLED; a fault, and an enable that ended without a command, lead away from it. Another goal begins another step.
 
@@ -469,7 +469,7 @@ class DriveRequest:
 
 # A mode of operation that was asked for, until 0x6061 confirms it (CiA 402-2, 6.4).
 #
-# Law of this file: a mode is one only when the drive's display shows it. What is not confirmed in time goes back to the
+# A mode is one only when the drive's display shows it. What is not confirmed in time goes back to the
 # last mode that was, and has failed until somebody asks again. 0 is never asked for by itself. `MODE_TABLE` says what
 # each trigger leads to; what has no row changes nothing.
 #

@@ -1,6 +1,6 @@
 """Homing (CiA 402-2, mode HM): the methods of 0x6098, and the sequence that starts one and sees it end.
 
-Law of this file:
+Rules:
 
 - Bits 13, 12 and 10 of the statusword together say where homing is (`HomingStatus`). Before the start they may still be
   those of the last homing, or of another mode: attained, or an error, count only when they were seen absent first.

@@ -1,6 +1,6 @@
 """Modes of operation (CiA 402-2, 0x6060, 0x6061, 0x6502) and the bits of both words that each mode defines.
 
-Law of this file: a mode is asked for only when 0x6502 lists it; which mode serves a joint's interface is a table,
+A mode is asked for only when 0x6502 lists it; which mode serves a joint's interface is a table,
 cyclic before profile; 0 (no mode) is never chosen by itself, because there are drives without it.
 """
 

@@ -1,6 +1,6 @@
 """The objects of CiA 402-2 by name, and where they lie for each axis of a multi-axis device.
 
-Law of this file: indices are written for axis 0. Axis a (0 to 7) has the same profile objects 0x800 * a higher, and
+Indices are written for axis 0. Axis a (0 to 7) has the same profile objects 0x800 * a higher, and
 its PDOs 64 * a higher (CiA 402-2, 5.1; CiA 301, 7.4.1). Objects outside 0x6000 to 0x67FF belong to the device and
 are the same for all axes.
 """
@@ -195,7 +195,7 @@ def is_drive_profile(device_type: int) -> bool:
 
 # The option codes 0x605A to 0x605E and 0x6007: how a drive stops, and the state it is in afterwards.
 #
-# Law of this file: a code is a row of a table (CiA 402-2, 6.3.5 and 6.2.5). Negative codes are the manufacturer's, and
+# A code is a row of a table (CiA 402-2, 6.3.5 and 6.2.5). Negative codes are the manufacturer's, and
 # no row means reserved; the drive's own default stands in `DEFAULTS`. A master never decides by an option code what
 # state a drive is in: it looks at the statusword. The tables are for those who are the drive, or explain one.
 

@@ -1,6 +1,6 @@
 """The set-point handshake of profile position mode (CiA 402-2, 0x6040 and 0x6041 in mode PP).
 
-Law of this file:
+Rules:
 
 - A set-point is taken on the rising edge of controlword bit 4, and only a bit 12 that rises after that edge is its
   acknowledgement. So bit 12 is seen 0 first, the target is out one update before the edge, and bit 4 falls when bit 12

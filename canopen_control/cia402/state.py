@@ -1,6 +1,6 @@
 """The power state machine of CiA 402-2 (IEC 61800-7-201, 6.3) as tables: states, commands, the 17 transitions.
 
-Law of this file: everything that says which statusword means which state, which controlword means which command,
+Everything that says which statusword means which state, which controlword means which command,
 and which command leads from where to where, is a table here. It does not know whether it serves a master or a
 drive; both read the same tables, and neither finds a decision in them but `next_command`, the safe way of the master.
 

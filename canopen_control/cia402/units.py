@@ -1,6 +1,6 @@
 """Device units and SI: scales, and a position that goes on where the drive's 32 bits wrap.
 
-Law of this file: above it positions are radians (or metres) and velocities per second, below it they are the integers
+Above it positions are radians (or metres) and velocities per second, below it they are the integers
 of 0x607A, 0x60FF, 0x6064 and 0x606C, with `_dev` or `raw` in the name. To the device is rounding to nearest, never
 truncation, since truncation of a small slow target is a standstill; what does not fit its object is no target. The
 drive's position counter is 32 bits wide: differences are taken modulo 2**32, and a step that no motor can make is a

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 # The steps of a pre-flight that only look: link, bit rate, who is there, EDS revisions, errors, limits.
 #
-# The law of this file: nothing is written to a drive, and every step ends in a sentence with what it was judged by.
+# Nothing is written to a drive, and every step ends in a sentence with what it was judged by.
 
 
 _ALL_NODES = range(1, 128)
@@ -170,7 +170,7 @@ def _readings(direct: DirectBus, od: ObjectDictionary, node_id: int, title: str)
 
 # The jog of a pre-flight: each joint turned slowly, all of them stopped, and what was seen held against what was told.
 #
-# The law of this file: one joint moves at a time, slowly and only after a yes, until all are turned for STOP; a joint
+# One joint moves at a time, slowly and only after a yes, until all are turned for STOP; a joint
 # with a velocity is commanded that, one with a position only is led by small steps of it, within its limits; one with
 # neither is not turned, and said to be so. Every step ends in a sentence with the numbers it was judged by.
 

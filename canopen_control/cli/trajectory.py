@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 # The trajectory that joints have gone, from samples of their positions: what `trajectory play` takes.
 #
-# The law of the file: it begins when a joint begins to move and ends when the last one has come to rest. Velocities are
+# It begins when a joint begins to move and ends when the last one has come to rest. Velocities are
 # those between neighbours, at rest at both ends, so that what is played is a smooth curve through what was seen.
 
 

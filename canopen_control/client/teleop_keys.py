@@ -1,6 +1,6 @@
 """From keys to velocities: the keys of ROS's teleop_twist_keyboard, with a dead-man that it does not have.
 
-The law of the file: sans-IO, time is `now` in monotonic nanoseconds. A terminal reports no release of a key, only that
+Sans-IO, time is `now` in monotonic nanoseconds. A terminal reports no release of a key, only that
 a held key repeats: for the first time after 0.25 to 0.66 s, then some 25 times a second. So the first press moves for
 `first` seconds (longer than that delay, or every start would stutter), and once the key has repeated the motion ends
 `repeat` seconds after the last one. Any key that is no motion and no speed stops at once, as there.

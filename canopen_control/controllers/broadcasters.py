@@ -324,7 +324,7 @@ def refuse_all(name: str, mistakes: Iterator[str]) -> None:
 
 # Broadcasters of sensors: IMU, range, force and torque, pose, over the state interfaces of a <sensor> of any hardware.
 #
-# The law of the file (ros2_controllers, Jazzy): the names of the interfaces are fixed (`orientation.x`, `range`,
+# Rules (ros2_controllers, Jazzy): the names of the interfaces are fixed (`orientation.x`, `range`,
 # `force.x` ...), and a broadcaster is not activated before all that it reads are there; a force-torque broadcaster
 # whose interfaces are named one by one tells nothing (nan) of the others. A value is what the interface is at the
 # update, nan while the hardware does not know it.
@@ -502,7 +502,7 @@ class PoseBroadcaster(SensorBroadcaster):
 
 # BatteryStateBroadcaster: the batteries of a robot, each by itself and all of them as one.
 #
-# The law of the file (battery_state_broadcaster): the voltage of each battery is read, and what `interfaces` names
+# Rules (battery_state_broadcaster): the voltage of each battery is read, and what `interfaces` names
 # besides; without a percentage it is that of the voltage between `minimum_voltage` and `maximum_voltage`; a battery is
 # present that has a voltage. Of all of them voltage, current, temperature and percentage are the mean of those that are
 # known, charge and capacities the sum, status and health the highest. Ours: a percentage is published from 0 to 1, as

@@ -1,6 +1,6 @@
 """CanopenProxyController and Cia402DeviceController of ros2_canopen: the node of one joint, under a controller's name.
 
-The law of the file (canopen_ros2_controllers): the parameter is `joint`; the topics and services are the controller's.
+Rules (canopen_ros2_controllers): the parameter is `joint`; the topics and services are the controller's.
 Upstream's pass each word through interfaces that a hardware component looks at in its cycle. Here they claim none: what
 they serve are the services that every node of the bus has, with their answers and their safety, so that they are
 started beside the controller that moves the joint, and work whether they are active or not.

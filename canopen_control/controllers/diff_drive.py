@@ -1,6 +1,6 @@
 """The diff drive controller: a twist becomes wheel speeds, the wheels' motion becomes odometry.
 
-The law of the file (ros2_controllers jazzy): (v -+ w * separation / 2) / radius is written to every wheel of a side.
+Kinematics (ros2_controllers jazzy): (v -+ w * separation / 2) / radius is written to every wheel of a side.
 Before the first command nothing is written; once the timeout has passed since the activation, zeros are. A
 `cmd_vel_timeout` of 0 is never. A feedback that is nan is an ERROR. Ours, and safer: see `mobile_base`.
 """
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # Where a differential drive robot is, from what its wheels did.
 #
-# The law of the file (ros2_controllers jazzy): a step is the exact arc of the two wheels' ways (`planar_pose`), and one
+# Rules (ros2_controllers jazzy): a step is the exact arc of the two wheels' ways (`planar_pose`), and one
 # shorter than `MIN_DT` is put off to the next; `linear` and `angular` are means over the last steps. Ours: the first
 # sample after `stop` is the baseline, so that neither the wheels' angle at start nor the time before it moves the robot
 # (upstream jumps by both).

@@ -1,6 +1,6 @@
 """The parameters of the diff drive controller, in the words of every ROS distribution.
 
-The law of the file: jazzy's names are ours; noetic's and humble's are translated and each is named once. Limits that
+Jazzy's names are ours; noetic's and humble's are translated and each is named once. Limits that
 are given are applied unless `has_*_limits` is false, as jazzy does and noetic and humble did not: a limit somebody
 wrote down is kept. `min_acceleration`, which jazzy declares and never reads, is `max_acceleration_reverse`, its exact
 equivalent.

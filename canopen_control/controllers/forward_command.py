@@ -1,6 +1,6 @@
 """Forward command controllers: a list of numbers goes to a list of command interfaces.
 
-The law of the file (ros2_controllers jazzy): `~/commands` carries one number per interface, in the order of the
+Rules (ros2_controllers jazzy): `~/commands` carries one number per interface, in the order of the
 parameters; before the first command nothing is written. Ours, and safer: a bad command is refused instead of stopping
 the controller, and a velocity or effort target becomes 0.0 when the last good command is older than `command_timeout`
 (s; absent 2 s, 0 never, see `command_timeout`), told once; a position target is held. The next command takes over
@@ -221,7 +221,7 @@ def _missing(name: str, key: str, example: str) -> str:
 
 # TargetController: one number for one joint, in whatever mode of operation its drive is.
 #
-# The law of the file (ros2_canopen's `target` service, made safe): what the number is follows the mode, which a user
+# Rules (ros2_canopen's `target` service, made safe): what the number is follows the mode, which a user
 # asks for by `axis mode` or the services of the node: a position, a velocity or an effort, in SI units. A position is a
 # place to go to, and to stay at: it has no end, but ends with who gave it. A velocity or effort ends after
 # `command_timeout` (s; absent 2 s, 0 never, see `command_timeout`). A target is forgotten with every change of the

@@ -1,6 +1,6 @@
 """GpioCommandController: outputs of <gpio> parts commanded by name, their inputs and outputs told.
 
-The law of the file (gpio_controllers, Jazzy): a command names some of the command interfaces, the others stay as they
+Rules (gpio_controllers, Jazzy): a command names some of the command interfaces, the others stay as they
 are; what was commanded is written again in every update, and before the first command nothing is; without command
 interfaces it only tells. Ours, and safer: a command with an unknown name or a value that is not finite is refused
 whole. When commands end (a deactivation, a stop, a commander who is gone, `command_timeout`) each output that was

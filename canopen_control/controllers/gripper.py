@@ -1,6 +1,6 @@
 """Gripper action controllers: a joint goes to a position with limited effort, and it is told whether it got there.
 
-The law of the file (gripper_controllers and parallel_gripper_controller, Jazzy): a goal is reached within
+Rules (gripper_controllers and parallel_gripper_controller, Jazzy): a goal is reached within
 `goal_tolerance`, and ends as stalled where the joint has not moved for `stall_timeout`, which is a success with
 `allow_stalling`. What was reached, and what an allowed stall grips, is held with the effort of the goal. Ours, and
 safer: any other end holds the joint where it is and presses no more; a goal ends with who gave it; a joint that is not

@@ -1,6 +1,6 @@
 """A goal of a gripper, and whether it is reached or the gripper moves no more (control_msgs/GripperCommand).
 
-The law of the file (gripper_controllers, Jazzy): a goal is reached within its tolerance of the position; a gripper has
+Rules (gripper_controllers, Jazzy): a goal is reached within its tolerance of the position; a gripper has
 stalled that was no faster than a threshold for a time since the goal came or since it moved last.
 """
 

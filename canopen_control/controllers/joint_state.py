@@ -1,6 +1,6 @@
 """The joint state broadcaster: what all joints measure.
 
-The law of the file (ros2_controllers jazzy): `names` are the joints of a JointState, whose arrays have their length, a
+Rules (ros2_controllers jazzy): `names` are the joints of a JointState, whose arrays have their length, a
 missing interface is not known; with a description only its movable joints are named, in alphabetical order, without one
 the joints come in the order of their interfaces. `joints` and `interfaces` restrict only when both are given. An extra
 joint is 0.0, unless a state interface of it is read. It publishes once per update, what was measured then, so

@@ -1,6 +1,6 @@
 """Limits velocity, acceleration and jerk of one number (control_toolbox::RateLimiter).
 
-The law of the file: limit = jerk, then acceleration, then velocity, each against the two previous limited values. nan
+Limit = jerk, then acceleration, then velocity, each against the two previous limited values. nan
 switches off or is derived: without max_velocity no velocity limit; without max_acceleration no acceleration limit at
 all; without max_jerk no jerk limit; min_velocity is -max_velocity, max_acceleration_reverse -max_acceleration,
 max_deceleration the same as max_acceleration_reverse, max_deceleration_reverse the same as max_acceleration, min_jerk

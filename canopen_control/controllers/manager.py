@@ -1,6 +1,6 @@
 """The controller manager: who is loaded, who is active, and who owns what.
 
-The law of the file (ros2_control jazzy): a switch is checked as a whole before anything changes. STRICT refuses it if
+Rules (ros2_control jazzy): a switch is checked as a whole before anything changes. STRICT refuses it if
 any name is impossible, best effort drops the impossible ones; a claimed or unavailable interface refuses it in both
 (`switcher`). A controller whose update fails is deactivated with those it is chained to, and its fallbacks take over.
 `update` never raises (`running`).

@@ -1,6 +1,6 @@
 """The mecanum drive controller: a twist that may go sideways becomes the speeds of four wheels.
 
-The law of the file (ros2_controllers jazzy): each axis of the twist has its limiter; the odometry is what four measured
+Rules (ros2_controllers jazzy): each axis of the twist has its limiter; the odometry is what four measured
 speeds say. Its `reference_timeout` is 0 unless it is given, which lets a twist move it for one update. Ours, and safer:
 a timeout brakes along the limits, where upstream's does so for one update and then stands, see `mobile_base`.
 """

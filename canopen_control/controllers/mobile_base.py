@@ -1,6 +1,6 @@
 """The base class of controllers of vehicles: a twist becomes the wheels' commands, their motion becomes odometry.
 
-The law of the file: each update takes the newest twist, or zero when it is older than the timeout, limits it against
+Each update takes the newest twist, or zero when it is older than the timeout, limits it against
 the last two limited ones (so a timeout brakes along the ramp), follows the wheels, and writes the commands. When
 another controller claims the references, they are the twist (chaining). A twist that is not finite is refused and does
 not refresh the timeout; the first sample of the wheels is the baseline of odometry; feedback that is lost with a drive,

@@ -1,6 +1,6 @@
 """The omni wheel drive controller: a twist that may go sideways becomes the speeds of three wheels or more.
 
-The law of the file (ros2_controllers jazzy): wheels stand at even angles around the middle; the odometry is the fit of
+Rules (ros2_controllers jazzy): wheels stand at even angles around the middle; the odometry is the fit of
 what they say. Ours: a `cmd_vel_timeout` of 0 lets a twist move it for one update, where upstream's lets it move never,
 odometry starts at the first sample, and feedback is waited for, see `mobile_base`.
 """

@@ -1,6 +1,6 @@
 """The parameters of a controller: dotted names, where each stands, and those that every controller has.
 
-The law of the file: as rcl reads it, `a.b: 1` and `a: {b: 1}` are one parameter and the last of two wins; unlike rcl
+As rcl reads it, `a.b: 1` and `a: {b: 1}` are one parameter and the last of two wins; unlike rcl
 nothing is silent: a repeated or unknown key is a warning with its line and the nearest valid name, an error if strict.
 """
 

@@ -1,6 +1,6 @@
 """A PID controller with anti-windup, as control_toolbox of ros2_control has it (jazzy).
 
-The law of the file: the integral is kept multiplied by its gain, so that another gain does not move it. Every
+The integral is kept multiplied by its gain, so that another gain does not move it. Every
 anti-windup but `legacy` acts with the integral of the step before.
 """
 

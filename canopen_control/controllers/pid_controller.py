@@ -1,6 +1,6 @@
 """pid_controller/PidController: velocities or efforts that keep positions or velocities at a reference, by PIDs.
 
-The law of the file (ros2_controllers jazzy): the reference is the last message, or that of the controller that claims
+Rules (ros2_controllers jazzy): the reference is the last message, or that of the controller that claims
 `NAME/DOF/INTERFACE` (chaining); with a second interface, the derivative, the loop takes the error's rate from there.
 Ours, and safer: without a reference, or without a state, the target is 0, where upstream leaves what stands; a drive
 that is not enabled, or whose measured state stays away (`use_external_measured_states`), loses its reference and its

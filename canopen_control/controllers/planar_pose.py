@@ -1,6 +1,6 @@
 """A pose in the plane that is moved by velocities, and the rolling mean that smooths these: dead reckoning.
 
-The law of the file (ros2_controllers jazzy): the way of a step is the exact arc; below `STRAIGHT` of turn it is a
+Rules (ros2_controllers jazzy): the way of a step is the exact arc; below `STRAIGHT` of turn it is a
 straight line. Headings are never wrapped. Units: m, rad, s.
 """
 

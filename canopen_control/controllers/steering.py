@@ -1,6 +1,6 @@
 """The steering controllers: a twist becomes speeds of traction wheels and angles of steered ones.
 
-The law of the file (ros2_controllers jazzy): odometry is followed and published in every update, commanded or not.
+Rules (ros2_controllers jazzy): odometry is followed and published in every update, commanded or not.
 Without a twist traction is 0 and the steered wheels stay as they are; a twist of zeros that is commanded steers them
 straight. In closed loop the wheels of a curve turn as the measured curve wants it. Ours: a `reference_timeout` of 0
 lets a twist move it for one update, no wheel turns faster than the wanted curve needs, wherever the steering still is,

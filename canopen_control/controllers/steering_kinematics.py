@@ -1,6 +1,6 @@
 """Kinematics of bases with steered wheels: bicycle, tricycle and Ackermann steering, and their odometry.
 
-The law of the file (ros2_controllers jazzy): of two wheels the right one is first. Commands are in the wheels' rad/s
+Rules (ros2_controllers jazzy): of two wheels the right one is first. Commands are in the wheels' rad/s
 and rad; in closed loop the wheels of a curve have the speeds of the curve that is measured, not of the one that is
 wanted. Two traction wheels never turn the base on the spot: at no speed they stand. Units: m, rad, s.
 """

@@ -1,6 +1,6 @@
 """The parameters of the steering controllers: bicycle, tricycle, Ackermann.
 
-The law of the file: jazzy's names are ours; those of humble, by front and rear wheels, are translated by
+Jazzy's names are ours; those of humble, by front and rear wheels, are translated by
 `front_steering` and each is named once, as is every key without an effect.
 """
 
@@ -195,7 +195,7 @@ def _renames(params: Params, cls: type[SteeringParams]) -> dict[str, str]:
 
 # The parameters of ROS 1's Ackermann steering controller: those of a bicycle, one rear wheel and one front steer.
 #
-# The law of the file (ros_controllers, noetic): that controller moves two joints under the type name that ROS 2 has for
+# Rules (ros_controllers, noetic): that controller moves two joints under the type name that ROS 2 has for
 # four, so its keys tell which one is meant. Its names become those of the bicycle and each is named once; odometry is
 # by the wheel's position. What differs is told: a twist's `angular.z` is rad/s here and was the steering angle there,
 # so limits of it have no effect. Sizes that are not given are the description's, as there.

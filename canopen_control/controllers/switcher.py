@@ -1,6 +1,6 @@
 """Switches of controllers: who stops, who starts, what the hardware is asked, and what becomes of a switch that fails.
 
-The law of the file (ros2_control jazzy): the leaving controllers stop and release, the hardware changes its modes, the
+Rules (ros2_control jazzy): the leaving controllers stop and release, the hardware changes its modes, the
 entering ones claim and start; if one of those fails, all of that request are stopped again. What is asked is checked as
 a whole before (`claims`). Whoever fails takes along those it is chained to.
 """
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 # An active controller's place in the cycle: when it is due, what it moves, and whether that follows.
 #
-# The law of the file (ros2_control jazzy): who runs slower than the cycle runs in the one nearest to its period. Ours,
+# Rules (ros2_control jazzy): who runs slower than the cycle runs in the one nearest to its period. Ours,
 # and safer: a command is forgotten in the cycle in which what it moves is no longer enabled.
 
 
@@ -133,7 +133,7 @@ class ActiveController:
 
 # Who commands whom among controllers, and the order in which they must run.
 #
-# The law of the file: a controller that claims another's reference interface runs before it, so that a command passes
+# A controller that claims another's reference interface runs before it, so that a command passes
 # the whole chain within one cycle; who reads what another exports starts after it, too; a chain stops as a whole.
 
 
@@ -210,7 +210,7 @@ def users_of(failed: Sequence[Controller], active: Sequence[Controller]) -> list
 
 # What a switch request would do, checked as a whole before anything changes.
 #
-# The law of the file (ros2_control jazzy, switch_controller): an unknown name, an activation of what is active or not
+# Rules (ros2_control jazzy, switch_controller): an unknown name, an activation of what is active or not
 # configured, a deactivation of what is not active refuses a strict request and is dropped from a best-effort one; a
 # command interface that is missing, owned by somebody who stays, wanted twice, or whose component is not ACTIVE refuses
 # both. A swap is one request: what the leaving controllers release is free for the entering ones. A chain is never
@@ -336,7 +336,7 @@ def _switches(
 
 # The controllers that are active: their part of the cycle, their commands, and what they tell.
 #
-# The law of the file: `update` and `broadcast` run over lists made at the last switch and never raise; whoever fails is
+# `update` and `broadcast` run over lists made at the last switch and never raise; whoever fails is
 # named in `failed`, for the manager to stop. A controller that another one commands runs after it.
 
 

@@ -1,6 +1,6 @@
 """Controller types by the names that ros2_controllers.yaml uses.
 
-The law of the file: a type is imported when the first controller of it is loaded; what is not in the table comes from
+A type is imported when the first controller of it is loaded; what is not in the table comes from
 the entry point group `canopen_control.controllers` of any installed package.
 """
 

@@ -1,6 +1,6 @@
 """One axis of a drive as process data: its inputs, outputs, scale and limits, whichever PDOs carry them.
 
-The law of this file: an object is found once, by its index of axis 0, for the axis that is meant; what no PDO carries
+An object is found once, by its index of axis 0, for the axis that is meant; what no PDO carries
 is None here and travels by SDO or not at all. Limits are in device units and are those of the drive itself (0x607D,
 0x607F, 0x6080, 0x60E0, 0x60E1), and the velocity limit of the description: a target is brought inside them before it is
 sent, in every mode.
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # Where an axis' statusword and mode come from: a TPDO, else SDO, and not for longer than they are true.
 #
-# The law of this file: a statusword has an age. While its TPDO comes, it is the TPDO's; when that fails, the last one
+# A statusword has an age. While its TPDO comes, it is the TPDO's; when that fails, the last one
 # holds for `GRACE_NS`, is asked for by SDO meanwhile, and after that is unknown; one that never came is asked for too.
 # A mode that no PDO carries is written to 0x6060 when it is wanted and asked for at 0x6061 until it shows. A drive
 # whose statusword is gone is told to quick stop, since nobody can see what else it would do, and after a while to take

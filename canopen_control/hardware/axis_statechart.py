@@ -1,6 +1,6 @@
 """The statechart of one axis: its power, its stop and whether it may move, as one table of states and triggers.
 
-The law of this file: `TABLE` says for each state what each trigger leads to and what the drive is told on the way; what
+`TABLE` says for each state what each trigger leads to and what the drive is told on the way; what
 has no row changes nothing. Targets of a controller are sent in FOLLOWING alone, and the only way into it begins with
 ENABLE: a fault reset, a drive that comes back or a group that is complete never lead up from a stop. The rows with
 GROUP_ are the stop group's (`stop_group`): its joints are enabled in one cycle and disabled in one cycle. Every state

@@ -1,6 +1,6 @@
 """Keeps commands within the limits of the description: the controller_manager's `enforce_command_limits`.
 
-The law of the file (ros2_control jazzy): a URDF <limit>, tightened by `min` and `max` of the command interfaces, is
+Rules (ros2_control jazzy): a URDF <limit>, tightened by `min` and `max` of the command interfaces, is
 enforced; a <safety_controller> adds soft limits. Accelerations and jerks are limited by
 their <command_interface name="acceleration"> and "jerk" alone. Nothing is limited where `<limits enable="false"/>`
 stands. A command that is nan stays nan.
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 # Joint limiter: clamps the commands of one joint to its limits of position, velocity, effort, acceleration and jerk.
 #
-# The law of the file (joint_limits of ros2_control jazzy, JointSaturationLimiter): the quantities are judged in their
+# Rules (joint_limits of ros2_control jazzy, JointSaturationLimiter): the quantities are judged in their
 # order; a position moves by what the velocity, and that by what the acceleration allows since the command before; a
 # velocity does not lead past the end of the joint within the cycle; an effort does not push beyond the end, nor what is
 # too fast further. What is nan is not given. All in SI units (rad or m).
@@ -174,7 +174,7 @@ class JointLimiter:
 
 # Soft joint limiter: slows a joint down before its soft limits, those of a URDF's <safety_controller>.
 #
-# The law of the file (joint_limits of ros2_control jazzy, JointSoftLimiter): towards a soft limit the velocity is at
+# Rules (joint_limits of ros2_control jazzy, JointSoftLimiter): towards a soft limit the velocity is at
 # most `k_position` times the distance to it, beyond it leads back at one degree per second (of a prismatic joint: as
 # many m/s), and an effort is at most `k_velocity` times what the velocity may still grow by. The hard limits
 # hold besides.
@@ -261,7 +261,7 @@ def _clamp(value: float, low: float, high: float) -> float:
 
 # Commands that are limited together: those of one joint, or one with bounds of its own.
 #
-# The law of this file: most commands lead on by less than the limits allow. `passes` finds that out by a few
+# Most commands lead on by less than the limits allow. `passes` finds that out by a few
 # comparisons, where one quantity of a joint is commanded and it has no soft limits; only what does not pass is judged
 # in full (`enforce`), with the same result for what would have passed. What is told of a limit is told where that
 # begins, see `command_limits`.

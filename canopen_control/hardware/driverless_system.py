@@ -1,6 +1,6 @@
 """SimulatedSystem: joints moved by simulated motors, where Gazebo's plugins would move them.
 
-The law of the file: a joint has no drive and no bus here, only a motor behind the `SimulatedMotor` Protocol, so that
+A joint has no drive and no bus here, only a motor behind the `SimulatedMotor` Protocol, so that
 another engine can take its place; the one that is built in is a first-order lag in closed form, exact for any step.
 (The plants of the virtual drives are not used: they follow the ramps of a drive in counts and per mille, and a joint of
 Gazebo has no drive; what has one runs on `CanopenSystem` and virtual drives.) A velocity is approached with

@@ -1,6 +1,6 @@
 """Feed-forward of velocity (0x60B1) and torque (0x60B2) beside the positions of CSP (CiA 402-2).
 
-The law of this file: the offsets are what the controller of the position gives beside it, in the units of 0x60FF and
+The offsets are what the controller of the position gives beside it, in the units of 0x60FF and
 0x6071, within the drive's limits; the drive adds them to its velocity and torque loop and never to the position. They
 are zero whenever they do not belong to a position that leads on: at rest, in a stop, in another mode, when another
 controller gives them, and when the positions stand for longer than three cycles and 50 ms, since a stream that broke

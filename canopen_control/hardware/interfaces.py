@@ -1,6 +1,6 @@
 """The interfaces between controllers and hardware, with ros2_control's names and meaning.
 
-The law of the file: an interface is one mutable number in SI units (rad, rad/s, Nm); a command interface has at most
+An interface is one mutable number in SI units (rad, rad/s, Nm); a command interface has at most
 one owner, state interfaces are shared; nan means "no command was given" or "no value known". Nothing reads a clock,
 blocks or allocates while the robot runs: the registry resolves names once, the cycle touches `value` only.
 """

@@ -1,6 +1,6 @@
 """One joint and the drive axis behind it: SI on one side, process data and the CiA 402 machine on the other.
 
-The law of this file: whether the axis may move is the state of its chart (`axis_statechart`), whose triggers are fired
+Whether the axis may move is the state of its chart (`axis_statechart`), whose triggers are fired
 here: a target reaches the drive only in FOLLOWING; in every other state the target is standstill at the actual
 position, or ramps towards it (`joint_targets`). A drive whose statusword is gone while its node lives is told to quick
 stop, since nobody can see what else it would do.
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 # The parts of a joint and of the drive axis behind it, and what they say: state, power, homing, feedback.
 #
-# The law of this file: nothing here acts; what moves the axis is `joint`.
+# Nothing here acts; what moves the axis is `joint`.
 
 
 class JointParts:

@@ -1,6 +1,6 @@
 """What a joint reports: events of its drive, warnings and limits of the statusword, a wrong direction, a fault's code.
 
-The law of this file: one table from the kind of a drive's event to its name, its level and whether it stops. What is
+One table from the kind of a drive's event to its name, its level and whether it stops. What is
 seen in the statusword is told when it begins, not while it lasts. An active limit closes the direction in which the
 axis went and leaves the other open; an axis that moves with others stops with them at it, and again when it is
 commanded beyond it. An axis that turns against its command is told from one that lags by both being large for

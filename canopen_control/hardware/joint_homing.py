@@ -1,6 +1,6 @@
 """One homing of one axis, from the user's word to the mode it had before (CiA 402-2, mode HM).
 
-The law of this file: the method is checked against what the drive lists before anything is written. Homing may enable
+The method is checked against what the drive lists before anything is written. Homing may enable
 the drive, because a user asked for a motion; afterwards the mode and the enable are what they were. Every way out
 leaves bit 4 at 0, and only a homing that was seen to end well makes the axis homed. The joint that it is of asks for
 `phase` in every cycle and does what that says; nothing here reaches back to it.

@@ -5,7 +5,7 @@ that mode (CiA 402-2) is a `ModeTarget`: `hold` is standstill where the axis is,
 move, `follow` takes a target in SI units, nan for none, `slow` is one cycle of a controlled stop and tells when its
 target stands. A target that did not change costs one comparison.
 
-The law of this file: one interface of motion at a time, but for what feeds a position forward (`feed_forward`). A mode
+One interface of motion at a time, but for what feeds a position forward (`feed_forward`). A mode
 change of an enabled drive is preceded by a cycle in which every target is at rest, since the new mode acts upon its
 target at once; whatever is not followed is held at the actual position, without velocity and effort. CSP, IP and CSV
 have no ramp in the drive, so the master ramps, also to a stop; PP and PV leave the way to the drive. What is more than

@@ -1,6 +1,6 @@
 """Which mode of operation serves a command interface of a joint (0x6502, CiA 402-2), and whether an RPDO carries it.
 
-The law of this file: bus.yml decides the mode where it says something, else the best mode that the drive lists (0x6502)
+The key of bus.yml decides the mode where it says something, else the best mode that the drive lists (0x6502)
 and whose target an RPDO carries, cyclic before profile; what cannot be is refused before anything is sent.
 """
 
@@ -178,7 +178,7 @@ def _unmapped(axis: AxisProcessData, interface: str, what: str) -> RobotConfigEr
 
 # Command interfaces that ros2_canopen's hardware plugins export although the description does not list them.
 #
-# The law of the file (canopen_ros2_control): Cia402System and RobotSystem make the interfaces of a joint by themselves,
+# Rules (canopen_ros2_control): Cia402System and RobotSystem make the interfaces of a joint by themselves,
 # so that their descriptions often list none. A joint of such a tag without any command interface has position, velocity
 # and effort here, as far as an RPDO of its node carries a target for them; one that lists some has those.
 

@@ -1,6 +1,6 @@
 """What the plugin of a <ros2_control> tag means here.
 
-The law of the file: the plugin names of other stacks are kept, so that their descriptions run unchanged, and so is the
+The plugin names of other stacks are kept, so that their descriptions run unchanged, and so is the
 one line that users change to go from simulation to hardware. `--mock` and `--real` do the same without a change.
 """
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 # GenericSystem: a hardware component without hardware, as ros2_control's mock_components/GenericSystem.
 #
-# The law of the file: `read` mirrors every command into the state of the same name; a nan command changes nothing, an
+# `read` mirrors every command into the state of the same name; a nan command changes nothing, an
 # infinite one is an ERROR. With `calculate_dynamics` the claimed interface of a joint is integrated instead (velocity
 # into position, acceleration into velocity and position, a position differentiated). States start at their
 # initial_value, else 0.0, positions plus `position_state_following_offset`. Ours, and safer: a released velocity or
@@ -246,7 +246,7 @@ def _offset(parameters: Mapping[str, str]) -> float:
 
 # A hardware component seen through its transmissions: the values of joints instead of those of motor shafts.
 #
-# The law of the file (ROS 1 transmission_interface, ros2_control SimpleTransmission): joint position = actuator
+# Rules (ROS 1 transmission_interface, ros2_control SimpleTransmission): joint position = actuator
 # position / reduction + offset, joint velocity = actuator velocity / reduction, joint effort = actuator effort *
 # reduction, and commands the other way round. A negative reduction turns the direction. Transmissions apply to real and
 # virtual drives; mock hardware and the simulation are joints already.

@@ -1,6 +1,6 @@
 """Joints that stop together: trouble at one of them is trouble of all, and they change power in one SYNC cycle.
 
-The law of this file: an axis of a group is let into OPERATION_ENABLED when every axis that is being enabled stands
+An axis of a group is let into OPERATION_ENABLED when every axis that is being enabled stands
 before it, and disabled when every axis that is being stopped stands still. All joints of a robot are one group unless
 the description says otherwise (`<param name="stop_group">`); a group of one is the policy "single". The joints that a
 controller of a base holds are in one group whatever the description says, and move as a whole or not at all.

@@ -1,6 +1,6 @@
 """CanopenSystem: the hardware component that stands for the CANopen drives and devices of one <ros2_control> tag.
 
-The law of this file: a drive is enabled when a controller claims one of its joint's command interfaces, and by a
+A drive is enabled when a controller claims one of its joint's command interfaces, and by a
 user's word; nothing else enables it, except `recovery: enable` of bus.yml for a node that was lost and is back. When
 one joint gets into trouble (its node lost, its feedback stale, its drive faulted or left on its own) every joint of its
 group stops along its ramp and is disabled, in the same cycle, and stays so until a request enables it again.
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 # Enables a group again whose stop was caused by a node that is here again, where bus.yml says so.
 #
-# The law of this file: only joints that were enabled when the stop came, only after a lost node whose `recovery` is
+# Only joints that were enabled when the stop came, only after a lost node whose `recovery` is
 # `enable`, and only when every joint of the group can go: nodes ready, parameters read, no fault, standing still. A
 # user's word in between (a stop, a disable, a quick stop) ends the matter.
 

@@ -1,6 +1,6 @@
 """Tracking error of a joint: how far behind its set-points it is, and which set-points were repeated or skipped.
 
-The law of this file: what a drive measures at a SYNC is compared with the set-point that it was to have reached then,
+What a drive measures at a SYNC is compared with the set-point that it was to have reached then,
 not with the newest one: it takes a set-point with the SYNC after the RPDO and arrives a period later (0x60C2), so that
 the error of a drive that follows exactly is 0, whatever the bus takes. Nothing is allocated; a step is a few floats.
 Errors are in rad or rad/s (m or m/s).

@@ -3,7 +3,7 @@
 A set-point of a trajectory is where the axis is to be in this cycle; a place is where it is to come to in the end,
 and a drive in CSP or IP would be asked to be there at once.
 
-The law of the file: a way begins with the speed that there is, ends at rest, and is never faster than `most`; the speed
+A way begins with the speed that there is, ends at rest, and is never faster than `most`; the speed
 rises by `rise` at most, also where a new place lies behind, and falls as late as that lets it. Counts, counts/s and
 counts/s^2; nothing is allocated. Who stops on the way does not step any more, and lets it `rest`.
 """

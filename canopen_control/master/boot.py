@@ -288,7 +288,7 @@ def _mismatch(plan: NodePlan, letter: str, what: str, found: int, wanted: int) -
 
 # Runs one boot: hands the requests of `boot.boot` to the SDO client and to NMT, and the answers back.
 #
-# The law of this file: nothing here waits. `advance` goes on as far as it can; the node calls it again when an SDO
+# Nothing here waits. `advance` goes on as far as it can; the node calls it again when an SDO
 # transfer ended, a boot-up or heartbeat came, or time passed.
 
 

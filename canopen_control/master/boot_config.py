@@ -147,7 +147,7 @@ def _is_needed(
 
 # The PDOs of a node during its boot: made what the plan says, used as the node has them, or left invalid (CiA 301).
 #
-# The law of this file (CiA 301, 7.5.2.35): a PDO is read before it is written, written in the standard's order
+# Rules (CiA 301, 7.5.2.35): a PDO is read before it is written, written in the standard's order
 # (invalid, settings, mapping, valid), and read back. If the node refuses (a constant COB-ID, a mapping that cannot be
 # written) what it had is put back, and used if it carries every object the plan wants there; an RPDO's others stay at
 # what they are. Else the PDO is left invalid and the boot fails with the objects that are missing.

@@ -1,6 +1,6 @@
 """The keys of bus.yml: those of ros2_canopen, and what this package adds, as frozen dataclasses.
 
-The law of this file: every key that ros2_canopen reads stands here. It is either honoured, or listed in
+Every key that ros2_canopen reads stands here. It is either honoured, or listed in
 `UNUSED_MASTER` or `UNUSED_NODE` with what takes its place, and then named once to the user; none is dropped silently.
 Times have the format's own units: us where named sync, ms where named heartbeat, boot, timer or `_ms`.
 

@@ -1,6 +1,6 @@
 """The master of one bus: frames in, frames out, every node supervised. Sans-IO like the services it is made of.
 
-The law of this file: a frame is routed by one look-up of its identifier and never raises, whatever it holds; frames
+A frame is routed by one look-up of its identifier and never raises, whatever it holds; frames
 nobody expects are counted in `unknown`. PDOs go straight to the process image. Everything else wakes the node it is
 from. What is to be sent waits in `take`; RPDOs and SYNC come from `cycle`.
 """
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 # Detects other masters on the bus: frames that only a master sends, and that this one did not.
 #
-# The law of this file: a port never receives what was sent through it, so each of these frames is somebody else's. What
+# A port never receives what was sent through it, so each of these frames is somebody else's. What
 # is seen within half a second is told in one sentence with the identifiers, once, and anew only when for a minute there
 # was nothing. An SDO request or an NMT command may be a tool's; SYNC, RPDOs and a heartbeat of this master's node id,
 # or of a number that masters have by custom, are another master's.

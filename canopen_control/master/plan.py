@@ -1,6 +1,6 @@
 """The configuration plan of a node: a list of SDO writes and a PDO layout, made of bus.yml and the EDS.
 
-The law of the file: everything is decided here, before the first frame is sent, and whatever does not fit (an object
+Everything is decided here, before the first frame is sent, and whatever does not fit (an object
 the EDS lacks, a value out of its type, a mapping over 64 bits) is an error of the configuration, not of the boot.
 
 The order: what concerns SYNC, then what a `configuration_file` or the ParameterValues of a DCF say, RPDOs, TPDOs

@@ -1,6 +1,6 @@
 """Builds the plan of a node: encodes and marks its SDO writes, and reports what does not fit.
 
-The law of the file: a write is encoded here once, as the EDS types its object, so that all speak of the same bytes.
+A write is encoded here once, as the EDS types its object, so that all speak of the same bytes.
 What can be read back is compared before it is written and verified after; what cannot (objects without read access, the
 signatures of 0x1010 and 0x1011, an address that is written several times with different values: such a sequence is a
 procedure) is always written.
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 # Maps velocity and torque offset (0x60B1, 0x60B2) into the RPDOs of a node whose `feed_forward` asks for them.
 #
-# The law of this file: bus.yml's own mapping stays as it is; an offset is put behind it, first where the target
+# The mapping of bus.yml stays as it is; an offset is put behind it, first where the target
 # position is, else into another RPDO of bus.yml that has room, else into one of the first four that nobody uses, with
 # the transmission of the target position. What cannot be mapped is told, and done without.
 
@@ -103,7 +103,7 @@ def _mapped(builder: PlanBuilder, number: int, pdo: PdoConfig) -> list[int]:
 
 # The interpolation time period (0x60C2) of a plan: the SYNC period exactly, in 1 to 255 units of a power of ten.
 #
-# The law of this file (CiA 402-2): a drive in CSP moves from one set-point to the next within this time. Shorter than
+# Rules (CiA 402-2): a drive in CSP moves from one set-point to the next within this time. Shorter than
 # the SYNC period, it stops in between; longer, it is interrupted. Where bus.yml says another time that is written, and
 # warned of; what the drive cannot be told exactly, or does not take, is told too.
 

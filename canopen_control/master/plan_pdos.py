@@ -1,6 +1,6 @@
 """The PDOs of a plan: which are live, what they carry, and the writes that make it so (CiA 301, 7.5.2.35 to 38).
 
-The law of the file: a PDO is made invalid before anything of it is changed, and valid last; bit 30 of its COB-ID is the
+A PDO is made invalid before anything of it is changed, and valid last; bit 30 of its COB-ID is the
 device's own. What bus.yml does not say is as in the EDS, and written all the same: a device may have stored something
 else. Where bus.yml lists PDOs, those that it does not list are switched off, also where a file or the device has them
 live: a second live RPDO with a controlword is a second steering wheel. Where bus.yml lists none, those of the file are

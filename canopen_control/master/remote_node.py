@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 # Events of a node beside its boot: emergencies, missing process data, a second node with its id.
 #
-# The law of this file: every sentence names the node and says what it means or what helps. Emergencies are kept (the
+# Every sentence names the node and says what it means or what helps. Emergencies are kept (the
 # errors that last) whatever is told of them; a flood is told in sum.
 
 

@@ -167,7 +167,7 @@ def _is_executing(handle: RosMessage) -> None:
 
 # One trajectory on its way from ROS to the robot, on a connection of its own, in as many requests as it needs.
 #
-# The law of the file: the connection is what the trajectory lives by, since the robot brakes when it is gone: closing
+# The connection is what the trajectory lives by, since the robot brakes when it is gone: closing
 # it is enough, and the bridge's death closes it as well. A bridge that hangs sends no heartbeat any more. A request is
 # sent when the one before it was answered, so that a large trajectory holds up neither side. Everything is on the
 # reactor's thread.

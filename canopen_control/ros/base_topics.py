@@ -1,6 +1,6 @@
 """The topics and the service of base controllers: twists come, odometry goes, and is set.
 
-The law of the file (ros2_controllers, Jazzy): twists are TwistStamped on `~/cmd_vel` (diff drive, omni) or
+Rules (ros2_controllers, Jazzy): twists are TwistStamped on `~/cmd_vel` (diff drive, omni) or
 `~/reference` (steering, mecanum); where Twist alone is published there, as for the controller of ROS 1, it is that, and
 `~/cmd_vel_unstamped` takes it too. Only the axes that the base has count, the frame of a command is not looked at, a
 stamp of zero means now; how old a stamp may be is the controller's timeout, so the stamp goes to the runtime with the
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 # One topic on which velocities come as Twist or as TwistStamped, whichever is published.
 #
-# The law of the file: one context of rclpy cannot hold two types on one name, so there is one subscription at a time.
+# One context of rclpy cannot hold two types on one name, so there is one subscription at a time.
 # Its type is what was asked for, or, `auto`, that of the first publisher who is seen; it changes only when all
 # publishers of the other type have gone, and between two looks.
 
@@ -236,7 +236,7 @@ def odometry_message(ros: Ros, sample: OdometrySample) -> Odometry:
 
 # The shared `cmd_vel` topic that teleop and Nav2 publish: Twist or TwistStamped, whichever is there.
 #
-# The law of the file: the topic leads to the active base controller; with several, which one is meant is not known, and
+# The topic leads to the active base controller; with several, which one is meant is not known, and
 # the command is refused.
 
 
@@ -270,7 +270,7 @@ class SharedTwist(Endpoint):
 
 # What steering and mecanum controllers tell beside odometry: `~/tf_odometry` and `~/controller_state`.
 #
-# The law of the file (ros2_controllers, Jazzy): wheels stand in the order that the message says; of the traction wheels
+# Rules (ros2_controllers, Jazzy): wheels stand in the order that the message says; of the traction wheels
 # positions or velocities are told, as they are measured. What is not known is nan.
 
 

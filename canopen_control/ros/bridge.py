@@ -1,6 +1,6 @@
 """The ROS bridge: `python -m canopen_control.ros.bridge --name ROBOT [--namespace NS] [--ros-args ...]`.
 
-The law of the file: one process, one context, one node. What is wrong with the environment is one sentence and exit
+One process, one context, one node. What is wrong with the environment is one sentence and exit
 code 1, before rclpy is imported. Started by `run` it ends with its lifeline or with the robot, and is killed when one
 of its threads hangs; started by hand it waits for the robot to come back, and SIGTERM or SIGINT end it within two
 seconds, whatever rclpy does.

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 # `/<controller>/commands` of the forward controllers: Float64MultiArray, one number per joint.
 #
-# The law of the file (forward_command_controller, Jazzy): only `data` counts, in the order of the joints. A value that
+# Rules (forward_command_controller, Jazzy): only `data` counts, in the order of the joints. A value that
 # is not finite, or a wrong number of them, drops the message; the runtime would refuse it as well.
 
 
@@ -60,7 +60,7 @@ class ForwardCommands(Endpoint):
 
 # `~/commands` of a GPIO command controller: outputs of <gpio> parts by their names (DynamicInterfaceGroupValues).
 #
-# The law of the file (gpio_controllers, Jazzy): a message names some outputs, the others stay. Ours: one that does not
+# Rules (gpio_controllers, Jazzy): a message names some outputs, the others stay. Ours: one that does not
 # fit (an unknown name, one named twice, as many names as values nowhere, a value that is not finite) is dropped whole
 # with a sentence, and the controller goes on. What comes while the robot has not answered yet is put together, the
 # newest value of each output, so that no flood waits and no output is lost. The outputs end with this bridge.
@@ -143,7 +143,7 @@ def outputs_of(message: RosMessage, controller: ControllerReading) -> dict[str, 
 
 # The topics of a PID controller: `~/reference`, `~/controller_state`, and the service `~/set_feedforward_control`.
 #
-# The law of the file (pid_controller, Jazzy): a MultiDOFCommand is a reference for each degree of freedom, and with a
+# Rules (pid_controller, Jazzy): a MultiDOFCommand is a reference for each degree of freedom, and with a
 # second reference interface its derivative, by their names or, without names, in their order; `~/controller_state`
 # comes with every update that the state stream carries; `~/measured_state` is there with
 # `use_external_measured_states`. While another controller commands the references, messages are refused by the robot.

@@ -80,7 +80,7 @@ if TYPE_CHECKING:
 
 # `~/follow_joint_trajectory`: the action by which MoveIt and others have a joint trajectory controller follow a path.
 #
-# The law of the file (joint_trajectory_controller, Jazzy): a newer goal takes the place of the one that runs, feedback
+# Rules (joint_trajectory_controller, Jazzy): a newer goal takes the place of the one that runs, feedback
 # is sent at the controller's `action_monitor_rate`; what a goal lives by, and how it ends, is in `action_goals`. Ours:
 # it outlives the client that sent it only where the controller's `continue_without_client` is true; who asks for the
 # result of a refused goal is told which rule it breaks.
@@ -155,7 +155,7 @@ class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult, Tra
 
 # `~/gripper_cmd` of the gripper action controllers: a position with the most effort, and whether it was reached.
 #
-# The law of the file (gripper_controllers and parallel_gripper_controller, Jazzy): the action is a GripperCommand, or a
+# Rules (gripper_controllers and parallel_gripper_controller, Jazzy): the action is a GripperCommand, or a
 # ParallelGripperCommand whose `command` is a JointState with one position and, where they are given, one velocity and
 # one effort. What a goal lives by, and how it ends, is in `action_goals`. Ours: feedback is sent at
 # `action_monitor_rate` (upstream sends none), and an effort of 0 is that of the parameters.
@@ -274,7 +274,7 @@ class ParallelGripperAction(GripperAction):
 
 # `~/imu`, `~/range`, `~/wrench` and `~/pose` of the broadcasters of sensors.
 #
-# The law of the file (ros2_controllers, Jazzy): names, types and quality are upstream's; a message for each update of
+# Rules (ros2_controllers, Jazzy): names, types and quality are upstream's; a message for each update of
 # the broadcaster that the state stream carries; what is not known is nan.
 
 
@@ -293,7 +293,7 @@ class SensorTopic(ControllerStateTopic[Sample]):
 
 # `~/battery_state` and `~/raw_battery_states` of the battery state broadcaster.
 #
-# The law of the file (battery_state_broadcaster): the first is all batteries as one, a BatteryState, the second each by
+# Rules (battery_state_broadcaster): the first is all batteries as one, a BatteryState, the second each by
 # itself, a BatteryStateArray whose headers name the battery as their frame. What is not known is nan. A message is made
 # only where somebody listens.
 
@@ -348,7 +348,7 @@ class BatteryTopics(Endpoint):
 
 # `~/gpio_states` of GPIO controllers and broadcasters: inputs and outputs of drives and <gpio> parts, by their names.
 #
-# The law of the file (gpio_controllers, Jazzy): a control_msgs/DynamicInterfaceGroupValues, published once per update;
+# Rules (gpio_controllers, Jazzy): a control_msgs/DynamicInterfaceGroupValues, published once per update;
 # what is not known is nan. Bits are numbers, as 0x60FD and 0x60FE hold them.
 
 
@@ -383,7 +383,7 @@ class GpioStates(Endpoint):
 
 # `/dynamic_joint_states` of the joint state broadcaster: every state interface that it reads, by joint and name.
 #
-# The law of the file (joint_state_broadcaster, Jazzy): published with `/joint_states`, on the topic that the
+# Rules (joint_state_broadcaster, Jazzy): published with `/joint_states`, on the topic that the
 # broadcaster tells, with the same stamp and frame; what is not known is nan. Where it is told not to, there is no
 # topic.
 

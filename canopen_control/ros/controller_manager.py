@@ -1,6 +1,6 @@
 """`/controller_manager/*`: the services that `ros2 control` and the spawner of a ROS installation call.
 
-The law of the file (controller_manager_msgs, Jazzy 4.46): names and answers are upstream's; strictness 2 is strict, any
+Rules (controller_manager_msgs, Jazzy 4.46): names and answers are upstream's; strictness 2 is strict, any
 other best effort; a request that is refused is answered with ok false, and why is logged, and said where the answer has
 room for it. The runtime decides; nothing here knows better.
 """

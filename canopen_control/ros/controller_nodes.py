@@ -1,6 +1,6 @@
 """A ROS node for each controller that is loaded, and one for `/controller_manager`, each with its parameters.
 
-The law of the file (controller_manager, Jazzy): the node of a controller has its name and the manager's namespace, and
+Rules (controller_manager, Jazzy): the node of a controller has its name and the manager's namespace, and
 its topics, services and actions are that node's. All nodes share the bridge's participant and the thread of its
 callbacks.
 """
@@ -107,7 +107,7 @@ def matches(name: str, prefixes: Iterable[str], depth: int) -> bool:
 
 # The six parameter services of a controller's node, and of `/controller_manager`.
 #
-# The law of the file (rcl_interfaces; rclcpp): names, order and answers are upstream's. A name that is not declared
+# Rules (rcl_interfaces; rclcpp): names, order and answers are upstream's. A name that is not declared
 # leaves the answer to `get`, `get_parameter_types` and `describe` empty; of `set_parameters` each is set on its own, of
 # `set_parameters_atomically` all or none. The robot decides: what is refused is answered with its sentence. What was
 # set is told on `/parameter_events`.

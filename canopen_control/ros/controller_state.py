@@ -1,6 +1,6 @@
 """`~/controller_state` of a controller and topics like it: a message for each update that the state stream carries.
 
-The law of the file: a message is made only where somebody listens, and one object serves for all of them.
+A message is made only where somebody listens, and one object serves for all of them.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """From the API's messages to what ROS messages hold, as plain numbers: this file imports no ROS.
 
-The law of the file (REP 103, REP 107, ros2_control): SI units on both sides; what the API does not know (None) is nan;
+Rules (REP 103, REP 107, ros2_control): SI units on both sides; what the API does not know (None) is nan;
 the arrays of a joint state have one length; a stamp is when the sample was taken, not when it is sent.
 """
 

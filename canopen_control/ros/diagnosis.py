@@ -1,6 +1,6 @@
 """What `/diagnostics` says of nodes, controllers and the cycle, as plain values: this file imports no ROS.
 
-The law of the file (REP 107): OK when it does what it should; WARN when it is not available and that may be meant (an
+Rules (REP 107): OK when it does what it should; WARN when it is not available and that may be meant (an
 axis or robot that is not enabled, a controller that is not active); ERROR when something is broken: a node that is
 missing or in fault. The message is one sentence, the values are what a person looks at next.
 """

@@ -1,6 +1,6 @@
 """`/diagnostics` once per second, and at once when a level changes; `~/events` with everything that happens.
 
-The law of the file: `/diagnostics` is absolute and holds one status per node, per controller and for the cycle. Events
+`/diagnostics` is absolute and holds one status per node, per controller and for the cycle. Events
 are rcl_interfaces/msg/Log, the message of `/rosout`, with the node's or the robot's name; EMCY messages of the drives
 are among them.
 """
@@ -96,7 +96,7 @@ def _status(told: Diagnosis) -> DiagnosticStatus:
 
 # `/rosout`: what happens to a robot, at its level, from the node it concerns; rqt_console shows it.
 #
-# The law of the file (rcl): the name of a message is its node's, `NAMESPACE.NODE`; the quality is that of every node's
+# Rules (rcl): the name of a message is its node's, `NAMESPACE.NODE`; the quality is that of every node's
 # log. An event of a drive is its node's, of a controller that controller's, of the robot itself the bridge's. The robot
 # tells what repeats itself once, and then in sum; what only says again why the last one of the same node was is left
 # out here, unless it is worse. Nothing of it appears on the bridge's standard error: the robot's own log has it.

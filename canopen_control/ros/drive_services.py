@@ -1,6 +1,6 @@
 """`/NODE/*` services: of each drive as ros2_canopen's Cia402Driver has them, of others as its ProxyDriver; and more.
 
-The law of the file: a Trigger that was done answers success with an empty message, as ros2_canopen does; one that was
+A Trigger that was done answers success with an empty message, as ros2_canopen does; one that was
 refused says why, and one that was done to more drives, since a base controller holds them together, says that. No
 service waits for another one: each request is on its way to the robot at once, so that `halt`, `disable` and
 `quick_stop` are never behind an `init` or `home` that takes its time. `recover` resets a fault and does not enable:

@@ -1,6 +1,6 @@
 """`/NODE/*` topics of each drive, as ros2_canopen's drivers have them, and `emcy`.
 
-The law of the file: `nmt_state` is what the node says of itself, told when it changes and kept for who comes later, in
+`nmt_state` is what the node says of itself, told when it changes and kept for who comes later, in
 ros2_canopen's words; `joint_states` has the stamp of its sample. `rpdo` has one message per object of the node's TPDOs
 (ros2_canopen names them from the master's side): all of them for who begins to listen, then those that changed, once
 per cycle of the robot; nothing of it is asked for while nobody listens. An object of `tpdo` travels in the RPDO that
@@ -158,7 +158,7 @@ class DriveTopics(Endpoint):
 
 # `~/tpdo`, `~/rpdo`, `~/nmt_state` and services of ros2_canopen's device controllers: those of the node of one joint.
 #
-# The law of the file (canopen_ros2_controllers): a CanopenProxyController has `~/nmt_reset_node`, `~/nmt_start_node`,
+# Rules (canopen_ros2_controllers): a CanopenProxyController has `~/nmt_reset_node`, `~/nmt_start_node`,
 # `~/sdo_read` and `~/sdo_write` (upstream's answer false to every SDO), a Cia402DeviceController the services of a
 # drive besides, for its own joint alone. They are made of what each node has below its own name, and answer the same. A
 # joint that no node drives may be the name of a node.

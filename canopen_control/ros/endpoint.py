@@ -1,6 +1,6 @@
 """The base of every topic and service of the bridge: what it is given, what it is told, and services that answer later.
 
-The law of the file: publishing is done on the bridge's own thread, when the robot has sent something; callbacks of ROS
+Publishing is done on the bridge's own thread, when the robot has sent something; callbacks of ROS
 run on the spinner's thread, and only hand over.
 """
 

@@ -1,6 +1,6 @@
 """`/tf` and `/tf_static`: odometry, poses, and robot_state_publisher's job for the joints of the description.
 
-The law of the file: both topics are absolute; static ones are kept for who comes later, moving ones are reliable and
+Both topics are absolute; static ones are kept for who comes later, moving ones are reliable and
 come once for each joint state, each odometry and each pose that a controller publishes, with its stamp. Frames get the
 prefix of the namespace, here and in every other message, so that two robots fit into one graph. A frame has one parent:
 a joint that leads to one whose place odometry or a pose tells is left out.

@@ -1,6 +1,6 @@
 """What the command line needs of the ROS graph: who is there, listening, publishing, calling, on a node of its own.
 
-The law of the file: everything waits for a finite time, and ends at once when its thread is interrupted. A fresh node
+Everything waits for a finite time, and ends at once when its thread is interrupted. A fresh node
 does not know the graph yet, so it is given a moment before it is asked.
 """
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # ROS messages made from YAML, and written as text, for people without ros2cli: this file imports no ROS.
 #
-# The law of the file: data is what YAML gives, fields by name, what is not named keeps its default; an unknown field or
+# Data is what YAML gives, fields by name, what is not named keeps its default; an unknown field or
 # a value of another type is one sentence with the way to it. Text is YAML as `ros2 topic echo` prints it; plain data is
 # what JSON holds, null for a number that is not finite.
 

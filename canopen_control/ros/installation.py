@@ -3,7 +3,7 @@
 Importing rclpy with a middleware that it does not have ends the process (exit code 102) instead of raising, and an
 rclpy of another Python fails deep inside a C extension; so both are looked at from outside first.
 
-The law of the file: what the user has set wins, always. Otherwise discovery stays on the local host, and Fast DDS gets
+What the user has set wins, always. Otherwise discovery stays on the local host, and Fast DDS gets
 the profile `loopback.xml` of this folder, which binds its sockets to 127.0.0.1 and announces quickly; the profile goes
 with the local host only, since it cuts every other interface.
 """

@@ -1,6 +1,6 @@
 """`/joint_states` of the joint state broadcaster, one message per update of it that the state stream carries.
 
-The law of the file (joint_state_broadcaster, Jazzy): published only while the broadcaster is active, on the topic and
+Rules (joint_state_broadcaster, Jazzy): published only while the broadcaster is active, on the topic and
 in the frame that it tells; the joints in the broadcaster's order, and of them what it reads; what is not known is
 nan; the stamp is the time of the update.
 """

@@ -1,6 +1,6 @@
 """`/lifecycle_manager` and the lifecycle services of master and nodes, which bring a ros2_canopen robot up.
 
-The law of the file (lifecycle_msgs; ros2_canopen's lifecycle_manager): the runtime boots the nodes by itself, so that
+Rules (lifecycle_msgs; ros2_canopen's lifecycle_manager): the runtime boots the nodes by itself, so that
 `configure` finds them there, `activate` asks whether they are ready, and `deactivate` stops and disables them; a state
 that is reached already is no error. A transition fails, and the state stays, when the robot says no. The manager brings
 the master and the nodes with lifecycle drivers up with itself, and down again.

@@ -1,6 +1,6 @@
 """What an endpoint is given that is on one ROS node: the node's topics and services, and the session's robot.
 
-The law of the file: callbacks of subscriptions come on the spinner's thread, those of services on the reactor's; what
+Callbacks of subscriptions come on the spinner's thread, those of services on the reactor's; what
 one raises is a warning of the node. The executor would drop messages otherwise.
 """
 

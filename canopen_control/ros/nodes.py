@@ -1,6 +1,6 @@
 """The nodes of a bus as ROS names them, from what the API tells of them: this file imports no ROS.
 
-The law of the file (ros2_canopen): the services and topics of a node are `NAMESPACE/NODE/x`, where NODE is its key in
+Rules (ros2_canopen): the services and topics of a node are `NAMESPACE/NODE/x`, where NODE is its key in
 bus.yml; its own `namespace` stands in the place of the bridge's, its own `remappings` are followed. Each axis of a node
 with several has its own below its name in `channel_names`, else below `NODE/JOINT` (ros2_canopen's `NODE/0` is no name
 that ROS allows). A name that ROS does not allow gets underscores in the place of what is not allowed.

@@ -1,6 +1,6 @@
 """Which ROS programs are there, as DDS participants: who sent a request, and whether he lives.
 
-The law of the file (DDS, Fast DDS): the first twelve bytes of a GUID are its participant's, one for a process mostly.
+Rules (DDS, Fast DDS): the first twelve bytes of a GUID are its participant's, one for a process mostly.
 A participant that ends says so; one that was killed is missed when its lease is over, after 20 s by default. Fast DDS
 makes those bytes of its vendor, the host, and the process: so of one on this host it can be seen at once.
 """

@@ -1,6 +1,6 @@
 """SDO for the services: what ros2_canopen's carry, and objects of any type with the reason where one is refused.
 
-The law of the file: `/NODE/sdo_read`, `/NODE/sdo_write`, `/master/sdo_read` and `/master/sdo_write` answer as
+`/NODE/sdo_read`, `/NODE/sdo_write`, `/master/sdo_read` and `/master/sdo_write` answer as
 ros2_canopen's do; they have no room for a reason, which is logged. `get_objects` and `set_objects` use messages that
 every ROS has (rcl_interfaces, GetParameters and SetParameters): an object is named "0x1008:00 str", a value has the
 type of its field, and where an object cannot be read or written `string_value` or `reason` says why in words.
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 # Objects of a node as ROS messages carry them: addresses as text, values as numbers, text or bytes, without ROS.
 #
-# The law of the file (CiA 301): numbers are little endian and as wide as their data type. ros2_canopen carries every
+# Rules (CiA 301): numbers are little endian and as wide as their data type. ros2_canopen carries every
 # value as an unsigned number of 32 bits, negative ones as two's complement and REAL32 as its bits.
 
 

@@ -1,6 +1,6 @@
 """One robot shown to ROS, from the connection to its API until either is gone.
 
-The law of this file: two threads. The reactor's owns the connection to the robot and publishes what comes over it; the
+Two threads. The reactor's owns the connection to the robot and publishes what comes over it; the
 spinner's takes what ROS sends and hands it over through the mailbox. Whatever is wrong with a message, a topic or a
 controller is told and the rest goes on; only the end of the connection ends the session.
 """
@@ -73,7 +73,7 @@ if TYPE_CHECKING:
 
 # `/controller_manager/activity`: the lifecycle states of controllers and hardware components, whenever one changes.
 #
-# The law of the file (controller_manager, Jazzy): reliable and transient local, one message deep, so that who comes
+# Rules (controller_manager, Jazzy): reliable and transient local, one message deep, so that who comes
 # later has the present states at once. The stream tells the states of controllers; those of the hardware are asked for
 # when something has happened, one request at a time.
 
@@ -141,7 +141,7 @@ class Activity(Endpoint):
 
 # Commands on their way from ROS to the robot: the newest of each controller, at most one per cycle.
 #
-# The law of the file: a publisher may be as fast as it likes; what it sends in between is superseded, never queued, so
+# A publisher may be as fast as it likes; what it sends in between is superseded, never queued, so
 # that the robot gets what was meant last, and gets it once per `interval_ns`. The first message after a pause leaves at
 # once.
 
@@ -205,7 +205,7 @@ class RobotDescription(Endpoint):
 
 # The time of ROS where it is not this computer's: stamps follow somebody's `/clock` with the bridge's `use_sim_time`.
 #
-# The law of the file: what the robot tells is stamped with the time of ROS at which it came, and keeps that stamp;
+# What the robot tells is stamped with the time of ROS at which it came, and keeps that stamp;
 # while `/clock` stands nothing new is told, before it begins the time is 0. The stamp of a command counts by its age,
 # and one in the future by how far ahead it is. Timeouts are the robot's, in its own time: a `/clock` that stands puts
 # none off. A robot that is simulated publishes `/clock` itself: with `use_sim_time` of its controller manager, or of
@@ -282,7 +282,7 @@ class RosTime:
 
 # `/clock` of a simulated robot, for programs with `use_sim_time`.
 #
-# The law of the file: published only while the robot says what time its simulation has; a real robot has no `/clock`,
+# Published only while the robot says what time its simulation has; a real robot has no `/clock`,
 # and no publisher of one, since whoever uses simulated time would stand still on it.
 
 

@@ -1,6 +1,6 @@
 """The one thread that rclpy's callbacks run in.
 
-The law of the file: an EventsExecutor where there is one, else a single-threaded one; every wait is finite, because the
+An EventsExecutor where there is one, else a single-threaded one; every wait is finite, because the
 endless one of EventsExecutor.spin() is broken in the wheels (it burns a core and calls nobody); never a multi-threaded
 executor, which loses messages.
 """

@@ -1,6 +1,6 @@
 """A joint trajectory controller's topics beside its action: trajectories, its state, its speed; and a query.
 
-The law of the file (joint_trajectory_controller, Jazzy): `~/joint_trajectory` takes the place of what is followed, and
+Rules (joint_trajectory_controller, Jazzy): `~/joint_trajectory` takes the place of what is followed, and
 a bad one is dropped with a sentence; `~/controller_state` comes with every update that the state stream carries;
 `~/query_state` tells what the trajectory says at a time; `~/speed_scaling_input` is there where positions alone are
 commanded. Ours: a trajectory from the topic ends with this bridge.
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 # Trajectories of ROS as the robot's socket has them, and back, as plain numbers: this file imports no ROS.
 #
-# The law of the file (trajectory_msgs, control_msgs): an empty list says nothing of its quantity; a stamp of zero
+# Rules (trajectory_msgs, control_msgs): an empty list says nothing of its quantity; a stamp of zero
 # begins at once; a tolerance of 0 is the controller's. What is no number is found here, since JSON has none such: the
 # sentence is the one that the robot has for it.
 

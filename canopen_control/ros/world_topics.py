@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 # The other end of joint_state_topic_hardware_interface: C++ controllers of another controller manager move our joints.
 #
-# The law of the file (joint_state_topic_hardware_interface 1.1): JointState in both directions. A command counts for an
+# Rules (joint_state_topic_hardware_interface 1.1): JointState in both directions. A command counts for an
 # active forward controller when it holds a finite value for each of its joints in the array of its interface; a NaN,
 # which that package sends before one of its controllers is active, commands nothing. An array that is neither empty nor
 # as long as `name` cannot be assigned to joints, and the whole message is refused. Silence ends in the controller's own
@@ -99,7 +99,7 @@ def commanded(names: list[str], arrays: dict[str, list[float]]) -> dict[tuple[st
 
 # LaserScan of the lidars of a simulated robot, on the topics of their tags (`/scan`), as mujoco_ros2_control has them.
 #
-# The law of the file: rays are cast when they are asked for, at the lidar's rate in simulated time; a robot without a
+# Rays are cast when they are asked for, at the lidar's rate in simulated time; a robot without a
 # lidar is asked once. While the simulation is paused there is nothing new.
 
 
@@ -158,7 +158,7 @@ class LaserScans(Endpoint):
 
 # `ground_truth`: where the base of a simulated robot truly is, in the frame of its odometry (PoseStamped).
 #
-# The law of the file: published for each new true pose, with its stamp, once a base controller has told the name of its
+# Published for each new true pose, with its stamp, once a base controller has told the name of its
 # odometry frame, so that RViz shows it in the same fixed frame as `odom`; a robot whose true pose nobody knows has no
 # publisher of it. It is no transform: a frame has one parent, and that of the base is its odometry's.
 
@@ -202,7 +202,7 @@ def pose_message(truth: TruePose, frame: str) -> PoseStamped:
 
 # `~/set_pause`, `~/step_simulation` and `~/reset_world` of a simulated robot, as mujoco_ros2_control has them.
 #
-# The law of the file: names and types are upstream's (mujoco_ros2_control_msgs), on the node that runs the controllers
+# Names and types are upstream's (mujoco_ros2_control_msgs), on the node that runs the controllers
 # there, `ros2_control_node`, and on the plugin's own, `mujoco_ros2_control_node`. A step is a cycle of the robot here,
 # which is what controllers and hardware do once; upstream it is one of the physics. They are there once the robot says
 # what time its simulation has: a real robot has none of them.

@@ -1,6 +1,6 @@
 """A scope's memory and trigger: samples in, shots out, each with what was before its trigger.
 
-The law of this file: sans-IO, time is an argument in seconds of any one clock. A sample is a value for each signal,
+Sans-IO, time is an argument in seconds of any one clock. A sample is a value for each signal,
 None where none is known yet; between two samples the last one holds. What waits for a trigger keeps `before` seconds
 and no more than `MOST` samples, so that it may wait for days. An edge needs two values on either side of its level; a
 level fires as soon as it is true, and anew only after it was not.

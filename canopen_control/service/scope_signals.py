@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 # Where a scope's samples come from: TPDOs of a running robot, each cycle, and SDO for what none carries.
 #
-# The law of this file: what a TPDO carries costs nothing and comes at the rate of SYNC; what is polled goes one object
+# What a TPDO carries costs nothing and comes at the rate of SYNC; what is polled goes one object
 # at a time, through a robot no faster than `READS_PER_S` in all, so that nothing of the robot waits for a scope.
 
 

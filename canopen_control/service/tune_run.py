@@ -1,6 +1,6 @@
 """The loop of a tuning run: an excitation to commands, cycle by cycle, and what the drive showed to a record.
 
-The law of this file is that of `jog_run`: each command dies with this connection, and every way out of `run` asks for
+As in `jog_run`, each command dies with this connection, and every way out of `run` asks for
 the stop and waits until the drive is disabled. Samples carry the number of their cycle, so what was lost is counted.
 """
 

@@ -1,6 +1,6 @@
 """Commands from a shell: repeated until Ctrl-C or for a while, then zeros, so that nothing keeps moving unattended.
 
-The law of this file: what is repeated ends with this process, whatever ends that; `--once` lives out its time. Drives
+What is repeated ends with this process, whatever ends that; `--once` lives out its time. Drives
 that are being enabled are waited for; where nothing can move the robot's sentence is the end, with exit code 1. A
 command ends without a new motion: zero ends a velocity and an effort; for a position zero is a place to go to, so a
 position is given up instead, and the joint holds where it is.

@@ -1,6 +1,6 @@
 """Completion in a shell of verbs, options and the names of robots that run, as argcomplete asks for it.
 
-The law of the file: nothing here raises and nothing waits: what cannot be known at once is not offered. Only the module
+Nothing here raises and nothing waits: what cannot be known at once is not offered. Only the module
 of the verb that stands on the line is imported.
 """
 

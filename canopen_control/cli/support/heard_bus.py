@@ -1,6 +1,6 @@
 """What a verb that listens knows of a bus: from a running robot, from a robot's files, or from EDS files.
 
-The law of this file: a robot's files win over what runs, what runs wins over nothing; and whoever has no description
+A robot's files win over what runs, what runs wins over nothing; and whoever has no description
 still sees every frame, by the predefined connection set.
 """
 

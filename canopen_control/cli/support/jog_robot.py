@@ -1,6 +1,6 @@
 """The robot that a jog moves: one drive on a bare bus, booted as every robot is, or a drive of a robot that runs.
 
-The law of this file: there is no second bring-up. Of the EDS alone `init` chooses mode, PDOs and supervision; the
+There is no second bring-up. Of the EDS alone `init` chooses mode, PDOs and supervision; the
 runtime boots it as a bus without controllers, watches it and stops it. The drive notices the end of this process by
 its heartbeat or by guarding, within `DEAD_MAN_S`. A drive that a controller of a running robot commands is refused.
 """

@@ -1,6 +1,6 @@
 """The loop of a jog: keys to commands, samples to a line, and the stop at its end, whatever ends it.
 
-The law of this file: each command dies with this connection (`dead_man`), and every way out of `run` asks for the
+Each command dies with this connection (`dead_man`), and every way out of `run` asks for the
 stop and waits until the drive is disabled. What the terminal shows never decides what moves.
 """
 
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 # A terminal that hands over single keys, and is itself again afterwards, whatever happens.
 #
-# The law of the file: canonical mode, echo, signals and flow control of the terminal are off while keys are read, so
+# Canonical mode, echo, signals and flow control of the terminal are off while keys are read, so
 # that Ctrl-C, Ctrl-Z and Ctrl-S come as keys: none of them may leave a robot moving. The terminal tells when it loses
 # the focus where it can (xterm's mode 1004). A terminal that is gone (SIGHUP) reads as the end.
 

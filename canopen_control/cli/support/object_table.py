@@ -1,6 +1,6 @@
 """Objects of a node as tables, trees and CSV: what the EDS says of them, and what they hold, in words.
 
-The law of this file: values come one by one through the session, and through a running robot no faster than
+Values come one by one through the session, and through a running robot no faster than
 `READS_PER_S`, so that its own requests to the node never wait behind them; heartbeats and process data go beside SDO.
 """
 

@@ -1,6 +1,6 @@
 """Opens a service session with one node: on a bare bus (--can CHANNEL, --eds FILE), or through the robot that runs.
 
-The law of this file is that of `target`: an SDO server has one client. A bus on which a robot runs is that robot's, and
+As in `target`, an SDO server has one client. A bus on which a robot runs is that robot's, and
 its nodes are reached through it, also where --can names the channel.
 """
 

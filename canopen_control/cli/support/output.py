@@ -1,6 +1,6 @@
 """What verbs print beside plain lines: JSON, tables, progress of long work, and lines that never hold a robot up.
 
-The law of this file: progress is for standard error, so that results stay clean; work that is quickly done says
+Progress is for standard error, so that results stay clean; work that is quickly done says
 nothing; what it left on a terminal is wiped before anything else is printed. Without a terminal (a log, a pipe) there
 are no control characters. JSON is ASCII, and a number that is not finite is null.
 """

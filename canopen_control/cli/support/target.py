@@ -1,6 +1,6 @@
 """Whom a verb talks to: the nodes of a running robot through its API, or a bare bus.
 
-The law of this file: an SDO server has one client. The nodes of a running robot are reached through the robot alone; a
+An SDO server has one client. The nodes of a running robot are reached through the robot alone; a
 bare bus on which a robot runs is open for the other nodes only.
 """
 

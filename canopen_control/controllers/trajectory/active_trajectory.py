@@ -1,6 +1,6 @@
 """A trajectory that is being followed: what its joints are to do at a time, and how far it has come.
 
-The law of the file (ros2_controllers jazzy, Trajectory): it starts at its stamp, or when it is first sampled if that is
+Rules (ros2_controllers jazzy, Trajectory): it starts at its stamp, or when it is first sampled if that is
 0; until the arrival at the first point it leads there from the point before it; what a point lacks is deduced from its
 derivatives and from then on stands in it; when it is over, its last point stays. Ours, and safer: a look into the
 future never moves the place that has been reached, and a time that lies before that place is found all the same.
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # The polynomials between two points of a trajectory: linear, cubic through velocities, quintic through accelerations.
 #
-# The law of the file (ros2_controllers jazzy): what stands in both points decides the degree. Ours, and safer: points
+# Rules (ros2_controllers jazzy): what stands in both points decides the degree. Ours, and safer: points
 # with accelerations and without velocities are joined by a line, where upstream commands zeros.
 
 

@@ -1,6 +1,6 @@
 """joint_trajectory_controller/JointTrajectoryController: arms that move as MoveIt expects.
 
-The law of the file (ros2_controllers jazzy): a trajectory is taken between two cycles and begins in the next one; the
+Rules (ros2_controllers jazzy): a trajectory is taken between two cycles and begins in the next one; the
 command is what it says one period ahead; on the way and at the end the joints are held against the tolerances of the
 goal. Ours, and safer: while a joint does not follow commands nothing is commanded to any, and its goal ends with a
 sentence that names it; once all follow again they are held where they are, never where they were going.
@@ -63,7 +63,7 @@ if TYPE_CHECKING:
 
 # Whether a trajectory is taken: upstream's rules, then what the joints and the objects behind them can bear.
 #
-# The law of the file: it is judged outside of the cycle, by what its points came to as they arrived (`survey`), so that
+# It is judged outside of the cycle, by what its points came to as they arrived (`survey`), so that
 # its length costs the moment of the answer nothing.
 
 
@@ -189,7 +189,7 @@ def _limits_of(joint: Joint | None) -> JointLimits:
 
 # Whether the joints are within the tolerances of a trajectory, on the way and at its end, and what is said if not.
 #
-# The law of the file (ros2_controllers jazzy): on the way, and in the first cycle, the path tolerances count, at the
+# Rules (ros2_controllers jazzy): on the way, and in the first cycle, the path tolerances count, at the
 # end those of the goal; a goal that is missed is late `goal_time` after the end, and never where that is 0.
 
 
@@ -278,7 +278,7 @@ _REACHED = ToleranceResult(GoalState.SUCCEEDED, ResultCode.SUCCESSFUL, "the goal
 
 # Velocities for trajectories of positions alone, as policies send them: a cubic spline through all points.
 #
-# The law of the file (ros2_controllers rolling, positions_upsampling): the spline has continuous accelerations and
+# Rules (ros2_controllers rolling, positions_upsampling): the spline has continuous accelerations and
 # rests at both ends. Ours: the velocities of a few points are worked out when the joints come there, so that a long
 # trajectory costs neither its acceptance nor a cycle. What is farther away counts 0.27 times as much with each point
 # where they come evenly, and half as much at worst: `_REACH` points away 1e-14 of a velocity, at worst 1e-7.

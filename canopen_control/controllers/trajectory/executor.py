@@ -1,6 +1,6 @@
 """What the joints are commanded from cycle to cycle: a trajectory, a hold, or the way to rest.
 
-The law of the file (ros2_controllers jazzy): what is queued begins in the next cycle; the command is what it says one
+Rules (ros2_controllers jazzy): what is queued begins in the next cycle; the command is what it says one
 period ahead. Ours, and safer: a stop is computed as it is sampled, and a hold is one point.
 """
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 # A new trajectory that takes over from the one that is followed: blended in at its start, for the joints it names.
 #
-# The law of the file (ros2_controllers rolling, allow_trajectory_replacement): until the start of the new trajectory
+# Rules (ros2_controllers rolling, allow_trajectory_replacement): until the start of the new trajectory
 # the joints follow the old one; there it goes on from what the old one says, with its velocity and acceleration; joints
 # that it does not name follow the old one to its end. Ours: they follow its own points, where upstream takes samples of
 # it.
@@ -157,7 +157,7 @@ def _copy(said: Point, out: Point, joints: Sequence[int]) -> None:
 
 # Coming to rest: each joint with its own deceleration from the speed that it has, or at once where it is.
 #
-# The law of the file (ros2_controllers jazzy, decelerate_on_cancel): the way is that of a constant deceleration. Ours,
+# Rules (ros2_controllers jazzy, decelerate_on_cancel): the way is that of a constant deceleration. Ours,
 # and safer: a new stop begins with itself, where upstream rewrites the one that runs and jumps to where its time is;
 # and it is computed when it is sampled, so that the cycle in which it begins makes no list of points.
 
@@ -225,7 +225,7 @@ class StopMotion(JointSetpoint):
 
 # Speed scaling: how fast the time of trajectories runs, told by a user or by a state interface.
 #
-# The law of the file (ros2_controllers jazzy): what a user says goes to the command interface too, what a state
+# Rules (ros2_controllers jazzy): what a user says goes to the command interface too, what a state
 # interface says counts. Ours, and safer: time stands while nobody knows how fast it runs.
 
 

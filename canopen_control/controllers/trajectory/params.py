@@ -1,6 +1,6 @@
 """The parameters of joint_trajectory_controller/JointTrajectoryController, of jazzy and rolling.
 
-The law of the file: what is read of `gains.<joint>` and `constraints.<joint>` is known for the joints of the
+What is read of `gains.<joint>` and `constraints.<joint>` is known for the joints of the
 controller and for no others.
 """
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # Which command and state interfaces a joint trajectory controller can have together.
 #
-# The law of the file (ros2_controllers jazzy): the validators of its parameters, and what it checks when configured.
+# Rules (ros2_controllers jazzy): the validators of its parameters, and what it checks when configured.
 
 
 COMMANDS: Final = (POSITION, VELOCITY, ACCELERATION, EFFORT)
@@ -92,7 +92,7 @@ def _wrong_list(key: str, given: Sequence[str], known: Sequence[str]) -> str | N
 
 # How far a joint may be from its trajectory, on the way and at the end, and what a goal says of it.
 #
-# The law of the file (ros2_controllers jazzy): of a goal's number above 0 is a tolerance, 0 is the parameters', -1 is
+# Rules (ros2_controllers jazzy): of a goal's number above 0 is a tolerance, 0 is the parameters', -1 is
 # none at all. A number or a joint that cannot be makes the whole set that of the parameters; the goal is taken all the
 # same.
 

@@ -1,6 +1,6 @@
 """The points of a joint trajectory: what they say of its joints, in which order, and on which turn.
 
-The law of the file (ros2_controllers jazzy): joints that a trajectory does not name stay, and its values are put into
+Rules (ros2_controllers jazzy): joints that a trajectory does not name stay, and its values are put into
 the order of the controller.
 """
 

@@ -1,6 +1,6 @@
 """Trajectory point limiter: clamps a point of several joints to their limits, and brakes all before one hits its end.
 
-The law of the file (joint_limits of ros2_control, JointTrajectoryPointSaturationLimiter): positions, then velocities,
+Rules (joint_limits of ros2_control, JointTrajectoryPointSaturationLimiter): positions, then velocities,
 then accelerations are clamped, and what was clamped makes the others anew; a joint that could not stop any more before
 the end of its range brakes, and all others with it, so that they stay on their path's direction.
 """

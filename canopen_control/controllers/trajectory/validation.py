@@ -1,6 +1,6 @@
 """Which trajectories are taken: the rules of upstream in their order, then ours of what a joint can bear.
 
-The law of the file (ros2_controllers jazzy): the first rule that is broken rejects. Ours, and safer: what is no number,
+Rules (ros2_controllers jazzy): the first rule that is broken rejects. Ours, and safer: what is no number,
 is beyond the limits of its joint, names a joint twice or begins far from where the joint is, is rejected as well.
 """
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # What the points of a trajectory come to, gathered piece by piece: all that the rules of taking it ask for.
 #
-# The law of the file: a piece costs a time that is bounded by its size, and then the whole is judged at once: where its
+# A piece costs a time that is bounded by its size, and then the whole is judged at once: where its
 # times do not increase, where sizes change, where a number is none, and the extremes of each joint.
 
 
@@ -182,7 +182,7 @@ class TrajectorySummary:
 
 # The points of a trajectory as they come on a socket, piece by piece: packed into arrays, and surveyed on the way.
 #
-# The law of the file: what a request brings costs a time that is bounded by its size, and so does the end, however many
+# What a request brings costs a time that is bounded by its size, and so does the end, however many
 # points there are: to judge them, to begin with them, to drop them. No point is an object before it is followed.
 
 

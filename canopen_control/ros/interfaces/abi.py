@@ -1,6 +1,6 @@
 """The C structures that rosidl's type supports are made of, as ctypes sees them.
 
-The law of the file (rosidl_runtime_c, rosidl_typesupport_introspection_c, rosidl_typesupport_fastrtps_cpp of Jazzy):
+Rules (rosidl_runtime_c, rosidl_typesupport_introspection_c, rosidl_typesupport_fastrtps_cpp of Jazzy):
 order and sizes are those of the headers; what is made here lives as long as the process, C keeps pointers to it. Behind
 the fields of a support's header stands what the functions of `callbacks.c` return for it.
 """

@@ -1,6 +1,6 @@
 """Messages to bytes and back: the body of a CDR message in little endian, without its four bytes of header.
 
-The law of the file (OMG CDR, XCDR version 1, as Fast CDR writes it): a number is aligned to its own size, at most
+Rules (OMG CDR, XCDR version 1, as Fast CDR writes it): a number is aligned to its own size, at most
 eight, counted from the beginning of the body; a string is its length with the final zero byte, the text, the zero; a
 sequence is its length and its elements, an array the elements alone, and the elements of an empty one are not aligned.
 What comes from the wire may be anything: a body that is too short or senseless is a ValueError, never a wrong value.

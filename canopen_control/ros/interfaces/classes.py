@@ -1,6 +1,6 @@
 """Python classes of messages, services and actions, as rclpy expects them from rosidl_generator_py.
 
-The law of the file: the metaclass holds the type support, made when rclpy first asks for it; a message has its fields
+The metaclass holds the type support, made when rclpy first asks for it; a message has its fields
 as attributes, None in the constructor is the default; its slots are the fields with an underscore before the name, in
 their order, and `SLOT_TYPES` their types in rosidl_parser's words, by which rosidl_runtime_py prints and fills
 messages; a service cannot be made, only its Request and Response; of an action Goal, Result and Feedback, and what

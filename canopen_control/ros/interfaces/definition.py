@@ -1,6 +1,6 @@
 """The text of .msg, .srv and .action files, as structures: the first step of making an interface at run time.
 
-The law of the file (rosidl): a line is `type name [default]` or `type NAME=value`; `---` parts a service and an action;
+Rules (rosidl): a line is `type name [default]` or `type NAME=value`; `---` parts a service and an action;
 `Header` is std_msgs', a name without a package is of the same one. An empty structure has one byte on the wire. A
 service is three messages (request, response, event) and one structure that names them. An action is three messages
 (goal, result, feedback), two services and a message that carry them with the goal's id, and one that names all six.

@@ -1,6 +1,6 @@
 """Type supports made at run time: what rclpy and rmw_fastrtps need of an interface, without a compiler.
 
-The law of the file: rmw_fastrtps asks each type for two supports, fastrtps_c to serialise and introspection_c for its
+rmw_fastrtps asks each type for two supports, fastrtps_c to serialise and introspection_c for its
 type object; both carry the same hash and description. Fast DDS calls their functions while it holds its mutexes, so
 that no Python runs there: the functions are those of `callbacks.c`, here are the constants that they need. Bytes of
 another layout are dropped there, as compiled code does it: were they refused later, rclpy would raise out of `spin`,
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 # The functions and names of ROS's C libraries that a type support made at run time stands on.
 #
-# The law of the file: a ROS message of ours is a `std_msgs/String` in C whose text is the CDR body; so creating,
+# A ROS message of ours is a `std_msgs/String` in C whose text is the CDR body; so creating,
 # destroying and copying are upstream's own functions. The type supports' identifiers are compared by address and so
 # must be the libraries' own. Where in a Fast CDR object the end of its buffer stands is found by making one and
 # looking. What Fast DDS calls while it holds its mutexes is `callbacks.c`, made for each processor: see there why it is
@@ -174,7 +174,7 @@ def _find_end(cdr: ctypes.CDLL, position: Any) -> int:  # noqa: ANN401 - as abov
 
 # Type descriptions and their hashes: what two ROS programs compare before they talk.
 #
-# The law of the file (REP 2011, rosidl's RIHS01): the hash is the SHA-256 of the description as JSON with ", " and ": "
+# Rules (REP 2011, rosidl's RIHS01): the hash is the SHA-256 of the description as JSON with ", " and ": "
 # as separators, without default values, the referenced types sorted by name, all of them, whatever refers to them.
 # Descriptions of installed packages come from the JSON files that they install.
 
@@ -349,7 +349,7 @@ class Supports:
         def from_py(message: object, into: int) -> bool:
             try:
                 return libraries.set_body(into, codecs.encode(name, message))
-            except Exception as error:  # noqa: BLE001 - see the law of the file
+            except Exception as error:  # noqa: BLE001 - the module says why
                 _complain(name, error)
                 return False
 
@@ -357,7 +357,7 @@ class Supports:
             self._tell_dropped()
             try:
                 made = codecs.decode(name, libraries.body_of(message))
-            except Exception as error:  # noqa: BLE001 - see the law of the file
+            except Exception as error:  # noqa: BLE001 - the module says why
                 _complain(name, error)
                 return None
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(made))  # the caller takes the reference over
@@ -514,7 +514,7 @@ class Supports:
                         setattr(event, part.lower(), [codecs.decode(f"{name}_{part}", body)])
                 message = int(create())
                 libraries.set_body(message, codecs.encode(f"{name}_Event", event))
-            except Exception as error:  # noqa: BLE001 - see the law of the file
+            except Exception as error:  # noqa: BLE001 - the module says why
                 _complain(f"{name}_Event", error)
                 return None
             return message
