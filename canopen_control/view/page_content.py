@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.client.drive_client import DriveClient
 from canopen_control.errors import RemoteError
 from canopen_control.host.sockets import drive_name, list_sockets
-from canopen_control.rpc.messages.drive import ListFaults, SetSignals, SwitchFault
+from canopen_control.rpc.messages.drive import ListFaults, ListQuirks, SetSignals, SwitchFault, SwitchQuirk
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from canopen_control.rpc.messages.drive import FaultListing
+    from canopen_control.rpc.messages.drive import FaultListing, QuirkListing
     from canopen_control.view.robot_connection import NodeAddress
 
 from collections import deque
@@ -103,6 +103,16 @@ class FaultClient:
         with self._connect(drive) as client:
             return client.ask(SwitchFault(name=fault, on=on)).active
 
+    def quirks(self, drive: str) -> tuple[QuirkListing, ...]:
+        """Return every quirk that a drive can have; RemoteError if it is not there."""
+        with self._connect(drive) as client:
+            return client.ask(ListQuirks())
+
+    def switch_quirk(self, drive: str, quirk: str, *, on: bool) -> list[str]:
+        """Switch a quirk, written as NAME=VALUE@AXIS, and return those that are on; RemoteError as for a fault."""
+        with self._connect(drive) as client:
+            return client.ask(SwitchQuirk(quirk=quirk, on=on)).active
+
     def set_signals(self, drive: str, values: dict[str, float]) -> None:
         """Set inputs of a device that is no drive; RemoteError if it has no such ones or is not there."""
         with self._connect(drive) as client:
@@ -117,20 +127,28 @@ class FaultClient:
 
 @dataclass(frozen=True, slots=True)
 class DriveFaults:
-    """The faults of each virtual drive that is there, and which are on."""
+    """The faults and quirks of each virtual drive that runs, and which are on."""
 
     drives: dict[str, tuple[FaultListing, ...]] = field(default_factory=dict)
+    quirks: dict[str, tuple[QuirkListing, ...]] = field(default_factory=dict)
 
     @property
     def active(self) -> dict[str, list[str]]:
-        """The faults that are on, by drive."""
-        return {drive: [fault.name for fault in faults if fault.on] for drive, faults in self.drives.items()}
+        """The faults and quirks that are on, by drive."""
+        return {
+            drive: [
+                *(fault.name for fault in faults if fault.on),
+                *(text for quirk in self.quirks.get(drive, ()) for text in quirk.on),
+            ]
+            for drive, faults in self.drives.items()
+        }
 
 
 def read_faults(client: FaultClient) -> DriveFaults:
     """Ask every virtual drive that is there; one that went away between two questions is left out. Waits."""
-    found = {}
+    faults, quirks = {}, {}
     for drive in client.drives():
         with contextlib.suppress(RemoteError):
-            found[drive] = client.faults(drive)
-    return DriveFaults(found)
+            faults[drive] = client.faults(drive)
+            quirks[drive] = client.quirks(drive)
+    return DriveFaults(faults, quirks)

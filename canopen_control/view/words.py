@@ -13,7 +13,7 @@ from canopen_control.rpc.messages.health import Health, judge_axis
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from canopen_control.rpc.messages.drive import FaultListing
+    from canopen_control.rpc.messages.drive import FaultListing, QuirkListing
     from canopen_control.rpc.messages.state import (
         AxisReading,
         JointReading,
@@ -253,6 +253,17 @@ def fault_text(fault: FaultListing | None) -> str:
     how = "once" if fault.once else "until it is switched off"
     what = f"I{fault.does[1:]}" if fault.does.startswith("its ") else f"The drive {fault.does}"
     return f"<p class='cc-note'>{escape(what)} ({how}).<br><b>A good master:</b> {escape(fault.reaction)}.</p>"
+
+
+def quirk_text(quirk: QuirkListing | None) -> str:
+    """Explain a quirk of a virtual drive, as HTML."""
+    if quirk is None:
+        return ""
+    strength = ""
+    if quirk.default is not None:
+        strength = f"<br><b>Strength:</b> {quirk.low:g} to {quirk.high:g} {escape(quirk.unit)}, {quirk.default:g}"
+    source = f"<b>Departs from</b> {escape(quirk.clause)}; source: {escape(quirk.source)}"
+    return f"<p class='cc-note'>The drive {escape(quirk.does)}.{strength}<br>{source}</p>"
 
 
 def active_faults(found: Mapping[str, Iterable[str]]) -> str:

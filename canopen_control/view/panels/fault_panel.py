@@ -1,4 +1,4 @@
-"""Switches that break the virtual drives, and the inputs of virtual devices; nothing is there where none is virtual."""
+"""Faults and quirks of the virtual drives, and the inputs of virtual devices; hidden where no device is virtual."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from canopen_control.client.drive_client import signal_values
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.view.panels.panel import Html, tell
 from canopen_control.view.robot_connection import in_thread
-from canopen_control.view.words import active_faults, fault_text
+from canopen_control.view.words import active_faults, fault_text, quirk_text
 
 if TYPE_CHECKING:
+    from canopen_control.rpc.messages.drive import QuirkListing
     from canopen_control.view.page_content import DriveFaults, PageContent
     from canopen_control.view.panels.panel import PanelContext
 
@@ -33,6 +34,17 @@ class FaultPanel:
             with ui.element("div").classes("cc-row"):
                 ui.button("Switch on", color="red-8", on_click=partial(self._switch, True)).props("dense unelevated")
                 ui.button("Switch off", color="blue-grey-6", on_click=partial(self._switch, False)).props(
+                    "dense outline"
+                )
+            self._quirk = ui.select([], label="quirk", on_change=self._explain_quirk).props("dense")
+            self._quirk.style("width: 100%")
+            self._quirk_text = Html()
+            with ui.element("div").classes("cc-row"):
+                self._strength = ui.input("strength, or @AXIS").props("dense")
+                ui.button("Quirk on", color="red-8", on_click=partial(self._switch_quirk, True)).props(
+                    "dense unelevated"
+                )
+                ui.button("Quirk off", color="blue-grey-6", on_click=partial(self._switch_quirk, False)).props(
                     "dense outline"
                 )
             self._inputs = ui.element("div").classes("cc-row")
@@ -64,7 +76,21 @@ class FaultPanel:
             self._fault.set_options(
                 names, value=self._fault.value if self._fault.value in names else next(iter(names), None)
             )
+        quirks = [quirk.name for quirk in self._quirks()]
+        self._quirk.set_visibility(bool(quirks))
+        if quirks != self._quirk.options:
+            self._quirk.set_options(
+                quirks, value=self._quirk.value if self._quirk.value in quirks else next(iter(quirks), None)
+            )
         self._explain()
+        self._explain_quirk()
+
+    def _quirks(self) -> tuple[QuirkListing, ...]:
+        return self._board.quirks.get(self._drive.value or "", ()) if self._board is not None else ()
+
+    def _explain_quirk(self) -> None:
+        chosen = next((quirk for quirk in self._quirks() if quirk.name == self._quirk.value), None)
+        self._quirk_text.show(quirk_text(chosen))
 
     def _explain(self) -> None:
         faults = self._board.drives.get(self._drive.value or "", ()) if self._board is not None else ()
@@ -76,6 +102,18 @@ class FaultPanel:
             await in_thread(partial(client.set_signals, drive or "", signal_values(self._signals.value or "")))
         except (ConfigError, RemoteError) as error:
             tell("Not set", str(error))
+
+    async def _switch_quirk(self, on: bool) -> None:
+        drive, quirk, client = self._drive.value, self._quirk.value, self._context.robot.fault_client
+        if not drive or not quirk:
+            return
+        strength = (self._strength.value or "").strip() if on else ""
+        text = f"{quirk}{strength}" if strength.startswith(("@", "=")) or not strength else f"{quirk}={strength}"
+        try:
+            await in_thread(partial(client.switch_quirk, drive, text, on=on))
+        except RemoteError as error:
+            tell("Not switched", str(error))
+        self._context.refresh_faults()
 
     async def _switch(self, on: bool) -> None:
         drive, fault, context = self._drive.value, self._fault.value, self._context.robot.fault_client

@@ -6,7 +6,7 @@ from nicegui import ui
 from support.pages import FakeContext, html, seen, settle, visited
 
 from canopen_control.errors import RemoteError
-from canopen_control.rpc.messages.drive import FaultListing
+from canopen_control.rpc.messages.drive import FaultListing, QuirkListing
 from canopen_control.view.page_content import DriveFaults
 from canopen_control.view.panels.fault_panel import FaultPanel
 
@@ -104,3 +104,32 @@ def test_on_mock_hardware_nothing_is_offered_to_be_broken():
         return found
 
     assert visited(lambda: FaultPanel(context), show) == [False, True, False]
+
+
+def test_a_quirk_is_explained_and_switched_with_its_strength():
+    switched = []
+    context = FakeContext().with_faults()
+    late = QuirkListing(
+        name="brake_delay", does="follows late", clause="CiA 402-2, 6.3", source="jsd#48", acts="axis",
+        unit="s", default=0.5, low=0.001, high=60.0, on=["brake_delay=0.5"],
+    )  # fmt: skip
+    board = context.content().faults
+    context.robot.faults = DriveFaults(board.drives, {"left_drive": (late,)})
+    context.robot.fault_client.switch_quirk = lambda *args, on: switched.append((*args, on))
+
+    async def show(user, panel):
+        panel.show(context.content())
+        for text in ("", "1.5", "@0", "=2@0"):
+            panel._strength.value = text
+            user.find("Quirk on").click()
+            await settle()
+        user.find("Quirk off").click()
+        await settle()
+        return html(user)
+
+    found = visited(lambda: FaultPanel(context), show)
+    assert "The drive follows late." in found
+    assert "jsd#48" in found
+    assert "left_drive: silent, brake_delay=0.5" in found
+    names = ["brake_delay", "brake_delay=1.5", "brake_delay@0", "brake_delay=2@0"]
+    assert switched == [*(("left_drive", name, True) for name in names), ("left_drive", "brake_delay", False)]
