@@ -15,6 +15,7 @@ from canopen_control.cli.support.tune_choice import choose_tuned
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 from canopen_control.od.eds import read_eds
+from canopen_control.runtime.observer import RobotObserver
 from canopen_control.scaffold.new_robot import Device
 from canopen_control.service.jog_motion import JogKind
 from canopen_control.service.node_session import NodeSession
@@ -126,7 +127,7 @@ def test_process_data_of_a_running_robot_come_with_every_cycle(bench, tmp_path, 
         Device(5, find_eds(GENERIC), read_eds(find_eds(GENERIC), 5).od), "velocity", allow_unsupervised=False
     )
     path = tmp_path / "robot.csv"
-    with own_robot(robot, robot.joints[0].axis, bench.bus.channel, 2.0, lambda _event: None) as drive:
+    with own_robot(robot, robot.joints[0].axis, bench.bus.channel, 2.0, RobotObserver()) as drive:
         words = [
             f"{drive.node}:0x606C",
             f"{drive.node}:0x6083",
@@ -151,7 +152,7 @@ def test_eight_channels_of_every_millisecond_and_no_cycle_missed(bench, tmp_path
     device = Device(5, find_eds(GENERIC), read_eds(find_eds(GENERIC), 5).od)
     robot = choose_tuned(device, JogKind.VELOCITY, 1000, allow_unsupervised=False)
     path = tmp_path / "fast.csv"
-    with own_robot(robot, robot.joints[0].axis, bench.bus.channel, 2.0, lambda _event: None) as drive:
+    with own_robot(robot, robot.joints[0].axis, bench.bus.channel, 2.0, RobotObserver()) as drive:
         words = [*(f"{drive.node}:0x{index:04X}" for index in SIX), *(f"{drive.joint}:{each}" for each in QUANTITIES)]
         assert main(["scope", *words, "--name", drive.robot, "--for", "1", "-o", str(path)]) == 0
     said = capsys.readouterr().out

@@ -17,6 +17,7 @@ from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, ConfigError, DriveError
 from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.robot import GetNodes, GetStatus, Stop
+from canopen_control.runtime.observer import RobotObserver
 from canopen_control.scaffold.new_robot import Device
 from canopen_control.service.jog_motion import JogKind
 from canopen_control.service.tune_run import TuneTest
@@ -61,7 +62,7 @@ def page_for(kind):
         device = Device(NODE_ID, find_eds(GENERIC), read_eds(find_eds(GENERIC), NODE_ID).od)
         robot = choose_tuned(device, kind, 10_000, allow_unsupervised=False)
         with (
-            own_robot(robot, robot.joints[0].axis, bench.bus.channel, 100.0, lambda _event: None) as drive,
+            own_robot(robot, robot.joints[0].axis, bench.bus.channel, 100.0, RobotObserver()) as drive,
             RobotClient.connect(drive.robot) as client,
         ):
             yield Page(bench, client)

@@ -17,6 +17,7 @@ from canopen_control.rpc.messages.robot import (
     AxisRequest,
     CommandController,
 )
+from canopen_control.runtime.observer import RobotObserver
 from canopen_control.scaffold.bus_text import bus_text
 from canopen_control.scaffold.drive_choice import Supervision
 from canopen_control.scaffold.new_robot import Device
@@ -69,7 +70,7 @@ def test_a_running_robot_of_one_drive_is_jogged_through_it(private_folders, monk
     with open(os.devnull) as nothing, jog_bench(channel="memory:through") as bench:
         monkeypatch.setattr(sys, "stdin", nothing)
         robot = choose_jog(device(), "velocity", allow_unsupervised=False)
-        with own_robot(robot, robot.joints[0].axis, bench.bus.channel, 2.0, lambda _event: None):
+        with own_robot(robot, robot.joints[0].axis, bench.bus.channel, 2.0, RobotObserver()):
             for where in (["--name", "jog_5"], ["--can", bench.bus.channel, "--eds", GENERIC]):
                 assert main(["jog", "5", *where, "--velocity", "1rad/s", "--for", "0.5"]) == 0
         assert bench.get(0x6064) > 5000
@@ -79,7 +80,7 @@ def test_a_running_robot_of_one_drive_is_jogged_through_it(private_folders, monk
 def test_a_command_that_nobody_renews_ends_soon(private_folders):
     with jog_bench(channel="memory:hanging") as bench:
         robot = choose_jog(device(), "velocity", allow_unsupervised=False)
-        own = own_robot(robot, robot.joints[0].axis, bench.bus.channel, 2.0, lambda _event: None)
+        own = own_robot(robot, robot.joints[0].axis, bench.bus.channel, 2.0, RobotObserver())
         with own as drive, RobotClient.connect(drive.robot) as client:
             choose_mode(client, AxisRequest(action="mode", node=drive.node, mode=drive.mode))
             client.ask(AxisRequest(action="enable", node=drive.node), 10.0)
