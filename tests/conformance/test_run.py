@@ -2,7 +2,7 @@
 
 import pytest
 
-from canopen_control.conformance.check import Check, CheckLevel, CheckTouch
+from canopen_control.conformance.check import Check, CheckFailed, CheckLevel, CheckTouch
 from canopen_control.conformance.run import CHECKS, choose, run_checks
 from canopen_control.errors import ConfigError
 
@@ -53,3 +53,27 @@ def test_a_run_that_only_reads_names_what_changed_and_writes_nothing(bench):
     report = run_checks(node, [other])
     assert report.results[-1].notes == ["0x1017:00 changed during the run, and was left so"]
     assert int.from_bytes(node.read(0x1017), "little") == 1234
+
+
+@pytest.mark.parametrize(("clause", "runs", "verdict"), [("7.5.2.37", 2, "passed"), ("7.5.2.38", 1, "failed")])
+def test_a_check_of_times_is_repeated_before_it_counts_as_failed(bench, clause, runs, verdict):
+    begun = []
+
+    def late_once(_node):
+        begun.append(clause)
+        if len(begun) == 1:
+            raise CheckFailed("90 ms", "100 ms")
+
+    check = Check("X", "301", clause, "", CheckLevel.MUST, CheckTouch.READ, late_once)
+    result = run_checks(bench(), [check]).results[0]
+    assert (len(begun), result.verdict) == (runs, verdict)
+    repeated = ["failed at first, and passed when it was repeated; at first came: 90 ms"]
+    assert result.notes == (repeated if verdict == "passed" else [])
+
+
+def test_a_check_of_times_that_fails_three_times_has_failed(bench):
+    def late(_node):
+        raise CheckFailed("90 ms", "100 ms")
+
+    check = Check("X", "301", "7.5.2.37", "", CheckLevel.MUST, CheckTouch.READ, late)
+    assert run_checks(bench(), [check]).results[0].verdict == "failed"
