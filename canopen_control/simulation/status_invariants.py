@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from canopen_control.simulation.robot_under_test import RobotUnderTest
     from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.simulation.wire_view import ObservedNode, WireView
+    from canopen_control.urdf.ros2_control import Transmission
 
 
 _MS: Final = 1_000_000
@@ -58,14 +59,18 @@ class _Shaft:
 
     A drive that boots counts from 0, and the robot continues from the last position it received: `offset` is the
     difference, None until the next reported position. It is unchanged by anything but a boot or a changed count;
-    `origin` identifies them. If the drive's count wraps at 32 bits, both continue.
+    `origin` identifies them. If the drive's count wraps at 32 bits, both continue. Between shaft and joint may be the
+    `transmission` of the description.
     """
 
-    def __init__(self, joint: str, node: str, view: ObservedNode, units: Mapping[str, float]) -> None:
+    def __init__(
+        self, joint: str, node: str, view: ObservedNode, units: Mapping[str, float], transmission: Transmission | None
+    ) -> None:
         self.joint, self.node, self.view = joint, node, view
-        self._position, self._velocity = units["pos_from_dev"], units["vel_from_dev"]
+        reduction = 1.0 if transmission is None else transmission.reduction
+        self._position, self._velocity = units["pos_from_dev"] / reduction, units["vel_from_dev"] / reduction
         self.truth: deque[Truth] = deque()
-        self.offset: float | None = 0.0
+        self.offset: float | None = 0.0 if transmission is None else transmission.offset
         self.origin: tuple[object, ...] = ()
         self._shown = self._counts = 0  # the drive's count, and the count without wraps of its 32 bits
         self._blur = 0.0  # uncertainty of the offset, which was determined during motion
@@ -124,8 +129,9 @@ class StatusInvariants:
         self._nodes = {
             name: view.nodes[plan.node_id] for view in views.values() for name, plan in view.config.plans.items()
         }
+        transmissions = {each.joint: each for tag in robot.setup.description.hardware for each in tag.transmissions}
         self._shafts = [
-            _Shaft(joint, node.name, self._nodes[node.name], node.units.of_axis(0))
+            _Shaft(joint, node.name, self._nodes[node.name], node.units.of_axis(0), transmissions.get(joint))
             for joint, node in watched_joints(robot.setup)
         ]
         self._due = robot.now_ns + _EVERY_NS

@@ -1,7 +1,9 @@
 import pytest
-from support.simulated import setup_of
+from support.simulated import S, setup_of
 
 from canopen_control.simulation.motions import motions_of
+from canopen_control.simulation.random_schedule import draw_schedule
+from canopen_control.simulation.simulation_run import SimulationRun
 
 
 def test_a_base_takes_twists_and_wheels_take_speeds():
@@ -24,3 +26,15 @@ def test_an_arm_takes_positions_and_trajectories_within_its_joints():
 @pytest.mark.parametrize("name", ["forklift", "mecanum", "diffbot_sim", "mobile_base_ros1"])
 def test_every_bundled_robot_can_be_commanded(name):
     assert any(each.starts for each in motions_of(setup_of(name)))
+
+
+@pytest.mark.parametrize("name", ["forklift", "mecanum", "mobile_base_ros1"])
+def test_a_bundled_robot_follows_what_is_drawn_without_a_breach(name):
+    """The wheels of the last one are behind transmissions."""
+    setup = setup_of(name)
+    nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
+    run = SimulationRun(setup, 2, draw_schedule(2, 3 * S, motions_of(setup), nodes, ()))
+    run.run(3 * S)
+    assert run.outcome.breaches == ()
+    assert any(joint.states["velocity"].value for joint in run.robot.core.joints.values())
+    run.close()
