@@ -76,10 +76,10 @@ def test_a_node_that_is_not_there_has_no_values(robby):
 
 def test_the_mode_of_bus_yml_wins_over_what_the_drive_lists(robby, tmp_path):
     joint = robby.joint(LEFT)
-    assert joint.targets.mode_for("velocity") is OperationMode.PV
+    assert joint.targets.mode_for("velocity") == OperationMode.PV
     config = copy_robby(tmp_path, bus={"velocity_mode: 3": "velocity_mode: 9"})
     other = Bench("joint2", config=config)
-    assert other.joint(LEFT).targets.mode_for("velocity") is OperationMode.CSV
+    assert other.joint(LEFT).targets.mode_for("velocity") == OperationMode.CSV
     other.close()
 
 

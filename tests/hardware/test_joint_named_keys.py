@@ -32,6 +32,7 @@ def _broken(made):
     return axis
 
 
+@pytest.mark.sources
 def test_a_fault_that_goes_late_has_a_key(robot, monkeypatch):
     reset = PowerMachine._reset_fault
 
@@ -49,6 +50,7 @@ def test_a_fault_that_goes_late_has_a_key(robot, monkeypatch):
     assert not [each for each in sentences(made) if "had no effect" in each]
 
 
+@pytest.mark.sources
 def test_a_fault_reaction_that_does_not_end_is_named(robot, monkeypatch):
     finish = PowerMachine.finish
     monkeypatch.setattr(
@@ -64,6 +66,7 @@ def test_a_fault_reaction_that_does_not_end_is_named(robot, monkeypatch):
     assert any("still in FAULT REACTION ACTIVE" in each and "none was sent" in each for each in sentences(made))
 
 
+@pytest.mark.sources
 def test_a_quick_stop_that_is_switched_off_is_named_with_its_object(robot, monkeypatch):
     monkeypatch.setattr(PowerMachine, "_quick_stop", lambda _self, _transition, _now: None)
     made = robot("pv")

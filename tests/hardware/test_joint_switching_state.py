@@ -56,6 +56,7 @@ def _turn_then_position(made):
 
 
 @pytest.mark.parametrize("number", [2, 3])
+@pytest.mark.sources
 @pytest.mark.usefixtures("fixed_mode")
 def test_an_enabled_drive_goes_down_to_change_its_mode_and_comes_back(robot, number):
     made = robot("pv", "csp", keys=f"switching_state: {number}")
@@ -67,6 +68,7 @@ def test_an_enabled_drive_goes_down_to_change_its_mode_and_comes_back(robot, num
     assert made.breaches == []
 
 
+@pytest.mark.sources
 @pytest.mark.usefixtures("fixed_mode")
 def test_the_mode_is_sent_when_the_drive_stands_and_is_disabled(robot):
     made = robot("pv", "csp", keys="switching_state: 2")
@@ -85,6 +87,7 @@ def test_the_mode_is_sent_when_the_drive_stands_and_is_disabled(robot):
     assert mode is State.SWITCH_ON_DISABLED
 
 
+@pytest.mark.sources
 @pytest.mark.usefixtures("fixed_mode")
 def test_without_the_key_the_switch_stops_the_robot_and_names_it_and_an_enable_tries_again(robot):
     made = robot("pv", "csp")
@@ -105,6 +108,7 @@ def test_a_drive_that_changes_its_mode_while_enabled_stays_enabled(robot):
     assert way == pytest.approx(0.2, abs=0.01)
 
 
+@pytest.mark.sources
 @pytest.mark.usefixtures("fixed_mode")
 def test_a_stop_in_the_middle_of_the_change_ends_disabled(robot):
     made = robot("pv", "csp", keys="switching_state: 2")
@@ -158,6 +162,7 @@ def _homed_twice(made):
     return found
 
 
+@pytest.mark.sources
 @pytest.mark.usefixtures("latched")
 def test_a_homing_bit_that_stays_until_operation_is_left_is_named_with_its_key(robot):
     first, second = _homed_twice(robot("csp", keys=HOMING))
@@ -165,6 +170,7 @@ def test_a_homing_bit_that_stays_until_operation_is_left_is_named_with_its_key(r
     assert any("bit 12" in each and "switching_state: 4" in each for each in second)
 
 
+@pytest.mark.sources
 @pytest.mark.usefixtures("latched")
 def test_a_drive_that_leaves_operation_before_each_homing_homes_again(robot):
     first, second = _homed_twice(robot("csp", keys=f"{HOMING}\nswitching_state: 4"))

@@ -31,7 +31,7 @@ def robby(tmp_path):
 def test_a_claim_brings_its_mode_and_its_command(robby):
     targets = robby.joint(2).targets
     assert targets.claimed == "velocity"
-    assert targets.mode is OperationMode.CSV
+    assert targets.mode == OperationMode.CSV
     assert targets.mode_serves(OperationMode.PP) == "position"
     assert targets.mode_serves(OperationMode.HM) is None
 
@@ -41,7 +41,7 @@ def test_a_new_mode_of_an_enabled_drive_waits_for_a_cycle_at_rest(robby):
     robby.run(300)
     joint = robby.joint(2)
     joint.targets.claim("position")
-    assert joint.targets.pending is OperationMode.CSP
+    assert joint.targets.pending == OperationMode.CSP
     assert joint.machine.mode == OperationMode.CSV
     robby.run(10)
     assert joint.axis.output(0x607A).value == pytest.approx(joint.axis.raw_position, abs=500)

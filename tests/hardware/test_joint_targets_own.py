@@ -49,6 +49,7 @@ def _without_limits(text):
     return head + "[6060]\n" + re.sub(r"(Low|High)Limit=.*\n", "", rest, count=2)
 
 
+@pytest.mark.sources
 @pytest.mark.usefixtures("immediate_velocity")
 def test_a_mode_of_the_manufacturer_with_its_target_moves_the_axis(robot):
     made = robot("v-3", keys="velocity_target: 0x60FF", edit=_without_limits)
