@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 EXAMPLE = """canopen-control quirk list
          canopen-control quirk left_drive brake_delay=0.5 on
          canopen-control quirk left_drive brake_delay off
-         canopen-control quirk 3 mode_display_zero_until_enabled@1 --can local:robby"""
+         canopen-control quirk 3 --can local:robby"""
 
 _WIDTH = 110
 

@@ -107,8 +107,8 @@ def test_a_nodes_parameters_are_listed_read_and_set(program):
         (["param", "get", "/peer", "speed"], 1, "/peer has no parameter speed; see: canopen-control ros param list"),
         (["param", "set", "/peer", "speed", "{a: 1}"], 1, "/peer has no parameter speed"),
         (["param", "set", "/peer", "use_sim_time", "{a: 1}"], 2, "a parameter cannot be {'a': 1}: give true, false"),
-        (["param", "list", "/nobody", "--timeout", "0.5"], 1, "nobody serves /nobody/list_parameters"),
-        (["service", "call", "/nobody", "std_srvs/srv/Trigger", "--timeout", "0.5"], 1, "nobody serves /nobody"),
+        (["param", "list", "/nobody", "--timeout", "0.5"], 1, "no node serves /nobody/list_parameters"),
+        (["service", "call", "/nobody", "std_srvs/srv/Trigger", "--timeout", "0.5"], 1, "no node serves /nobody"),
     ],
 )
 def test_what_does_not_work_is_one_sentence(program, arguments, code, sentence):
