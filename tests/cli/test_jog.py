@@ -91,7 +91,7 @@ def test_a_drive_whose_units_nobody_tells_is_turned_in_counts(private_folders, n
     with jog_bench(TMCM, "memory:counts") as bench:
         assert bench.jog("--velocity", "500pps", "--for", "0.5") == 0
         assert 0 < bench.get(0x6064) < 500
-        assert "counts a turn are not told" in capsys.readouterr().out
+        assert "counts a turn: neither in the EDS nor in the drive" in capsys.readouterr().out
         assert bench.jog("--velocity", "10rpm", "--for", "1") == 2
         assert "give it with --counts N, or use raw units: pps or counts/s" in capsys.readouterr().err
         assert bench.jog("--velocity", "10rpm", "--for", "0.5", "--counts", "1600") == 0
