@@ -57,6 +57,7 @@ _REACHED: Final[Mapping[Action, Callable[[JointDrive], bool]]] = MappingProxyTyp
             joint.targets.pending is None
             and joint.machine.mode_request.may_enable
             and not joint.machine.mode_request.failed
+            and (joint.machine.enabled or not joint.wanted)  # with `switching_state` it left operation for the mode
         ),
     }
 )

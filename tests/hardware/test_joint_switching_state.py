@@ -176,3 +176,12 @@ def test_a_drive_that_leaves_operation_before_each_homing_homes_again(robot):
     first, second = _homed_twice(robot("csp", keys=f"{HOMING}\nswitching_state: 4"))
     assert any("homed" in each for each in first)
     assert any("homed" in each for each in second)
+
+
+def test_a_change_of_mode_is_done_when_the_drive_is_enabled_again(robot):
+    made = robot("csp", keys="switching_state: 2")
+    core, answers = made.simulated.core, []
+    joint = core.joints["pan"]
+    core.axis(Action.MODE, "pan_drive", lambda error: answers.append((error, joint.machine.enabled)), mode="PP")
+    made.run(3)
+    assert answers == [(None, True)]
