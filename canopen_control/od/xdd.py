@@ -302,7 +302,7 @@ def _of_parameter(parameter: _Element) -> dict[str, str]:
 
 def xdd_text(od: ObjectDictionary, *, configured: bool = False) -> str:
     """Return the text of an XDD; `configured`: of an XDC, which has node id, bit rate and parameter values too."""
-    device, commissioning = od.device, od.commissioning
+    device = od.device
     identity = (
         ("vendorName", device.vendor_name),
         ("vendorID", _hexadecimal(device.vendor_number)),
@@ -310,35 +310,12 @@ def xdd_text(od: ObjectDictionary, *, configured: bool = False) -> str:
         ("productID", _hexadecimal(device.product_number)),
         ("orderNumber", device.order_code),
     )
-    features = {
-        "granularity": device.granularity,
-        "nrOfRxPDO": device.rpdo_count,
-        "nrOfTxPDO": device.tpdo_count,
-        "bootUpSlave": device.simple_boot_up_slave,
-        "layerSettingServiceSlave": device.lss_supported,
-        "groupMessaging": device.group_messaging,
-        "dynamicChannels": device.dynamic_channels,
-    }
     rates = [
         f"<supportedBaudRate{_attributes({'value': f'{rate // 1000} Kbps'})}/>" for rate in sorted(device.bit_rates)
     ]
     dummies = [
         f"<dummy{_attributes({'entry': f'Dummy{index:04X}={int(index in od.dummy_usage)}'})}/>" for index in range(1, 8)
     ]
-    network = [
-        f"<CANopenGeneralFeatures{_attributes(features)}/>",
-        f"<CANopenMasterFeatures{_attributes({'bootUpMaster': device.simple_boot_up_master})}/>",
-    ]
-    if configured:
-        told = {
-            "nodeID": od.node_id,
-            "nodeName": commissioning.node_name,
-            "actualBaudRate": None if od.bitrate is None else f"{od.bitrate // 1000} Kbps",
-            "networkNumber": commissioning.network_number,
-            "networkName": commissioning.network_name,
-            "CANopenManager": commissioning.canopen_manager,
-        }
-        network.append(f"<deviceCommissioning{_attributes(told)}/>")
     identity_lines = [f"<{tag}>{_escaped(text)}</{tag}>" for tag, text in identity if text]
     return "\n".join(
         (
@@ -356,12 +333,41 @@ def xdd_text(od: ObjectDictionary, *, configured: bool = False) -> str:
                         ],
                     ),
                     *_block("TransportLayers", _block("PhysicalLayer", _block("baudRate", rates))),
-                    *_block("NetworkManagement", network),
+                    *_block("NetworkManagement", _network_lines(od, configured=configured)),
                 ],
             ),
             f"</{_CONTAINER}>\n",
         )
     )
+
+
+def _network_lines(od: ObjectDictionary, *, configured: bool) -> list[str]:
+    """Return the features of the device; `configured`: its node id, bit rate and network too."""
+    device, commissioning = od.device, od.commissioning
+    features = {
+        "granularity": device.granularity,
+        "nrOfRxPDO": device.rpdo_count,
+        "nrOfTxPDO": device.tpdo_count,
+        "bootUpSlave": device.simple_boot_up_slave,
+        "layerSettingServiceSlave": device.lss_supported,
+        "groupMessaging": device.group_messaging,
+        "dynamicChannels": device.dynamic_channels,
+    }
+    network = [
+        f"<CANopenGeneralFeatures{_attributes(features)}/>",
+        f"<CANopenMasterFeatures{_attributes({'bootUpMaster': device.simple_boot_up_master})}/>",
+    ]
+    if configured:
+        values = {
+            "nodeID": od.node_id,
+            "nodeName": commissioning.node_name,
+            "actualBaudRate": None if od.bitrate is None else f"{od.bitrate // 1000} Kbps",
+            "networkNumber": commissioning.network_number,
+            "networkName": commissioning.network_name,
+            "CANopenManager": commissioning.canopen_manager,
+        }
+        network.append(f"<deviceCommissioning{_attributes(values)}/>")
+    return network
 
 
 def _profile(kind: str, body: Iterable[str]) -> list[str]:
