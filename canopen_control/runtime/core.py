@@ -284,10 +284,15 @@ class RobotCore:
 
     def _hint(self, waiting: list[JointDrive]) -> str | None:
         if self._phase is RobotState.STARTING:  # a robot that starts runs once STOP is released
-            return self.latch.hint or self._silent_hint()
+            return self.latch.hint or self._boot_error() or self._silent_hint()
         if self._phase is not RobotState.RUNNING:
             return None
         return self.needed.hint or enable_hint(waiting)
+
+    def _boot_error(self) -> str | None:
+        """Return the first error that keeps a node from its process data; None if there is none."""
+        errors = (node.error for node in self.nodes.values() if node.config.required and not node.ready)
+        return next((error for error in errors if error), None)
 
     def _silent_hint(self) -> str | None:
         """Return the drives that were started and have not sent a statusword; None if none must be awaited."""

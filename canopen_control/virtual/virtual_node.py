@@ -9,6 +9,7 @@ between two events costs nothing.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 from canopen_control.cia301.emcy import EmcyProducer, ErrorRegister
@@ -30,6 +31,7 @@ from canopen_control.cia301.sdo_server import SdoServer
 from canopen_control.cia301.sync import SyncConsumer, SyncEventKind
 from canopen_control.cia402 import objects as o
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, Service, cob_id, is_restricted
+from canopen_control.od.model import DataType, Entry
 from canopen_control.virtual.communication_objects import CommunicationObjects, ErrorControl, Services
 from canopen_control.virtual.device_function import make_function
 from canopen_control.virtual.device_model import GENERIC, DeviceModel
@@ -240,6 +242,19 @@ class ParameterKeeper(Protocol):
         ...
 
 
+_SERVO_DRIVE = 0x0002_0192  # device type of a servo drive (CiA 402-2, object 0x1000)
+
+
+def _with_device_type(od: ObjectDictionary) -> ObjectDictionary:
+    """Return `od` with 0x1000: every device has it (CiA 301, 7.5.1), although its file may lack it."""
+    if (0x1000, 0) in od:
+        return od
+    complete = replace(od, entries=od.entries.copy(), objects=od.objects.copy())
+    device_type = _SERVO_DRIVE if (o.CONTROLWORD, 0) in od else 0
+    complete.add(Entry(0x1000, 0, "Device type", DataType.UNSIGNED32, "ro", default=device_type))
+    return complete
+
+
 class VirtualNode:
     """One node; `serial` (default: the node id) fills 0x1018:04 where the file has none, `plant` makes an axis's plant.
 
@@ -258,6 +273,7 @@ class VirtualNode:
         model: DeviceModel = GENERIC,
         plant: Callable[[int], Plant] | None = None,
     ) -> None:
+        od = _with_device_type(od)
         self.od, self.node_id, self.model = od, node_id, model
         self.filter: FaultFilter | None = None
         self.switches: FaultFilter | None = None

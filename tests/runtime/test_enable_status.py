@@ -450,6 +450,15 @@ def test_a_robot_that_waits_for_tpdos_without_sync_says_so(bench):
     assert "statusword of left_drive, right_drive: no SYNC is sent; set sync_period" in robby.robot.hint
 
 
+def test_a_robot_that_waits_for_a_node_which_does_not_boot_names_it(bench):
+    robby = bench(start=False)
+    robby.power_off(LEFT)
+    robby.robot.start()
+    robby.run(2000)
+    assert robby.robot.state is RobotState.STARTING
+    assert robby.robot.hint.startswith("node 3 (left_drive): boot error B: no answer")
+
+
 def test_the_state_says_that_it_is_disabled_and_what_to_call(bench):
     robby = bench()
     assert (robby.robot.state, robby.robot.hint) == (RobotState.RUNNING, None)

@@ -18,7 +18,7 @@ from canopen_control.frame import REMOTE_FLAG, CanFrame
 from canopen_control.od.model import ObjectDictionary
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.node_events import BitRateActivated, HeartbeatMissed, NodeIdChanged
-from canopen_control.virtual.virtual_node import SYNC_LENGTH_ERROR, merged
+from canopen_control.virtual.virtual_node import SYNC_LENGTH_ERROR, VirtualNode, merged
 
 IDENTITY = (0x99, 0x1234, 0x10002, 77)
 
@@ -189,6 +189,13 @@ def test_it_identifies_itself_with_its_node_id_as_serial_number():
     assert bench.read(0x1008) == b"TMCM-1270"
     assert bench.number(0x1014) == 0x87
     assert bench.number(0x1400, 1) == 0x40000207
+
+
+def test_a_file_without_the_device_type_makes_a_device_that_has_it():
+    od = servo_od()
+    del od.entries[0x1000, 0], od.objects[0x1000]
+    assert Bench(VirtualNode(od, 5)).number(0x1000) == 0x00020192
+    assert (0x1000, 0) not in od
 
 
 @pytest.mark.parametrize(
