@@ -103,6 +103,7 @@ MAY_IMPORT = {
             "urdf",
             "ros.conversions",
             "ros.diagnosis",
+            "ros.sample_topics",
             "ros.interfaces.definition",
         },
         STDLIB | {"rosbags", "numpy", "cantools"},

@@ -19,6 +19,7 @@ from canopen_control.controllers.limiter import NAN, RateLimiter, VelocityLimits
 from canopen_control.controllers.mobile_base import MobileBase
 from canopen_control.controllers.planar_pose import PlanarPose, RollingMean
 from canopen_control.hardware.interfaces import OK, ReturnType
+from canopen_control.rpc.messages.samples import OdometrySample, grown
 from canopen_control.urdf.joint_element import POSITION, VELOCITY
 from canopen_control.yamlfile.convert import setting
 
@@ -27,15 +28,12 @@ if TYPE_CHECKING:
 
     from canopen_control.controllers.params import Params
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
-    from canopen_control.rpc.messages.samples import OdometrySample
 
 
 _ON_TARGET: Final = math.pi / 6  # rad: as near as this to its angle the wheel has its whole speed
 _SLOWEST: Final = 0.01  # of the speed, from a quarter turn off on
 _PER_MS: Final = 1000.0
 _RENAMES: Final = {
-    "odom_only_twist": "",
-    "publish_ackermann_command": "",
     "use_stamped_vel": "",
     **{f"traction.min_{each}": "" for each in ("velocity", "acceleration", "deceleration", "jerk")},
     **{f"steering.min_{each}": "" for each in ("velocity", "acceleration")},
@@ -91,6 +89,8 @@ class DrivenWheelParams(BaseParams):
     wheel_radius: float = setting(0.0, low=0.0, help="m")
     open_loop: bool = setting(False, help="odometry from the commands instead of the wheel")
     enable_odom_tf: bool = setting(False, help="publishes odom to base as a transform")
+    odom_only_twist: bool = setting(False, help="leaves the pose out of the odometry, not out of the transform")
+    publish_ackermann_command: bool = setting(False, help="publishes speed (rad/s) and angle on `cmd_ackermann`")
     cmd_vel_timeout: int = setting(
         500, low=0, high=10**9, help="ms after which a twist ends; 0: it counts for one update"
     )
@@ -148,7 +148,9 @@ class TricycleController(MobileBase):
     """Drives a base by one wheel that drives and steers; `kinematics` is where it is."""
 
     references: ClassVar[tuple[str, ...]] = ()
-    settable: ClassVar[tuple[str, ...]] = ("cmd_vel_timeout", "enable_odom_tf", "traction.*", "steering.*")
+    settable: ClassVar[tuple[str, ...]] = (
+        "cmd_vel_timeout", "enable_odom_tf", "odom_only_twist", "publish_ackermann_command", "traction.*", "steering.*",
+    )  # fmt: skip
 
     def __init__(self, name: str, type_name: str = "tricycle_controller/TricycleController") -> None:
         self.kinematics = DrivenWheelPose(1.0, 1.0)
@@ -156,6 +158,8 @@ class TricycleController(MobileBase):
         self.params = DrivenWheelParams()
         self._take_limits()
         self._previous = self._before = (0.0, NAN)
+        self._published: tuple[float, float] | None = None
+        """Speed in rad/s and angle in rad that were commanded with the odometry published last."""
 
     def wheel_base(self) -> DriveGeometry:
         """Return its frames and the radius of its wheel, which stands on no side."""
@@ -200,8 +204,12 @@ class TricycleController(MobileBase):
         self._previous = self._before = (0.0, NAN)
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
-        """Return the odometry as it was published last."""
-        return self.odometry_sample(wall_offset_ns)
+        """Return the odometry and the command of the wheel as they were published last."""
+        odometry, params = self.odometry_sample(wall_offset_ns), self.params
+        if odometry is None:
+            return None
+        ackermann = self._published if params.publish_ackermann_command else None
+        return grown(OdometrySample, odometry, only_twist=params.odom_only_twist, ackermann=ackermann)
 
     def velocities(self) -> tuple[float, float, float]:
         """Return the means of its odometry."""
@@ -237,4 +245,6 @@ class TricycleController(MobileBase):
                 angle_before = angle if math.isnan(angle_before) else angle_before
                 steering.value = angle = self._limiters[1].limit(steering.value, angle, angle_before, period)
             self._before, self._previous = self._previous, (speed, angle)
+        if self.stamp == now:
+            self._published = self._previous if math.isfinite(self._previous[1]) else None
         return result

@@ -15,18 +15,14 @@ import math
 from typing import TYPE_CHECKING, Any, Final
 
 from geometry_msgs.msg import Twist, TwistStamped
-from nav_msgs.msg import Odometry
 
-from canopen_control.ros.controller_state import ControllerStateTopic
-from canopen_control.ros.conversions import diagonal, seconds_of, unknown_as_nan
+from canopen_control.ros.conversions import seconds_of
 from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples, success_of
 from canopen_control.ros.frames import odometry_transform
-from canopen_control.ros.interfaces import interface, put
-from canopen_control.ros.joint_states import time_message
+from canopen_control.ros.interfaces import interface
 from canopen_control.ros.qos import REFERENCE, SYSTEM_DEFAULT
 from canopen_control.rpc.messages.robot import SetOdometry, TwistController
-from canopen_control.rpc.messages.samples import MecanumSample, OdometrySample, SteeringSample
-from canopen_control.urdf.geometry import from_yaw
+from canopen_control.rpc.messages.samples import OdometrySample
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -133,42 +129,6 @@ class TwistCommands(Endpoint):
         send_twist(self._ros, self._controller, message)
 
 
-class BaseOdometry(Endpoint):
-    """`~/odom` or `~/odometry`, and `~/cmd_vel_out` where the limited twist is published, for each new sample."""
-
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
-        self._ros, self._name, self._samples = ros, controller.name, NewSamples(OdometrySample)
-        self._publisher = ros.node.create_publisher(
-            Odometry, f"{self._name}/{controller.odometry_topic}", SYSTEM_DEFAULT
-        )
-        self._limited: Any = None
-
-    def on_state(self, state: StateSample) -> None:
-        """Publish what is new."""
-        sample = self._samples.of(state).get(self._name)
-        if sample is None:
-            return
-        self._publisher.publish(odometry_message(self._ros, sample))
-        if sample.limited is not None:
-            self._publish_limited(sample, *sample.limited)
-
-    def close(self) -> None:
-        """Leave the topics."""
-        for publisher in (self._publisher, self._limited):
-            if publisher is not None:
-                self._ros.node.destroy_publisher(publisher)
-
-    def _publish_limited(self, sample: OdometrySample, linear: float, angular: float) -> None:
-        if self._limited is None:
-            topic = f"{self._name}/cmd_vel_out"
-            self._limited = self._ros.node.create_publisher(TwistStamped, topic, SYSTEM_DEFAULT)
-        message = TwistStamped()
-        message.header.stamp = time_message(sample.time)
-        message.header.frame_id = self._ros.frame(sample.child_frame_id)
-        message.twist.linear.x, message.twist.angular.z = linear, angular
-        self._limited.publish(message)
-
-
 class OdometrySetting(Endpoint):
     """The service `~/set_odometry`."""
 
@@ -189,6 +149,26 @@ class OdometrySetting(Endpoint):
         else:
             wanted = SetOdometry(controller=self._controller, x=request.x, y=request.y, heading=request.yaw)
             self._ros.ask(wanted, fill)
+
+
+class OdometryReset(Endpoint):
+    """The service `~/reset_odometry` of the tricycle controller: the pose becomes 0."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        self._ros, self._controller, self._name = ros, controller.name, f"{controller.name}/reset_odometry"
+        self._service = ros.serve("std_srvs/srv/Empty", self._name, self._answer)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._ros.unserve(self._service)
+
+    def _answer(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        def fill(_done: object, error: str | None) -> None:
+            if error is not None:  # an Empty has no field for it
+                self._ros.warn(self._name, f"{self._name}: {error}")
+            reply(response)
+
+        self._ros.ask(SetOdometry(controller=self._controller, x=0.0, y=0.0, heading=0.0), fill)
 
 
 def send_twist(ros: Ros, controller: ControllerReading, message: Twist | TwistStamped) -> None:
@@ -218,20 +198,6 @@ def send_twist(ros: Ros, controller: ControllerReading, message: Twist | TwistSt
                 dead_man=True,
             )
         )
-
-
-def odometry_message(ros: Ros, sample: OdometrySample) -> Odometry:
-    """Return a sample of the state stream as a message."""
-    message = Odometry()
-    message.header.stamp = time_message(sample.time)
-    message.header.frame_id, message.child_frame_id = ros.frame(sample.frame_id), ros.frame(sample.child_frame_id)
-    pose, twist = message.pose, message.twist
-    pose.pose.position.x, pose.pose.position.y = sample.x, sample.y
-    pose.pose.orientation.w, _, _, pose.pose.orientation.z = from_yaw(sample.heading)
-    pose.covariance = diagonal(sample.pose_covariance)
-    twist.twist.linear.x, twist.twist.linear.y, twist.twist.angular.z = sample.linear, sample.lateral, sample.angular
-    twist.covariance = diagonal(sample.twist_covariance)
-    return message
 
 
 # The shared `cmd_vel` topic that teleop and Nav2 publish: Twist or TwistStamped, whichever is there.
@@ -291,39 +257,3 @@ class TfOdometry(Endpoint):
     def close(self) -> None:
         """Leave the topic."""
         self._ros.node.destroy_publisher(self._publisher)
-
-
-class SteeringState(ControllerStateTopic[SteeringSample]):
-    """The wheels of a steered base."""
-
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
-        super().__init__(ros, controller, SteeringSample, "control_msgs/msg/SteeringControllerStatus")
-
-    def fill(self, message: RosMessage, sample: SteeringSample) -> None:
-        """Put wheels and commands into the message."""
-        message.header.frame_id = self._ros.frame(sample.frame_id)
-        message.traction_wheels_position = _numbers(sample.traction_positions)
-        message.traction_wheels_velocity = _numbers(sample.traction_velocities)
-        message.steer_positions = _numbers(sample.steering)
-        commands = _numbers(sample.traction_commands)
-        put(message, linear_velocity_command=commands, traction_command=commands)  # the latter in newer ones
-        message.steering_angle_command = _numbers(sample.steering_commands)
-
-
-class MecanumState(ControllerStateTopic[MecanumSample]):
-    """The wheels of a base on mecanum wheels, and the twist that is wanted."""
-
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
-        super().__init__(ros, controller, MecanumSample, "control_msgs/msg/MecanumDriveControllerState")
-
-    def fill(self, message: RosMessage, sample: MecanumSample) -> None:
-        """Put wheels and twist into the message."""
-        message.header.frame_id = self._ros.frame(sample.frame_id)
-        wheels, reference = _numbers(sample.wheels), message.reference_velocity
-        message.front_left_wheel_velocity, message.back_left_wheel_velocity = wheels[0], wheels[1]
-        message.back_right_wheel_velocity, message.front_right_wheel_velocity = wheels[2], wheels[3]
-        reference.linear.x, reference.linear.y, reference.angular.z = _numbers(sample.reference)
-
-
-def _numbers(values: list[float | None]) -> list[float]:
-    return [unknown_as_nan(each) for each in values]

@@ -8,19 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 from std_msgs.msg import Float64MultiArray
 
-from canopen_control.ros.controller_state import ControllerStateTopic
-from canopen_control.ros.conversions import unknown_as_nan, wrong
+from canopen_control.ros.conversions import wrong
 from canopen_control.ros.endpoint import COMMANDER, Endpoint, success_of
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.qos import REFERENCE, SYSTEM_DEFAULT
 from canopen_control.rpc.messages.robot import CommandByName, CommandController, SetFeedForward, SetMeasuredStates
-from canopen_control.rpc.messages.samples import PidSample
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from canopen_control.ros.endpoint import Reply, Ros, RosMessage
-    from canopen_control.rpc.messages.samples import DofReading
     from canopen_control.rpc.messages.state import ControllerReading
 
 
@@ -227,30 +224,6 @@ class PidMeasuredStates(PidReferences):
     def is_wanted(controller: ControllerReading) -> bool:
         """Whether it is configured to measure by messages."""
         return bool(controller.required_command_interfaces) and not controller.required_state_interfaces
-
-
-class PidState(ControllerStateTopic[PidSample]):
-    """The publisher of `~/controller_state`."""
-
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
-        super().__init__(ros, controller, PidSample, "control_msgs/msg/MultiDOFStateStamped")
-        self._dof: Any = interface("control_msgs/msg/SingleDOFState")
-
-    def fill(self, message: RosMessage, sample: PidSample) -> None:
-        """Put each degree of freedom into the message."""
-        message.dof_states = [self._dof_message(each) for each in sample.dofs]
-
-    def _dof_message(self, dof: DofReading) -> RosMessage:
-        return self._dof(
-            name=dof.name,
-            reference=unknown_as_nan(dof.reference),
-            feedback=unknown_as_nan(dof.feedback),
-            feedback_dot=unknown_as_nan(dof.feedback_dot),
-            error=unknown_as_nan(dof.error),
-            error_dot=unknown_as_nan(dof.error_dot),
-            time_step=dof.time_step,
-            output=unknown_as_nan(dof.output),
-        )
 
 
 class FeedForwardSwitch(Endpoint):

@@ -1,20 +1,17 @@
-"""Which topics a controller has: by the kind of its commands and of its samples, by what it publishes, by its type.
+"""Which topics a controller has: by the kind of its commands and of its samples, and by its type.
 
-A new kind of command or sample gets a line here and an `Endpoint` in a file of its own.
+A new kind of command gets a line here and an `Endpoint`; a new kind of sample a row in `sample_topics`.
 """
 
 from __future__ import annotations
 
-import math
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, get_args
 
 from canopen_control.ros.action_goals import HEARTBEAT_S, ActionGoals
 from canopen_control.ros.base_topics import (
-    BaseOdometry,
-    MecanumState,
+    OdometryReset,
     OdometrySetting,
-    SteeringState,
     TfOdometry,
     TwistCommands,
 )
@@ -24,21 +21,17 @@ from canopen_control.ros.command_topics import (
     GpioCommands,
     PidMeasuredStates,
     PidReferences,
-    PidState,
 )
-from canopen_control.ros.controller_state import ControllerStateTopic
-from canopen_control.ros.conversions import SENSOR_MESSAGES, SensorMessage, put_sample, unknown_as_nan
+from canopen_control.ros.conversions import unknown_as_nan
 from canopen_control.ros.drive_topics import DeviceNode, ProxyNode
-from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples
+from canopen_control.ros.endpoint import COMMANDER, Endpoint
 from canopen_control.ros.interfaces import MissingInterface, interface
-from canopen_control.ros.joint_states import JointStates, time_message
-from canopen_control.ros.qos import SYSTEM_DEFAULT
+from canopen_control.ros.sample_publisher import RosMessages, SamplePublisher, time_message
+from canopen_control.ros.sample_topics import SAMPLE_TOPICS, TRAJECTORY_FEEDBACK, fill
 from canopen_control.ros.trajectory_topics import (
     SpeedScalingTopic,
     TrajectoryQuery,
-    TrajectoryState,
     TrajectoryTopic,
-    fill_point,
     goal_refusal,
     pieces_of,
     seconds,
@@ -47,8 +40,7 @@ from canopen_control.ros.trajectory_topics import (
 )
 from canopen_control.rpc.messages.gripper import CancelGripper, GripperEnd, GripperResult, GripperVerdict, SendGripper
 from canopen_control.rpc.messages.samples import (
-    BatteriesSample,
-    GpioSample,
+    ControllerSample,
     GripperSample,
     JointStatesSample,
     Sample,
@@ -69,8 +61,8 @@ if TYPE_CHECKING:
     from canopen_control.ros.action_goals import TrajectorySender
     from canopen_control.ros.endpoint import Ros, RosMessage
     from canopen_control.rpc.messages.declare import Done, Request
-    from canopen_control.rpc.messages.samples import BatteryReading, TrajectoryPoint, Values
-    from canopen_control.rpc.messages.state import ControllerReading, StateSample
+    from canopen_control.rpc.messages.samples import TrajectoryPoint
+    from canopen_control.rpc.messages.state import ControllerReading
 
     Factory = Callable[[Ros, ControllerReading], Endpoint]
 
@@ -145,11 +137,8 @@ class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult, Tra
 
     def feedback(self, sample: TrajectorySample) -> RosMessage:
         """Return where the joints are to be, and where they are."""
-        feedback = self._action.Feedback(joint_names=list(sample.joints))
-        feedback.header.stamp = time_message(sample.time)
-        fill_point(feedback.desired, sample.reference)
-        fill_point(feedback.actual, sample.feedback)
-        fill_point(feedback.error, sample.error)
+        feedback = self._action.Feedback()
+        fill(RosMessages(self._ros), feedback, TRAJECTORY_FEEDBACK, sample)
         return feedback
 
 
@@ -269,159 +258,6 @@ class ParallelGripperAction(GripperAction):
         state.position, state.effort = [unknown_as_nan(told.position)], [unknown_as_nan(told.effort)]
 
 
-# Topics of the broadcasters: sensors, batteries, GPIO and interface values.
-
-
-# `~/imu`, `~/range`, `~/wrench` and `~/pose` of the broadcasters of sensors.
-#
-# Rules (ros2_controllers, Jazzy): names, types and quality are upstream's; a message for each update of
-# the broadcaster that the state stream carries; what is not known is nan.
-
-
-class SensorTopic(ControllerStateTopic[Sample]):
-    """The publisher of the messages of a `row`; the transform of a pose is on `/tf`, see `frames`."""
-
-    def __init__(self, ros: Ros, controller: ControllerReading, row: SensorMessage) -> None:
-        self._row = row
-        super().__init__(ros, controller, row.kind, row.message, row.topic)
-
-    def fill(self, message: RosMessage, sample: Sample) -> None:
-        """Put the measurement into the message."""
-        message.header.frame_id = self._ros.frame(getattr(sample, "frame_id", ""))
-        put_sample(message, self._row, sample)
-
-
-# `~/battery_state` and `~/raw_battery_states` of the battery state broadcaster.
-#
-# Rules (battery_state_broadcaster): the first is all batteries as one, a BatteryState, the second each by
-# itself, a BatteryStateArray whose headers name the battery as their frame. What is not known is nan. A message is made
-# only where somebody listens.
-
-
-_MEASURED = ("voltage", "temperature", "current", "charge", "capacity", "design_capacity", "percentage")
-_TOLD = ("power_supply_status", "power_supply_health", "power_supply_technology", "present", "location",
-         "serial_number")  # fmt: skip
-
-
-class BatteryTopics(Endpoint):
-    """The publishers of one broadcaster."""
-
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
-        self._ros, self._name, self._samples = ros, controller.name, NewSamples(BatteriesSample)
-        self._one: Any = interface("sensor_msgs/msg/BatteryState")
-        make = ros.node.create_publisher
-        self._together = make(self._one, f"{self._name}/battery_state", SYSTEM_DEFAULT)
-        self._each: Any = None
-        try:
-            self._array: Any = interface("control_msgs/msg/BatteryStateArray")
-        except MissingInterface as error:
-            ros.leave_out(error.name)
-        else:
-            self._each = make(self._array, f"{self._name}/raw_battery_states", SYSTEM_DEFAULT)
-
-    def on_state(self, state: StateSample) -> None:
-        """Publish what is new."""
-        sample = self._samples.of(state).get(self._name)
-        if sample is None:
-            return
-        if self._together.get_subscription_count():
-            self._together.publish(self._message(sample.together, sample.time))
-        if self._each is not None and self._each.get_subscription_count():
-            self._each.publish(
-                self._array(battery_states=[self._message(each, sample.time) for each in sample.batteries])
-            )
-
-    def close(self) -> None:
-        """Leave the topics."""
-        for publisher in filter(None, (self._together, self._each)):
-            self._ros.node.destroy_publisher(publisher)
-
-    def _message(self, battery: BatteryReading, time: float) -> RosMessage:
-        message = self._one()
-        message.header.stamp, message.header.frame_id = time_message(time), battery.name
-        for field in _MEASURED:
-            setattr(message, field, unknown_as_nan(getattr(battery, field)))
-        for field in _TOLD:
-            setattr(message, field, getattr(battery, field))
-        return message
-
-
-# `~/gpio_states` of GPIO controllers and broadcasters: inputs and outputs of drives and <gpio> parts, by their names.
-#
-# Rules (gpio_controllers, Jazzy): a control_msgs/DynamicInterfaceGroupValues, published once per update;
-# what is not known is nan. Bits are numbers, as 0x60FD and 0x60FE hold them.
-
-
-class GpioStates(Endpoint):
-    """The publisher of one controller."""
-
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
-        self._ros, self._name, self._samples = ros, controller.name, NewSamples(GpioSample)
-        self._message = interface("control_msgs/msg/DynamicInterfaceGroupValues")
-        self._values = interface("control_msgs/msg/InterfaceValue")
-        self._publisher = ros.node.create_publisher(self._message, f"{self._name}/gpio_states", SYSTEM_DEFAULT)
-
-    def on_state(self, state: StateSample) -> None:
-        """Publish what is new."""
-        sample = self._samples.of(state).get(self._name)
-        if sample is None:
-            return
-        parts = sample.parts
-        values = [self._of(each) for each in parts.values()]
-        message = self._message(interface_groups=list(parts), interface_values=values)
-        message.header.stamp = time_message(sample.time)
-        self._publisher.publish(message)
-
-    def close(self) -> None:
-        """Leave the topic."""
-        self._ros.node.destroy_publisher(self._publisher)
-
-    def _of(self, values: dict[str, float | None]) -> Any:  # noqa: ANN401 - a class made by somebody's generator
-        known = [math.nan if value is None else value for value in values.values()]
-        return self._values(interface_names=list(values), values=known)
-
-
-# `/dynamic_joint_states` of the joint state broadcaster: every state interface that it reads, by joint and name.
-#
-# Rules (joint_state_broadcaster, Jazzy): published with `/joint_states`, on the topic that the
-# broadcaster tells, with the same stamp and frame; what is not known is nan. Where it is told not to, there is no
-# topic.
-
-
-class DynamicJointStates(Endpoint):
-    """The publisher of one broadcaster."""
-
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
-        self._ros, self._controller, self._samples = ros, controller, NewSamples(JointStatesSample)
-        self._message = interface("control_msgs/msg/DynamicJointState")
-        self._values = interface("control_msgs/msg/InterfaceValue")
-        topic = controller.published("dynamic_joint_states")
-        self._publisher = ros.node.create_publisher(self._message, topic, SYSTEM_DEFAULT)
-
-    def on_controller(self, controller: ControllerReading) -> None:
-        """Follow its frame."""
-        self._controller = controller
-
-    def on_state(self, state: StateSample) -> None:
-        """Publish what is new; nothing is made where nobody listens."""
-        sample = self._samples.of(state).get(self._controller.name)
-        if sample is None or not self._publisher.get_subscription_count():
-            return
-        joints = sample.joints
-        message = self._message(joint_names=list(joints), interface_values=[self._of(each) for each in joints.values()])
-        message.header.stamp = time_message(sample.time)
-        message.header.frame_id = self._ros.frame(self._controller.frame_id)
-        self._publisher.publish(message)
-
-    def close(self) -> None:
-        """Leave the topic."""
-        self._ros.node.destroy_publisher(self._publisher)
-
-    def _of(self, joint: Values) -> Any:  # noqa: ANN401 - a class made by somebody's generator
-        values = [math.nan if value is None else value for value in joint.values()]
-        return self._values(interface_names=list(joint), values=values)
-
-
 #: by where its commands come (`topic` of the API)
 BY_TOPIC: Final[dict[str | None, tuple[Factory, ...]]] = {
     "commands": (ForwardCommands,),
@@ -430,38 +266,35 @@ BY_TOPIC: Final[dict[str | None, tuple[Factory, ...]]] = {
 }
 #: of a base, wherever its twists come
 OF_BASES: Final[tuple[Factory, ...]] = (TwistCommands, OdometrySetting)
-#: by the last word of each topic that it tells (`publishes` of the API)
-BY_PUBLISHED: Final[dict[str, Factory]] = {
-    "joint_states": JointStates,
-    "dynamic_joint_states": DynamicJointStates,
-}
-#: by the kind of its samples (`tells` of the API)
+#: by the kind of its samples (`tells` of the API), beside their topics
 BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
-    "odometry": (BaseOdometry,),
-    "steering": (BaseOdometry, TfOdometry, SteeringState),
-    "mecanum": (BaseOdometry, TfOdometry, MecanumState),
-    "gpio": (GpioStates,),
-    "trajectory": (FollowJointTrajectory, TrajectoryTopic, TrajectoryState, TrajectoryQuery, SpeedScalingTopic),
-    "pid": (PidState, PidMeasuredStates, FeedForwardSwitch),
-    **{kind_of(row.kind): (partial(SensorTopic, row=row),) for row in SENSOR_MESSAGES},
-    "batteries": (BatteryTopics,),
+    "steering": (TfOdometry,),
+    "mecanum": (TfOdometry,),
+    "trajectory": (FollowJointTrajectory, TrajectoryTopic, TrajectoryQuery, SpeedScalingTopic),
+    "pid": (PidMeasuredStates, FeedForwardSwitch),
 }
 #: by its type: which action, or whose node
 BY_TYPE: Final[dict[str, tuple[Factory, ...]]] = {
     "position_controllers/GripperActionController": (GripperAction,),
     "effort_controllers/GripperActionController": (GripperAction,),
     "parallel_gripper_action_controller/GripperActionController": (ParallelGripperAction,),
+    "tricycle_controller/TricycleController": (OdometryReset,),
     "canopen_ros2_controllers/CanopenProxyController": (ProxyNode,),
     "canopen_ros2_controllers/Cia402DeviceController": (DeviceNode,),
 }
 
 
+_KINDS: Final = {kind_of(kind): kind for kind in get_args(ControllerSample)}
+
+
 def endpoints_for(ros: Ros, controller: ControllerReading) -> list[Endpoint]:
     """Make the topics of one controller."""
-    published = [make for kind, make in BY_PUBLISHED.items() if controller.published(kind) is not None]
+    kind = _KINDS.get(controller.tells or "", Sample)
+    kinds = (*kind.__mro__, JointStatesSample)  # whose topics are named by the controller
+    rows = [row for row in SAMPLE_TOPICS if row.bridge and row.kind in kinds and row.name(controller)]
     commands = OF_BASES if controller.is_base else BY_TOPIC.get(controller.topic, ())
-    own = (*commands, *BY_SAMPLE.get(controller.tells, ()))
-    factories = (*own, *published, *BY_TYPE.get(controller.type, ()))
+    own = (*commands, *BY_SAMPLE.get(controller.tells, ()), *BY_TYPE.get(controller.type, ()))
+    factories: list[Factory] = [*own, *(partial(SamplePublisher, row=row) for row in rows)]
     return [endpoint for make in factories for endpoint in _made(make, ros, controller)]
 
 

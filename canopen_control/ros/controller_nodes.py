@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.ros.endpoint import Answer, Endpoint
 from canopen_control.ros.interfaces import interface
-from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.node_context import NodeContext
 from canopen_control.ros.participants import client_of, folder_of
 from canopen_control.ros.qos import EVENTS
 from canopen_control.ros.rcl import further_node
+from canopen_control.ros.sample_publisher import time_message
 from canopen_control.rpc.messages.parameters import KINDS, GetParameters, ParameterValue, SetParameters, told
 
 if TYPE_CHECKING:

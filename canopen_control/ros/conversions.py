@@ -7,14 +7,14 @@ the arrays of a joint state have one length; a stamp is when the sample was take
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from canopen_control.rpc.messages.samples import ImuSample, OdometrySample, PoseSample, RangeSample, WrenchSample
+from canopen_control.rpc.messages.samples import OdometrySample, PoseSample
 from canopen_control.urdf.geometry import Pose, from_yaw
 from canopen_control.urdf.joint_element import Transform
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from canopen_control.rpc.messages.samples import JointStatesSample, Sample, Values
     from canopen_control.rpc.messages.state import ControllerReading, JointReading, StateSample
@@ -110,62 +110,3 @@ def _shown(values: Sequence[float], most: int = 8) -> str:
 def unknown_as_nan(value: float | None) -> float:
     """Return a value as ROS messages have it."""
     return math.nan if value is None else value
-
-
-class SensorMessage(NamedTuple):
-    """How the samples of a sensor are messages: their topic, their type, and where each field of a sample stands."""
-
-    kind: type[Sample]
-    topic: str
-    message: str
-    places: Mapping[str, str]
-
-
-SENSOR_MESSAGES: Final = (
-    SensorMessage(
-        ImuSample,
-        "imu",
-        "sensor_msgs/msg/Imu",
-        {
-            each: each
-            for quantity in ("orientation", "angular_velocity", "linear_acceleration")
-            for each in (quantity, f"{quantity}_covariance")
-        },
-    ),
-    SensorMessage(
-        RangeSample,
-        "range",
-        "sensor_msgs/msg/Range",
-        {each: each for each in ("range", "radiation_type", "field_of_view", "min_range", "max_range", "variance")},
-    ),
-    SensorMessage(
-        WrenchSample, "wrench", "geometry_msgs/msg/WrenchStamped", {"force": "wrench.force", "torque": "wrench.torque"}
-    ),
-    SensorMessage(
-        PoseSample,
-        "pose",
-        "geometry_msgs/msg/PoseStamped",
-        {"position": "pose.position", "orientation": "pose.orientation"},
-    ),
-)
-"""The messages of sensors, of the bridge and of bags."""
-
-
-def put_sample(
-    message: Any,  # noqa: ANN401 - a class made by somebody's generator
-    row: SensorMessage,
-    sample: Sample,
-    array: Callable[[Sequence[float]], object] = list,
-) -> None:
-    """Put a sample into a message: vectors by their axes, other lists as `array` makes them; older ROS lack some."""
-    for name, place in row.places.items():
-        *parents, field = place.split(".")
-        part, value = message, getattr(sample, name)
-        for parent in parents:
-            part = getattr(part, parent)
-        target = getattr(part, field, None)
-        if hasattr(target, "x"):
-            for axis, each in zip("xyzw"[: len(value)], value, strict=True):
-                setattr(target, axis, unknown_as_nan(each))
-        elif target is not None:
-            setattr(part, field, array(value) if isinstance(value, list | tuple) else unknown_as_nan(value))

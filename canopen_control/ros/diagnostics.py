@@ -14,9 +14,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from canopen_control.ros.diagnosis import Diagnosis, diagnose
 from canopen_control.ros.endpoint import Endpoint
 from canopen_control.ros.interfaces import interface
-from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.nodes import ros_name
 from canopen_control.ros.qos import EVENTS, ROSOUT
+from canopen_control.ros.sample_publisher import time_message
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -15,8 +15,8 @@ from geometry_msgs.msg import TransformStamped
 from canopen_control.ros.conversions import frames_with_a_place, place_of, positions_of, transform_of
 from canopen_control.ros.endpoint import Endpoint, NewSamples
 from canopen_control.ros.interfaces import interface
-from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.qos import TF, TF_STATIC
+from canopen_control.ros.sample_publisher import time_message
 from canopen_control.rpc.messages.samples import JointStatesSample, OdometrySample, PoseSample
 from canopen_control.urdf.robot_model import read_model
 

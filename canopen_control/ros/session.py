@@ -29,12 +29,12 @@ from canopen_control.ros.drive_topics import DriveTopics
 from canopen_control.ros.endpoint import Endpoint
 from canopen_control.ros.frames import Frames
 from canopen_control.ros.interfaces import MissingInterface, interface
-from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.lifecycle_services import LifecycleServices
 from canopen_control.ros.node_context import NodeContext
 from canopen_control.ros.nodes import RosNode, nodes_of
 from canopen_control.ros.qos import LATCHED, SYSTEM_DEFAULT
 from canopen_control.ros.rcl import ros_seconds
+from canopen_control.ros.sample_publisher import time_message
 from canopen_control.ros.spinner import Spinner
 from canopen_control.ros.throttle import Refusals, Throttle
 from canopen_control.ros.world_topics import GroundTruth, LaserScans, SimulationServices, TopicHardware

@@ -16,13 +16,12 @@ from typing import TYPE_CHECKING, Any, Final
 from trajectory_msgs.msg import JointTrajectory
 
 from canopen_control.ros.action_goals import HEARTBEAT_S, TrajectorySender
-from canopen_control.ros.controller_state import ControllerStateTopic
 from canopen_control.ros.conversions import seconds_of
 from canopen_control.ros.endpoint import COMMANDER, Endpoint
-from canopen_control.ros.interfaces import interface, put
+from canopen_control.ros.interfaces import interface
 from canopen_control.ros.qos import KEPT_DEFAULT, SYSTEM_DEFAULT
 from canopen_control.ros.throttle import without_numbers
-from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
+from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.rpc.messages.trajectory import (
     MAX_POINTS,
     QueryTrajectory,
@@ -75,16 +74,6 @@ def point_of(point: RosMessage) -> TrajectoryPoint:
         effort=list(point.effort),
         time_from_start=seconds(point.time_from_start),
     )
-
-
-def fill_point(message: Any, point: TrajectoryPoint) -> Any:  # noqa: ANN401 - somebody's generator's class
-    """Put a point into a JointTrajectoryPoint, and return that."""
-    message.positions, message.velocities = point.positions, point.velocities
-    message.accelerations, message.effort = point.accelerations, point.effort
-    whole = math.floor(point.time_from_start)
-    message.time_from_start.sec = whole
-    message.time_from_start.nanosec = min(round((point.time_from_start - whole) * 1e9), 999_999_999)
-    return message
 
 
 def tolerances_of(given: Sequence[RosMessage]) -> tuple[TrajectoryTolerance, ...]:
@@ -204,22 +193,6 @@ class TrajectoryTopic(Endpoint):
             done_with.close()
         self._sending = None
         self._send_next()
-
-
-class TrajectoryState(ControllerStateTopic[TrajectorySample]):
-    """The publisher of `~/controller_state`."""
-
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
-        super().__init__(ros, controller, TrajectorySample, "control_msgs/msg/JointTrajectoryControllerState")
-
-    def fill(self, message: RosMessage, sample: TrajectorySample) -> None:
-        """Put where the joints are to be and where they are into the message."""
-        message.joint_names = list(sample.joints)
-        fill_point(message.reference, sample.reference)
-        fill_point(message.feedback, sample.feedback)
-        fill_point(message.error, sample.error)
-        fill_point(message.output, sample.output)
-        put(message, speed_scaling_factor=sample.speed_scaling_factor)
 
 
 class TrajectoryQuery(Endpoint):

@@ -21,62 +21,41 @@ Values are in SI units, nan if unknown. Only this module imports rosbags.
 from __future__ import annotations
 
 import math
-from functools import partial
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from canopen_control.errors import ConfigError
 from canopen_control.host.files import failed, telling
 from canopen_control.ros.conversions import (
-    SENSOR_MESSAGES,
-    SensorMessage,
-    arrays_of,
-    diagonal,
     frames_with_a_place,
     positions_of,
-    put_sample,
     stamp_of,
     transform_of,
-    unknown_as_nan,
 )
 from canopen_control.ros.diagnosis import diagnose
 from canopen_control.ros.interfaces.definition import DEFINITIONS
+from canopen_control.ros.sample_topics import ELEMENTS, SAMPLE_TOPICS, fill
 from canopen_control.rpc.messages.samples import (
-    BatteriesSample,
-    GpioSample,
-    GripperSample,
     JointStatesSample,
-    MecanumSample,
     OdometrySample,
-    PidSample,
     PoseSample,
-    SteeringSample,
-    TrajectorySample,
 )
-from canopen_control.urdf.geometry import from_rpy, from_yaw
+from canopen_control.rpc.messages.state import ControllerReading
+from canopen_control.urdf.geometry import from_rpy
 from canopen_control.urdf.robot_model import read_model
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable
     from pathlib import Path
 
-    from canopen_control.rpc.messages.samples import BatteryReading, Sample, TrajectoryPoint
-    from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample
+    from canopen_control.ros.sample_topics import SampleTopic
+    from canopen_control.rpc.messages.samples import Sample
+    from canopen_control.rpc.messages.state import RobotEvent, StateSample
     from canopen_control.urdf.geometry import Quaternion
     from canopen_control.urdf.joint_element import Transform
 
 
 _ADDED: Final = tuple(
-    f"control_msgs/msg/{each}"
-    for each in (
-        "JointTrajectoryControllerState",
-        "SingleDOFState",
-        "MultiDOFStateStamped",
-        "SteeringControllerStatus",
-        "MecanumDriveControllerState",
-        "InterfaceValue",
-        "DynamicInterfaceGroupValues",
-        "BatteryStateArray",
-    )
+    name for name in dict.fromkeys((*ELEMENTS.values(), *(row.message for row in SAMPLE_TOPICS))) if name in DEFINITIONS
 )
 
 
@@ -107,7 +86,9 @@ class BagMessages:
     def _empty_field(self, node: str, part: Any) -> Any:  # noqa: ANN401 - as above
         if node == "NAME":
             return self.empty(part)
-        return ("" if part[0] == "string" else 0) if node == "BASE" else []
+        if node == "BASE":
+            return "" if part[0] == "string" else 0
+        return [] if part[0][0].name == "NAME" else self.floats(())
 
     def time(self, unix_s: float) -> Any:  # noqa: ANN401 - as above
         """Return a time stamp."""
@@ -125,163 +106,13 @@ class BagMessages:
         """Return a twist of a base: m/s and rad/s."""
         return self.make("geometry_msgs/Twist", self.vector(linear, lateral), self.vector(z=angular))
 
+    def frame(self, name: str) -> str:
+        """Return the name of a frame: without a prefix."""
+        return name
+
     def floats(self, values: Iterable[float]) -> Any:  # noqa: ANN401 - a numpy array
         """Return an array of numbers."""
         return self.array(list(values), dtype=float)
-
-    # -- controller states
-
-
-class BagTopic(NamedTuple):
-    """Topic of the samples of one `kind` of a controller; `make` returns the message of one sample."""
-
-    kind: type[Sample]
-    topic: str
-    make: Callable[[BagMessages, Any], object]
-
-
-# -- states of controllers
-
-
-def _trajectory(ros: BagMessages, sample: TrajectorySample) -> object:
-    """Return reference and feedback of the joints of a trajectory."""
-    points = [_point(ros, point) for point in (sample.reference, sample.feedback, sample.error, sample.output)]
-    nowhere = ros.make("trajectory_msgs/MultiDOFJointTrajectoryPoint", [], [], [], _duration(ros, 0.0))
-    return ros.make(
-        "control_msgs/JointTrajectoryControllerState",
-        ros.header(sample.time, ""),
-        list(sample.joints),
-        *points,
-        [],
-        *[nowhere] * len(points),
-        sample.speed_scaling_factor,
-    )
-
-
-def _point(ros: BagMessages, point: TrajectoryPoint) -> object:
-    values = (point.positions, point.velocities, point.accelerations, point.effort)
-    after = _duration(ros, point.time_from_start)
-    return ros.make("trajectory_msgs/JointTrajectoryPoint", *map(ros.floats, values), after)
-
-
-def _duration(ros: BagMessages, seconds: float) -> object:
-    return ros.make("builtin_interfaces/Duration", *stamp_of(seconds))
-
-
-def _loops(ros: BagMessages, sample: PidSample) -> object:
-    """Return the reference of each degree of freedom of a PID controller."""
-    dofs = [
-        ros.make(
-            "control_msgs/SingleDOFState",
-            dof.name,
-            *map(unknown_as_nan, (dof.reference, dof.feedback, dof.feedback_dot, dof.error, dof.error_dot)),
-            dof.time_step,
-            unknown_as_nan(dof.output),
-        )
-        for dof in sample.dofs
-    ]
-    return ros.make("control_msgs/MultiDOFStateStamped", ros.header(sample.time, ""), dofs)
-
-
-def _steering(ros: BagMessages, sample: SteeringSample) -> object:
-    """Return the wheels of a steered base, measured and commanded."""
-    columns = (
-        sample.traction_positions,
-        sample.traction_velocities,
-        sample.steering,
-        sample.traction_commands,
-        sample.steering_commands,
-    )
-    values = [ros.floats(map(unknown_as_nan, column)) for column in columns]
-    return ros.make("control_msgs/SteeringControllerStatus", ros.header(sample.time, sample.frame_id), *values)
-
-
-def _mecanum(ros: BagMessages, sample: MecanumSample) -> object:
-    """Return the wheels of a mecanum base, and its reference twist."""
-    unknown = (None,) * 4  # of a base that has not reported its wheels yet
-    ahead, lateral, turning = map(unknown_as_nan, (*sample.reference, *unknown)[:3])
-    return ros.make(
-        "control_msgs/MecanumDriveControllerState",
-        ros.header(sample.time, sample.frame_id),
-        *map(unknown_as_nan, (*sample.wheels, *unknown)[:4]),
-        ros.twist(ahead, turning, lateral),
-    )
-
-
-# -- samples of broadcasters and grippers
-
-
-def _sensor(row: SensorMessage, ros: BagMessages, sample: Any) -> object:  # noqa: ANN401 - of the kind of the row
-    message = ros.empty(row.message)
-    message.header = ros.header(sample.time, sample.frame_id)
-    put_sample(message, row, sample, ros.floats)
-    return message
-
-
-def _gpio(ros: BagMessages, sample: GpioSample) -> object:
-    values = [
-        ros.make("control_msgs/InterfaceValue", list(part), ros.floats(_known(part.values())))
-        for part in sample.parts.values()
-    ]
-    return ros.make("control_msgs/DynamicInterfaceGroupValues", ros.header(sample.time, ""), list(sample.parts), values)
-
-
-def _battery(ros: BagMessages, battery: BatteryReading, time: float) -> object:
-    measured = (
-        battery.voltage,
-        battery.temperature,
-        battery.current,
-        battery.charge,
-        battery.capacity,
-        battery.design_capacity,
-        battery.percentage,
-    )
-    return ros.make(
-        "sensor_msgs/BatteryState",
-        ros.header(time, battery.name),
-        *_known(measured),
-        battery.power_supply_status,
-        battery.power_supply_health,
-        battery.power_supply_technology,
-        battery.present,
-        ros.floats(()),  # the cells are unknown
-        ros.floats(()),
-        battery.location,
-        battery.serial_number,
-    )
-
-
-def _together(ros: BagMessages, sample: BatteriesSample) -> object:
-    return _battery(ros, sample.together, sample.time)
-
-
-def _each(ros: BagMessages, sample: BatteriesSample) -> object:
-    return ros.make(
-        "control_msgs/BatteryStateArray", [_battery(ros, battery, sample.time) for battery in sample.batteries]
-    )
-
-
-def _gripper(ros: BagMessages, sample: GripperSample) -> object:
-    layout = ros.make("std_msgs/MultiArrayLayout", [], 0)
-    return ros.make("std_msgs/Float64MultiArray", layout, ros.floats((unknown_as_nan(sample.target),)))
-
-
-def _known(values: Iterable[float | None]) -> list[float]:
-    return [unknown_as_nan(value) for value in values]
-
-
-CONTROLLER_TOPICS: Final = (
-    BagTopic(TrajectorySample, "controller_state", _trajectory),
-    BagTopic(PidSample, "controller_state", _loops),
-    BagTopic(SteeringSample, "controller_state", _steering),
-    BagTopic(MecanumSample, "controller_state", _mecanum),
-    *(BagTopic(row.kind, row.topic, partial(_sensor, row)) for row in SENSOR_MESSAGES),
-    BagTopic(BatteriesSample, "battery_state", _together),
-    BagTopic(BatteriesSample, "raw_battery_states", _each),
-    BagTopic(GpioSample, "gpio_states", _gpio),
-    BagTopic(GripperSample, "commands_out", _gripper),
-)
-"""All topics; a new kind of sample needs a line here."""
 
 
 S = TypeVar("S", bound="Sample")
@@ -333,17 +164,12 @@ class BagWriter:
         }
         for write in (self._describe, self._commands, self._diagnostics):
             write(state)
-        joint_states = self._new(state.told(JointStatesSample))
-        odometry = self._new(state.told(OdometrySample))
-        for name, states in joint_states.items():
-            self._joint_states(name, states)
-        for name, sample in odometry.items():
-            self._odometry(name, sample)
+        for row in SAMPLE_TOPICS:
+            if row.bag:
+                for name, sample in self._new(state.told(row.kind), f"{row.topic} {row.message}").items():
+                    self._sample(row, name, sample)
         self._ground_truth(state)
-        for row in CONTROLLER_TOPICS:
-            for name, told in self._new(state.told(row.kind), row.topic).items():
-                self._write(f"/{name}/{row.topic}", told.time, row.make(self._ros, told))
-        self._transforms(state, joint_states.values(), odometry.values())
+        self._transforms(state)
 
     def event(self, event: RobotEvent) -> None:
         """Write an event."""
@@ -363,18 +189,17 @@ class BagWriter:
         if self._urdf and self._is_new("/robot_description", True):
             self._write("/robot_description", state.time, self._ros.make("std_msgs/String", self._urdf))
 
-    def _joint_states(self, name: str, sample: JointStatesSample) -> None:
-        controller = self._controllers.get(name)
-        topic = None if controller is None else controller.published("joint_states")
-        if controller is not None and topic is not None:
-            arrays = arrays_of(sample.joints, sample.names)
-            header = self._ros.header(sample.time, controller.frame_id)
-            message = self._ros.make("sensor_msgs/JointState", header, arrays.names, *map(self._ros.floats, arrays[1:]))
+    def _sample(self, row: SampleTopic, name: str, sample: Sample) -> None:
+        controller = self._controllers.get(name) or ControllerReading(name=name, type="", state="")
+        topic = row.name(controller)
+        if topic and getattr(sample, row.optional) is not None:
+            message = self._ros.empty(row.message)
+            fill(self._ros, message, row, sample, controller.frame_id)
             self._write(f"/{topic}", sample.time, message)
 
-    def _transforms(
-        self, state: StateSample, joint_states: Iterable[JointStatesSample], odometry: Iterable[OdometrySample]
-    ) -> None:
+    def _transforms(self, state: StateSample) -> None:
+        joint_states = self._new(state.told(JointStatesSample)).values()
+        odometry = self._new(state.told(OdometrySample)).values()
         based = frames_with_a_place(state)
         joints = [joint for joint in self._joints if joint.child not in based]
         if self._is_new("/tf_static", based):
@@ -415,27 +240,6 @@ class BagWriter:
                 data = self._ros.floats(math.nan if value is None else value for value in values)
                 layout = self._ros.make("std_msgs/MultiArrayLayout", [], 0)
                 self._write(topic, state.time, self._ros.make("std_msgs/Float64MultiArray", layout, data))
-
-    def _odometry(self, name: str, sample: OdometrySample) -> None:
-        ros, time = self._ros, sample.time
-        point = ros.make("geometry_msgs/Point", sample.x, sample.y, 0.0)
-        pose = ros.make("geometry_msgs/Pose", point, self._quaternion(from_yaw(sample.heading)))
-        spread = ros.floats(diagonal(sample.pose_covariance))
-        with_pose = ros.make("geometry_msgs/PoseWithCovariance", pose, spread)
-        twist, spread = (
-            ros.twist(sample.linear, sample.angular, sample.lateral),
-            ros.floats(diagonal(sample.twist_covariance)),
-        )
-        with_twist = ros.make("geometry_msgs/TwistWithCovariance", twist, spread)
-        header = ros.header(time, sample.frame_id)
-        message = ros.make("nav_msgs/Odometry", header, sample.child_frame_id, with_pose, with_twist)
-        controller = self._controllers.get(name)
-        topic = "odom" if controller is None else controller.odometry_topic
-        self._write(f"/{name}/{topic}", time, message)
-        if sample.limited is not None:
-            header = ros.header(time, sample.child_frame_id)
-            stamped = ros.make("geometry_msgs/TwistStamped", header, ros.twist(*sample.limited))
-            self._write(f"/{name}/cmd_vel_out", time, stamped)
 
     def _ground_truth(self, state: StateSample) -> None:
         truth = state.true_pose

@@ -16,15 +16,7 @@ from canopen_control.cia301.nmt import state_of_byte
 from canopen_control.cia402 import objects
 from canopen_control.cia402.state import decode_statusword
 from canopen_control.frame import FRAME_BITS
-from canopen_control.rpc.messages.samples import (
-    BatteriesSample,
-    GpioSample,
-    GripperSample,
-    ImuSample,
-    PoseSample,
-    RangeSample,
-    WrenchSample,
-)
+from canopen_control.ros.sample_topics import measured_values
 from canopen_control.rpc.messages.state import CycleTimes, RobotEvent, StateSample
 from canopen_control.trace.decoder import DecodedFrame, Decoder, Mark
 from canopen_control.trace.flight_trigger import is_fault
@@ -46,10 +38,9 @@ from canopen_control.trace.report_facts import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from canopen_control.frame import CanFrame
-    from canopen_control.rpc.messages.samples import Sample
     from canopen_control.rpc.messages.state import Status, TimedSnapshot
     from canopen_control.trace.flight_file import FlightFile, FlightFrame
     from canopen_control.trace.report_facts import EventFacts
@@ -398,7 +389,7 @@ def measured(states: Iterable[TimedSnapshot]) -> list[MeasuredFacts]:
             if last_times.get(name) == sample.time:
                 continue
             last_times[name] = sample.time
-            for quantity, unit, value in _rows(sample):
+            for quantity, unit, value in measured_values(sample):
                 if value is not None:
                     previous = facts.get((name, quantity))
                     facts[name, quantity] = _seen(MeasuredFacts(name, quantity, unit, value, value, value), previous)
@@ -410,68 +401,6 @@ def _seen(now: MeasuredFacts, before: MeasuredFacts | None) -> MeasuredFacts:
         return now
     least, most = min(before.least, now.last), max(before.most, now.last)
     return MeasuredFacts(now.controller, now.what, now.unit, least, most, now.last)
-
-
-def _rows(sample: Sample) -> Iterator[Row]:
-    for kind, rows in _KINDS.items():
-        if isinstance(sample, kind):
-            yield from rows(sample)
-
-
-def _axes(quantity: str, axes: str, unit: str, values: Iterable[float | None]) -> Iterator[Row]:
-    for axis, value in zip(axes, values, strict=False):
-        yield f"{quantity}.{axis}", unit, value
-
-
-def _imu(sample: ImuSample) -> Iterator[Row]:
-    yield from _axes("orientation", "xyzw", "", sample.orientation)
-    yield from _axes("angular_velocity", "xyz", "rad/s", sample.angular_velocity)
-    yield from _axes("linear_acceleration", "xyz", "m/s²", sample.linear_acceleration)
-
-
-def _range(sample: RangeSample) -> Iterator[Row]:
-    yield "range", "m", sample.range
-
-
-def _wrench(sample: WrenchSample) -> Iterator[Row]:
-    yield from _axes("force", "xyz", "N", sample.force)
-    yield from _axes("torque", "xyz", "Nm", sample.torque)
-
-
-def _pose(sample: PoseSample) -> Iterator[Row]:
-    yield from _axes("position", "xyz", "m", sample.position)
-    yield from _axes("orientation", "xyzw", "", sample.orientation)
-
-
-def _batteries(sample: BatteriesSample) -> Iterator[Row]:
-    for battery in sample.batteries:
-        yield f"{battery.name} voltage", "V", battery.voltage
-        yield f"{battery.name} current", "A", battery.current
-        yield f"{battery.name} temperature", "°C", battery.temperature
-        yield f"{battery.name} percentage", "", battery.percentage
-
-
-def _gpio(sample: GpioSample) -> Iterator[Row]:
-    for part, values in sample.parts.items():
-        for name, value in values.items():
-            yield f"{part}/{name}", "", value
-
-
-def _gripper(sample: GripperSample) -> Iterator[Row]:
-    yield f"{sample.joint} position", "rad or m", sample.position
-    yield f"{sample.joint} effort", "Nm or N", sample.effort
-    yield f"{sample.joint} target", "rad or m", sample.target
-
-
-_KINDS: Final[dict[type[Sample], Callable[..., Iterator[Row]]]] = {
-    ImuSample: _imu,
-    RangeSample: _range,
-    WrenchSample: _wrench,
-    PoseSample: _pose,
-    BatteriesSample: _batteries,
-    GpioSample: _gpio,
-    GripperSample: _gripper,
-}
 
 
 def networks_of(file: FlightFile) -> dict[str, NetworkDescription]:

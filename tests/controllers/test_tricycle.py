@@ -122,6 +122,26 @@ def test_in_open_loop_odometry_is_the_twist():
     assert robot.base.sample(0).x == pytest.approx(0.05, abs=0.006)
 
 
+def test_the_command_of_the_wheel_is_in_the_sample_where_it_is_to_be_published():
+    robot = Robot(publish_ackermann_command=True, **{"traction.max_velocity": 3.0}).command(0.5, 0.25).run(3)
+    assert robot.base.sample(0).ackermann == pytest.approx(robot.hardware.values())
+    assert Robot().command(0.5, 0.25).run(3).base.sample(0).ackermann is None
+
+
+def test_a_wheel_whose_angle_is_unknown_has_no_command_to_publish():
+    robot = Robot(publish_ackermann_command=True, open_loop=True)
+    robot.hardware.state_interfaces[1].value = math.nan
+    assert robot.run(2, follows=False).base.sample(0).ackermann is None
+
+
+@pytest.mark.parametrize("only_twist", [True, False])
+def test_odometry_without_a_pose_is_so_in_the_sample(only_twist):
+    robot = Robot(odom_only_twist=only_twist).command(0.5, 0.0).run(20)
+    sample = robot.base.sample(0)
+    assert sample.only_twist is only_twist
+    assert sample.x > 0.0  # of the transform
+
+
 def test_its_interfaces_are_upstreams():
     base = Robot().base
     assert base.command_interface_names() == base.state_interface_names() == ["t/velocity", "s/position"]
@@ -144,7 +164,7 @@ def test_every_mistake_is_named_at_once():
 
 
 def test_what_would_keep_it_moving_has_no_effect():
-    robot = Robot(**{"traction.min_velocity": 1.0, "publish_ackermann_command": True})
+    robot = Robot(**{"traction.min_velocity": 1.0, "steering.min_velocity": 0.5})
     texts = [event.text for event in robot.control.events() if "no effect" in event.text]
     assert len(texts) == 2
     assert robot.command(0.0, 0.0).run(3).hardware.values()[0] == 0.0

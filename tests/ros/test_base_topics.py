@@ -7,12 +7,13 @@ import pytest
 pytest.importorskip("geometry_msgs")
 
 from geometry_msgs.msg import Twist
+from msgspec.structs import replace
 from support import ros
-from support.endpoints import Ros, interface
+from support.endpoints import Ros, interface, publisher_of
 from support.ros import eventually
 
-from canopen_control.ros import base_topics
-from canopen_control.ros.base_topics import BaseOdometry, OdometrySetting, TwistCommands
+from canopen_control.ros import base_topics, sample_publisher
+from canopen_control.ros.base_topics import OdometryReset, OdometrySetting, TwistCommands
 from canopen_control.rpc.messages.robot import SetOdometry
 from canopen_control.rpc.messages.samples import OdometrySample
 from canopen_control.rpc.messages.state import ControllerReading, StateSample
@@ -151,9 +152,46 @@ def test_what_goes_sideways_is_for_a_base_that_can(axes, lateral):
 
 def test_odometry_has_the_speed_to_the_left():
     given = Ros()
-    endpoint = BaseOdometry(given, reading(HOLONOMIC))
+    endpoint = publisher_of(given, replace(reading(HOLONOMIC), tells="odometry"), "odom")
     endpoint.on_state(StateSample(samples={"base": OdometrySample(time=1.0, x=0.0, y=0.0, heading=0.0, lateral=0.25)}))
     assert given.publishers[0].told[0].twist.twist.linear.y == 0.25
+
+
+WHEEL = {"time": 1.0, "x": 1.0, "y": 2.0, "heading": 0.5, "linear": 0.25}
+
+
+def test_odometry_without_its_pose_has_the_twist_alone():
+    ros = Ros()
+    endpoint = publisher_of(ros, replace(reading(HOLONOMIC), tells="odometry"), "odom")
+    endpoint.on_state(StateSample(samples={"base": OdometrySample(**WHEEL, only_twist=True)}))
+    (message,) = ros.publishers[0].told
+    position, orientation = message.pose.pose.position, message.pose.pose.orientation
+    assert (position.x, position.y, orientation.z, orientation.w) == (0.0, 0.0, 0.0, 1.0)
+    assert message.twist.twist.linear.x == 0.25
+
+
+def test_the_command_of_the_wheel_is_published_where_it_is_in_the_sample(monkeypatch):
+    monkeypatch.setattr(sample_publisher, "interface", interface)
+    ros = Ros()
+    endpoint = publisher_of(ros, replace(reading(HOLONOMIC), tells="odometry"), "cmd_ackermann")
+    endpoint.on_state(StateSample(samples={"base": OdometrySample(**WHEEL)}))
+    assert ros.publishers == []
+    endpoint.on_state(StateSample(samples={"base": OdometrySample(**WHEEL | {"time": 2.0}, ackermann=(4.0, -0.5))}))
+    (publisher,) = ros.publishers
+    assert (publisher.topic, publisher.kind.__name__) == ("base/cmd_ackermann", "AckermannDrive")
+    assert (publisher.told[0].speed, publisher.told[0].steering_angle) == (4.0, -0.5)
+
+
+def test_odometry_is_reset_by_a_service_without_fields(monkeypatch):
+    monkeypatch.setattr(base_topics, "interface", interface, raising=False)
+    ros = Ros()
+    endpoint = OdometryReset(ros, reading(HOLONOMIC))
+    _, requests = ros.call("base/reset_odometry", {})
+    assert requests == [SetOdometry(controller="base", x=0.0, y=0.0, heading=0.0)]
+    ros.call("base/reset_odometry", "base is inactive")
+    assert ros.told == ["base/reset_odometry: base is inactive"]
+    endpoint.close()
+    assert ros.left == ["base/reset_odometry"]
 
 
 def test_odometry_is_set_by_a_service_in_the_plane_alone(monkeypatch):

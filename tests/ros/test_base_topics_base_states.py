@@ -8,14 +8,11 @@ import pytest
 
 pytest.importorskip("std_msgs")
 
-from support.endpoints import Ros, interface
+from support.endpoints import Ros, interface, publisher_of
 
-from canopen_control.ros import base_topics, controller_endpoints, controller_state
+from canopen_control.ros import base_topics, controller_endpoints, sample_publisher
 from canopen_control.ros.base_topics import (
-    BaseOdometry,
-    MecanumState,
     OdometrySetting,
-    SteeringState,
     TfOdometry,
     TwistCommands,
 )
@@ -34,25 +31,22 @@ def reading(tells, axes, topic="reference"):
 
 @pytest.fixture
 def ros(monkeypatch):
-    for module in (base_topics, base_topics, controller_state):
+    for module in (base_topics, sample_publisher):
         monkeypatch.setattr(module, "interface", interface, raising=False)
     return Ros()
 
 
 @pytest.mark.parametrize(
-    ("tells", "axes", "state", "kind"),
-    [
-        ("steering", PLANAR, SteeringState, "SteeringControllerStatus"),
-        ("mecanum", HOLONOMIC, MecanumState, "MecanumDriveControllerState"),
-    ],
+    ("tells", "axes", "kind"),
+    [("steering", PLANAR, "SteeringControllerStatus"), ("mecanum", HOLONOMIC, "MecanumDriveControllerState")],
 )
-def test_they_have_upstreams_topics(ros, tells, axes, state, kind):
+def test_they_have_upstreams_topics(ros, tells, axes, kind):
     made = controller_endpoints.endpoints_for(ros, reading(tells, axes))
-    assert [type(each) for each in made] == [TwistCommands, OdometrySetting, BaseOdometry, TfOdometry, state]
+    assert [type(each) for each in made[:3]] == [TwistCommands, OdometrySetting, TfOdometry]
     assert list(ros.services) == ["base/set_odometry"]
     assert [(each.topic, each.kind.__name__) for each in ros.publishers] == [
-        ("base/odometry", "Odometry"),
         ("base/tf_odometry", "TFMessage"),
+        ("base/odometry", "Odometry"),
         ("base/controller_state", kind),
     ]
     assert all(each.quality is SYSTEM_DEFAULT for each in ros.publishers)
@@ -70,7 +64,7 @@ def test_an_omni_base_has_the_topics_of_the_diff_drive(ros):
 
 
 def test_a_steered_base_tells_its_wheels(ros):
-    state = SteeringState(ros, reading("steering", PLANAR))
+    state = publisher_of(ros, reading("steering", PLANAR), "controller_state")
     sample = SteeringSample(
         **WHERE, traction_velocities=[1.0, None], steering=[0.25], traction_commands=[2.0, 3.0], steering_commands=[0.5]
     )
@@ -85,7 +79,7 @@ def test_a_steered_base_tells_its_wheels(ros):
 
 
 def test_a_base_on_mecanum_wheels_tells_them_and_its_twist(ros):
-    state = MecanumState(ros, reading("mecanum", HOLONOMIC))
+    state = publisher_of(ros, reading("mecanum", HOLONOMIC), "controller_state")
     sample = MecanumSample(**WHERE, wheels=[1.0, 2.0, 3.0, None], reference=[0.1, 0.2, None])
     state.on_state(StateSample(samples={"base": sample}))
     (told,) = ros.publishers[0].told

@@ -9,10 +9,11 @@ from msgspec.structs import replace
 
 pytest.importorskip("std_msgs")
 
-from support.endpoints import Ros, interface
+from support.endpoints import Ros, interface, publisher_of
 
-from canopen_control.ros import command_topics, controller_endpoints, controller_state
-from canopen_control.ros.command_topics import FeedForwardSwitch, PidMeasuredStates, PidReferences, PidState
+from canopen_control.ros import command_topics, controller_endpoints, sample_publisher
+from canopen_control.ros.command_topics import FeedForwardSwitch, PidMeasuredStates, PidReferences
+from canopen_control.ros.sample_publisher import SamplePublisher
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.robot import CommandController, SetFeedForward, SetMeasuredStates
 from canopen_control.rpc.messages.samples import DofReading, PidSample
@@ -34,14 +35,14 @@ def reading(*interfaces, state="active"):
 
 @pytest.fixture
 def ros(monkeypatch):
-    for module in (command_topics, controller_state):
+    for module in (command_topics, sample_publisher):
         monkeypatch.setattr(module, "interface", interface, raising=False)
     return Ros()
 
 
 def test_a_pid_controller_has_them(ros):
     made = controller_endpoints.endpoints_for(ros, reading("position"))
-    assert [type(each) for each in made] == [PidReferences, PidState, PidMeasuredStates, FeedForwardSwitch]
+    assert [type(each) for each in made] == [PidReferences, PidMeasuredStates, FeedForwardSwitch, SamplePublisher]
 
 
 class TestReferences:
@@ -120,7 +121,7 @@ class TestState:
         return StateSample(samples={"pid": PidSample(time=time, dofs=[x, y])})
 
     def test_what_is_not_known_is_nan(self, ros):
-        PidState(ros, reading("position")).on_state(self.sample(1.0))
+        publisher_of(ros, reading("position"), "controller_state").on_state(self.sample(1.0))
         fields = ("name", "reference", "feedback", "feedback_dot", "error", "error_dot", "time_step", "output")
         x, y = ([getattr(each, name) for name in fields] for each in ros.publishers[0].told[0].dof_states)
         assert x == ["x", 1.0, 0.75, 0.5, 0.25, -0.5, 0.01, 2.0]

@@ -19,16 +19,16 @@ class Ros:
     def node(self): return self
 def names(tells, topic, *publishes):
     endpoints = controller_endpoints.endpoints_for(Ros(), view(tells, topic, publishes))
-    return [each.__class__.__name__ for each in endpoints]
+    return [getattr(getattr(each, "_row", None), "topic", each.__class__.__name__) for each in endpoints]
 assert names(None, "commands") == ["ForwardCommands"]
-assert names("odometry", "cmd_vel") == ["TwistCommands", "OdometrySetting", "BaseOdometry"]
+assert names("odometry", "cmd_vel") == ["TwistCommands", "OdometrySetting", "odom", "cmd_vel_out", "cmd_ackermann"]
 broadcaster = "joint_states"
-assert names(broadcaster, None, "joint_states", "dynamic_joint_states") == ["JointStates", "DynamicJointStates"]
-assert names(broadcaster, None, "c/joint_states", "c/dynamic_joint_states") == ["JointStates", "DynamicJointStates"]
-assert names(broadcaster, None, "joint_states") == ["JointStates"]
+assert names(broadcaster, None, "joint_states", "dynamic_joint_states") == ["joint_states", "dynamic_joint_states"]
+assert names(broadcaster, None, "c/joint_states", "c/dynamic_joint_states") == ["joint_states", "dynamic_joint_states"]
+assert names(broadcaster, None, "joint_states") == ["joint_states"]
 assert names(broadcaster, None) == []  # not configured yet
-assert names("gpio", None) == ["GpioStates"]
-assert names("gpio", "gpio_commands") == ["GpioCommands", "GpioStates"]
+assert names("gpio", None) == ["gpio_states"]
+assert names("gpio", "gpio_commands") == ["GpioCommands", "gpio_states"]
 assert names("diagnostics", None) == []
 assert names(None, "dance") == []
 of_type = ControllerReading(name="c", type="canopen_ros2_controllers/CanopenProxyController", state="active")

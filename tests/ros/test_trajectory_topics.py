@@ -8,12 +8,12 @@ import pytest
 
 pytest.importorskip("trajectory_msgs")
 
-from support.endpoints import Ros, interface
+from support.endpoints import Ros, interface, publisher_of
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from canopen_control.errors import RemoteError
-from canopen_control.ros import controller_state, trajectory_topics
-from canopen_control.ros.trajectory_topics import SpeedScalingTopic, TrajectoryQuery, TrajectoryState, TrajectoryTopic
+from canopen_control.ros import sample_publisher, trajectory_topics
+from canopen_control.ros.trajectory_topics import SpeedScalingTopic, TrajectoryQuery, TrajectoryTopic
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
 from canopen_control.rpc.messages.state import ControllerReading, StateSample
@@ -31,7 +31,7 @@ ARM = ControllerReading(name="arm", type="x/Y", state="active", interface="posit
 
 @pytest.fixture
 def ros(monkeypatch):
-    for module in (trajectory_topics, controller_state):
+    for module in (trajectory_topics, sample_publisher):
         monkeypatch.setattr(module, "interface", interface, raising=False)
     return Ros()
 
@@ -122,7 +122,7 @@ class TestState:
         )  # fmt: skip
 
     def test_it_is_published_once_for_each_sample_and_only_where_somebody_listens(self, ros, sample):
-        state = TrajectoryState(ros, ARM)
+        state = publisher_of(ros, ARM, "controller_state")
         (publisher,) = ros.publishers
         assert publisher.topic == "arm/controller_state"
         publisher.subscribers = 0

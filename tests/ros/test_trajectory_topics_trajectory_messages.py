@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.host.lineclient import MAX_REQUEST, MAX_VALUES
+from canopen_control.ros.sample_topics import TRAJECTORY_FEEDBACK, fill
 from canopen_control.ros.trajectory_topics import (
-    fill_point,
     goal_refusal,
     is_one_piece,
     pieces_of,
@@ -17,6 +17,7 @@ from canopen_control.ros.trajectory_topics import (
     stamp_of,
     tolerances_of,
 )
+from canopen_control.rpc.messages.samples import TrajectorySample
 from canopen_control.rpc.messages.trajectory import MAX_POINTS, TrajectoryData
 from canopen_control.rpc.wire import request_line
 
@@ -51,12 +52,20 @@ def test_a_stamp_of_zero_is_at_once():
     assert stamp_of(trajectory([], stamp=duration(12, 500_000_000))) == 12.5
 
 
+class Messages:
+    floats = staticmethod(list)
+
+
 @given(st.floats(-1e6, 1e6), st.lists(st.floats(allow_nan=False), max_size=3))
 def test_a_point_goes_there_and_back(time, values):
     whole = math.floor(time)
     given_time = duration(whole, min(int((time - whole) * 1e9), 999_999_999))
     told = point_of(ros_point(positions=tuple(values), effort=tuple(values), time=given_time))
-    back = fill_point(ros_point(), told)
+    sample = TrajectorySample(time=1.0, joints=(), executing=False, holding=False, reference=told, feedback=told,
+                              error=told, output=told)  # fmt: skip
+    feedback = SimpleNamespace(joint_names=[], desired=ros_point(), actual=ros_point(), error=ros_point())
+    fill(Messages(), feedback, TRAJECTORY_FEEDBACK, sample)
+    back = feedback.actual
     assert (back.positions, back.velocities, back.effort) == (values, [], values)
     there = back.time_from_start
     assert 0 <= there.nanosec < 1_000_000_000

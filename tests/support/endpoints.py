@@ -5,6 +5,9 @@ from __future__ import annotations
 import copy
 
 from canopen_control.ros import interfaces
+from canopen_control.ros.sample_publisher import SamplePublisher
+from canopen_control.ros.sample_topics import SAMPLE_TOPICS
+from canopen_control.rpc.messages.samples import kind_of
 
 
 class Client:
@@ -107,6 +110,12 @@ class Ros:
             answer(*((None, found) if isinstance(found, str) else (found, None)))
         (response,) = replies
         return response, asked
+
+
+def publisher_of(ros, controller, topic):
+    """Return the publisher of one topic of a controller's samples."""
+    (row,) = [each for each in SAMPLE_TOPICS if each.topic == topic and kind_of(each.kind) == controller.tells]
+    return SamplePublisher(ros, controller, row)
 
 
 FACTORY = interfaces._Factory()

@@ -15,6 +15,7 @@ from support.samples import controllers_of, event_of, sample_of
 from support.trajectories import close
 
 from canopen_control.errors import ConfigError
+from canopen_control.ros.sample_topics import SAMPLE_TOPICS, fill
 from canopen_control.rpc.messages.samples import (
     BatteriesSample,
     BatteryReading,
@@ -31,7 +32,7 @@ from canopen_control.rpc.messages.samples import (
 )
 from canopen_control.rpc.messages.state import StateSample
 from canopen_control.runtime.api import ApiServer
-from canopen_control.trace.bag import CONTROLLER_TOPICS, BagMessages, BagWriter
+from canopen_control.trace.bag import BagMessages, BagWriter
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="rosbags is not installed: pip install canopen-control[bag]")
 SAMPLES = {
@@ -92,7 +93,8 @@ def test_each_is_there_once_with_its_type_and_stamp(found_of_sensors, topic):
 
 def test_every_row_is_tried_here():
     tried = {topic.rpartition("/")[2] for topic in KINDS}
-    assert {row.topic for row in CONTROLLER_TOPICS} == tried | {"controller_state"}
+    others = {"controller_state", "odom", "cmd_vel_out", "cmd_ackermann", "joint_states"}
+    assert {row.topic for row in SAMPLE_TOPICS if row.bag} == tried | others
 
 
 def test_an_imu(found_of_sensors):
@@ -147,6 +149,7 @@ LOOPS = {
               "time_step": 0.01, "output": 4.0}],
 }  # fmt: skip
 ODOMETRY = {"time": 13.5, "x": 1.0, "y": 0.0, "heading": 0.0}
+WHEEL = {"kind": "odometry", **ODOMETRY, "ackermann": [4.0, -0.5], "only_twist": True}
 STEERED = {
     "kind": "steering", **ODOMETRY, "traction_velocities": [3.0], "steering": [0.1, None],
     "steering_commands": [0.2, 0.3],
@@ -160,14 +163,16 @@ def found(tmp_path):
     """What a bag holds of two controllers that were looked at twice, by topic."""
     ros = BagMessages()
     with BagWriter(tmp_path / "bag", "arm") as writer:
-        state = sample_of({**STATE, "samples": {"arm": TRAJECTORY, "loops": LOOPS, "truck": STEERED, "mec": MECANUM}})
+        state = sample_of(
+            {**STATE, "samples": {"arm": TRAJECTORY, "loops": LOOPS, "truck": STEERED, "mec": MECANUM, "wheel": WHEEL}}
+        )
         writer.state(state)
         writer.state(state)
     topics = {}
     with rosbags.Reader(tmp_path / "bag") as reader:
         for connection, stamp, data in reader.messages():
             message = None
-            if connection.topic.endswith("controller_state"):
+            if connection.topic.endswith(("controller_state", "cmd_ackermann", "wheel/odom")):
                 message = ros.store.deserialize_cdr(data, connection.msgtype)
             topics.setdefault(connection.topic, []).append((connection, stamp, message))
     return topics
@@ -207,9 +212,20 @@ def test_bases_tell_their_wheels_beside_their_odometry(found):
     assert (wanted.linear.x, wanted.linear.y, wanted.angular.z) == (0.5, -0.25, 0.125)
 
 
+def test_the_command_of_a_wheel_that_steers_is_there_beside_odometry_without_a_pose(found):
+    ((connection, stamp, message),) = found["/wheel/cmd_ackermann"]
+    assert (connection.msgtype, stamp) == ("ackermann_msgs/msg/AckermannDrive", 13_500_000_000)
+    assert (message.speed, message.steering_angle) == (4.0, -0.5)
+    ((_, _, odometry),) = found["/wheel/odom"]
+    pose = odometry.pose.pose
+    assert (pose.position.x, pose.position.y, pose.orientation.w) == (0.0, 0.0, 1.0)
+
+
 def test_a_mecanum_base_that_has_told_no_wheels_yet_is_nan_throughout():
-    (row,) = [each for each in CONTROLLER_TOPICS if each.kind is MecanumSample]
-    message = row.make(BagMessages(), MecanumSample(time=1.0, x=0.0, y=0.0, heading=0.0))
+    (row,) = [each for each in SAMPLE_TOPICS if each.kind is MecanumSample]
+    messages = BagMessages()
+    message = messages.empty(row.message)
+    fill(messages, message, row, MecanumSample(time=1.0, x=0.0, y=0.0, heading=0.0))
     assert math.isnan(message.front_left_wheel_velocity)
     assert math.isnan(message.reference_velocity.angular.z)
 
@@ -227,7 +243,7 @@ def test_the_types_are_upstreams_by_their_hashes():
 
 
 def test_every_kind_has_its_message():
-    states = {row.kind for row in CONTROLLER_TOPICS if row.topic == "controller_state"}
+    states = {row.kind for row in SAMPLE_TOPICS if row.topic == "controller_state"}
     assert states == {TrajectorySample, PidSample, SteeringSample, MecanumSample}
 
 

@@ -25,7 +25,8 @@ class OdometrySample(Sample, frozen=True, kw_only=True, tag="odometry"):
     """Pose of a base controller by odometry.
 
     Metres, rad, seconds; `lateral` is to the left, of a holonomic base; each covariance by the six values of its
-    diagonal. `limited` is the twist after the limits if it is published.
+    diagonal. `limited` is the twist after the limits if it is published; `ackermann` is the speed (rad/s) and the angle
+    (rad) of the wheel that drives and steers, likewise. With `only_twist` the message for ROS has no pose.
     """
 
     x: float
@@ -40,6 +41,8 @@ class OdometrySample(Sample, frozen=True, kw_only=True, tag="odometry"):
     twist_covariance: list[float] = []
     enable_odom_tf: bool = True
     limited: tuple[float, float] | None = None
+    ackermann: tuple[float, float] | None = None
+    only_twist: bool = False
 
 
 class SteeringSample(OdometrySample, frozen=True, kw_only=True, tag="steering"):

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 
 import pytest
-from support.endpoints import Ros
+from support.endpoints import Ros, publisher_of
 
-from canopen_control.ros import controller_endpoints, interfaces
-from canopen_control.ros.controller_endpoints import BatteryTopics, SensorTopic
-from canopen_control.ros.conversions import SENSOR_MESSAGES
+from canopen_control.ros import controller_endpoints, interfaces, sample_publisher
+from canopen_control.ros.sample_topics import SAMPLE_TOPICS
 from canopen_control.rpc.messages.samples import (
     BatteriesSample,
     BatteryReading,
@@ -40,7 +39,7 @@ SAMPLES = {
     "wrench": WrenchSample(time=2.25, frame_id="tool0", force=(1.0, None, -3.5), torque=(0.5, 0.25, 0.125)),
     "pose": PoseSample(time=2.25, frame_id="map", position=(1.0, 2.0, None), orientation=(0.0, 0.6, 0.0, 0.8)),
 }  # fmt: skip
-TOPICS = {row.topic: row for row in SENSOR_MESSAGES}
+TOPICS = {row.topic: row for row in SAMPLE_TOPICS if row.topic in SAMPLES}
 
 
 def published(kind, sample=None):
@@ -109,7 +108,7 @@ def test_a_pose():
 def test_nothing_is_made_where_nobody_listens_of_sensor_topics():
     ros = Ros()
     reading = ControllerReading(name="b", type="x/Y", state="active", tells="wrench")
-    topic = SensorTopic(ros, reading, TOPICS["wrench"])
+    topic = publisher_of(ros, reading, "wrench")
     ros.publishers[0].subscribers = 0
     topic.on_state(StateSample(samples={"b": SAMPLES["wrench"]}))
     assert ros.publishers[0].told == []
@@ -126,22 +125,20 @@ POWER = ControllerReading(name="power", type="x/Y", state="active", tells="batte
 @pytest.fixture
 def ros(monkeypatch):
     made = {"control_msgs/msg/BatteryStateArray": Array}
-    monkeypatch.setattr(controller_endpoints, "interface", lambda name: made.get(name) or interfaces.interface(name))
+    monkeypatch.setattr(sample_publisher, "interface", lambda name: made.get(name) or interfaces.interface(name))
     return Ros()
 
 
 class Array:
     """The message whose parts are of another package, which are not made here."""
 
-    def __init__(self, battery_states):
-        self.battery_states = battery_states
+    battery_states = ()
 
 
 def test_all_batteries_and_each_by_itself_are_published_once(ros):
-    (topics,) = controller_endpoints.endpoints_for(ros, POWER)
-    assert type(topics) is BatteryTopics
-    topics.on_state(STATE)
-    topics.on_state(STATE)
+    topics = controller_endpoints.endpoints_for(ros, POWER)
+    for topic in (*topics, *topics):
+        topic.on_state(STATE)
     together, each = ros.publishers
     assert [one.topic for one in ros.publishers] == ["power/battery_state", "power/raw_battery_states"]
     assert together.kind.__name__ == "BatteryState"
@@ -154,13 +151,6 @@ def test_all_batteries_and_each_by_itself_are_published_once(ros):
     assert (main.power_supply_status, main.power_supply_technology, main.present) == (2, 3, True)
     assert (main.capacity, main.location, main.serial_number) == (40.0, "slot 1", "77")
     assert math.isnan(main.temperature)
-    topics.close()
+    for topic in topics:
+        topic.close()
     assert ros.left == [together, each]
-
-
-def test_nothing_is_made_where_nobody_listens(ros):
-    topics = BatteryTopics(ros, POWER)
-    for publisher in ros.publishers:
-        publisher.subscribers = 0
-    topics.on_state(STATE)
-    assert [each.told for each in ros.publishers] == [[], []]

@@ -146,5 +146,5 @@ def test_the_publisher_satisfies_every_subscriber(stage):
 
 
 def test_a_time_in_unix_seconds_as_a_message():
-    code = "from canopen_control.ros.joint_states import time_message as t; m = t(12.5); print(m.sec, m.nanosec)"
+    code = "from canopen_control.ros.sample_publisher import time_message as t; m = t(12.5); print(m.sec, m.nanosec)"
     assert run_ros(code).split() == ["12", "500000000"]

@@ -1,0 +1,86 @@
+"""The publisher of a controller's samples: a message for each update that the state stream carries.
+
+Rules (ros2_controllers, Jazzy): names, types and quality of the topics are upstream's. One object serves for all
+messages of a topic; one that is not latched is filled only where there is a subscriber.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from builtin_interfaces.msg import Time
+
+from canopen_control.ros.conversions import stamp_of
+from canopen_control.ros.endpoint import Endpoint, NewSamples
+from canopen_control.ros.interfaces import interface
+from canopen_control.ros.qos import SYSTEM_DEFAULT
+from canopen_control.ros.sample_topics import fill
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from canopen_control.ros.endpoint import Ros
+    from canopen_control.ros.sample_topics import SampleTopic
+    from canopen_control.rpc.messages.state import ControllerReading, StateSample
+
+
+def time_message(unix_s: float) -> Time:
+    """Return a time in Unix seconds as a message."""
+    seconds, nanoseconds = stamp_of(unix_s)
+    return Time(sec=seconds, nanosec=nanoseconds)
+
+
+class RosMessages:
+    """Maker of rclpy's messages, with the frames of a robot."""
+
+    def __init__(self, ros: Ros) -> None:
+        self._ros = ros
+
+    def empty(self, name: str) -> Any:  # noqa: ANN401 - a generated class
+        """Return a new message; MissingInterface where this ROS has none of it."""
+        return interface(name)()
+
+    def floats(self, values: Iterable[float]) -> object:
+        """Return a list of numbers."""
+        return list(values)
+
+    def frame(self, name: str) -> str:
+        """Return a frame with the prefix of the robot's frames."""
+        return self._ros.frame(name)
+
+
+class SamplePublisher(Endpoint):
+    """Publisher of one `row` of the table for one controller; its topic is made with the first message if optional."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading, row: SampleTopic) -> None:
+        self._ros, self._row, self._controller, self._samples = ros, row, controller, NewSamples(row.kind)
+        self._messages = RosMessages(ros)
+        self._message: Any = None
+        self._publisher: Any = None
+        if row.optional == "time":
+            self._open()
+
+    def _open(self) -> None:
+        self._message = self._messages.empty(self._row.message)
+        topic = self._row.name(self._controller)
+        self._publisher = self._ros.node.create_publisher(type(self._message), topic, SYSTEM_DEFAULT)
+
+    def on_controller(self, controller: ControllerReading) -> None:
+        """Take the frame of a controller without one in its samples."""
+        self._controller = controller
+
+    def on_state(self, state: StateSample) -> None:
+        """Publish a new sample."""
+        sample = self._samples.of(state).get(self._controller.name)
+        if sample is None or getattr(sample, self._row.optional) is None:
+            return
+        if self._publisher is None:
+            self._open()
+        if self._row.latched or self._publisher.get_subscription_count():
+            fill(self._messages, self._message, self._row, sample, self._controller.frame_id)
+            self._publisher.publish(self._message)
+
+    def close(self) -> None:
+        """Leave the topic."""
+        if self._publisher is not None:
+            self._ros.node.destroy_publisher(self._publisher)
