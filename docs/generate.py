@@ -286,7 +286,7 @@ def quirks() -> str:
         shown = each.listing()
         bounds = "" if shown.default is None else f"{shown.low:g} to {shown.high:g} {shown.unit}, {shown.default:g}"
         where = "" if each.axis is not None else " (the node as a whole)"
-        rows.append(f"| `{each.name}` | {each.does}{where} | {bounds} | {each.clause} | {each.source} |")
+        rows.append(f"| `{each.name}` | {each.does}{where} | {bounds} | {each.clause or 'no clause'} | {each.source} |")
     return (
         "# Quirks of virtual drives\n\n"
         "A quirk is a documented way in which a healthy drive departs from CiA 301 or CiA 402-2; what breaks is a "

@@ -2,9 +2,10 @@
 
 Without --configure, --store and --motion the checks change no value; some send requests that a device has to refuse.
 With --configure they write parameters, and start, stop and reset the node; with --store they store parameters; with
---motion they switch on the power stage of a drive. Each is asked for once unless --yes is given. At the end the
-parameters that the EDS lists are compared and restored. A node of a running robot is refused, and with one of the three
-options a node that is OPERATIONAL.
+--motion they switch on the power stage of a drive and turn the shaft: --speed and --distance bound each motion, or
+0x607F and a revolution, and the shaft returns to its place. Each is asked for once unless --yes is given. At the end
+the parameters that the EDS lists are compared and restored. A node of a running robot is refused, and with one of the
+three options a node that is OPERATIONAL.
 
 Exit codes: 0 no check that must pass has failed; 1 one has; 2 wrong usage, or nothing could be tested.
 """
@@ -19,11 +20,11 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import open_port
 from canopen_control.cia301.nmt import NmtState
-from canopen_control.cli.support.arguments import number
+from canopen_control.cli.support.arguments import number, whole_number
 from canopen_control.cli.support.output import Progress, json_text
 from canopen_control.cli.support.target import LABEL, find_eds, parse_node_id, robot_on
 from canopen_control.conformance.check import CheckTouch
-from canopen_control.conformance.checked_node import CheckedNode
+from canopen_control.conformance.checked_node import CheckedNode, MotionBounds
 from canopen_control.conformance.html_report import html_page
 from canopen_control.conformance.report import changed_verdicts, junit, report_lines
 from canopen_control.conformance.run import choose, run_checks
@@ -41,10 +42,11 @@ EXAMPLE = """canopen-control conform 5 --can can0 --eds drive.eds
          canopen-control conform 5 --can can0 --eds drive.eds --configure --yes --html conform.html"""
 
 LEVELS = ("301", "305", "402", "all")
+_bound = whole_number("whole number above 0", range(1, 1 << 31))
 HEARTBEAT_S = 1.2  # a heartbeat of a second shows the NMT state
 _QUESTIONS = {
     CheckTouch.CONFIGURE: "write parameters of the node, start, stop and reset it",
-    CheckTouch.MOTION: "switch on the power stage; the shaft must be free to move",
+    CheckTouch.MOTION: "switch on the power stage and turn the shaft, which must be free to move",
     CheckTouch.STORE: "store parameters of the node, and restore its defaults (0x1010, 0x1011)",
 }
 
@@ -57,7 +59,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--level", choices=LEVELS, default="all", help="checks of one document (default: all)")
     parser.add_argument("--configure", action="store_true", help="write parameters and reset the node, too")
     parser.add_argument("--store", action="store_true", help="store parameters and restore defaults, too")
-    parser.add_argument("--motion", action="store_true", help="switch on the power stage, too; the shaft must be free")
+    parser.add_argument(
+        "--motion", action="store_true", help="switch on the power stage and turn the shaft, too, which must be free"
+    )
+    parser.add_argument(
+        "--speed", type=_bound, default=0, metavar="N", help="speed of motions in the drive's unit (1 %% of 0x607F)"
+    )
+    parser.add_argument(
+        "--distance", type=_bound, default=0, metavar="N", help="way of motions in the drive's unit (half a revolution)"
+    )
     parser.add_argument("--yes", action="store_true", help="do not ask before --configure, --store and --motion")
     parser.add_argument(
         "--timeout",
@@ -87,7 +97,9 @@ def run(args: argparse.Namespace) -> int:
     with Reactor() as reactor:
         port = open_port(args.can, label=LABEL, join=True)
         try:
-            node = CheckedNode(reactor, port, node_id, eds, timeout_s=args.timeout)
+            node = CheckedNode(
+                reactor, port, node_id, eds, timeout_s=args.timeout, bounds=MotionBounds(args.distance, args.speed)
+            )
             if len(touches) > 1:
                 _refuse_operational(node)
             with Progress(f"checking node {node_id}", "checks", rate=True) as progress:

@@ -78,7 +78,8 @@ def _list(args: argparse.Namespace) -> int:
         strength = ""
         if listing.default is not None:
             strength = f" Strength: {listing.low:.10g} to {listing.high:.10g} {listing.unit}, {listing.default:g}."
-        text = f"The drive {listing.does}.{strength} Departs from {listing.clause}. Source: {listing.source}."
+        clause = listing.clause or "no clause"
+        text = f"The drive {listing.does}.{strength} Departs from {clause}. Source: {listing.source}."
         print(listing.name)
         print(textwrap.fill(text, _WIDTH, initial_indent="    ", subsequent_indent="    "))
     return 0

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from contextlib import contextmanager, suppress
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NmtCommand, NmtState, nmt_frame, state_of_byte
 from canopen_control.cia301.sdo_client import SdoClient
@@ -43,17 +43,31 @@ class NotApplicable(Exception):
     """A check does not apply to this device: an optional object is missing, or there is no EDS to compare with."""
 
 
+class MotionBounds(NamedTuple):
+    """Bounds of motions in the drive's units of position and velocity; 0: by its objects."""
+
+    distance: int = 0
+    speed: int = 0
+
+
 class CheckedNode:
     """Node under test on a port; `eds` is its description, None without one.
 
-    `timeout_s` is the time allowed for each answer. BusError when the bus is gone.
+    `timeout_s` is the time allowed for each answer, `bounds` are those of motions. BusError when the bus is gone.
     """
 
     def __init__(
-        self, reactor: Reactor, port: Port, node_id: int, eds: EdsFile | None = None, *, timeout_s: float = 0.5
+        self,
+        reactor: Reactor,
+        port: Port,
+        node_id: int,
+        eds: EdsFile | None = None,
+        *,
+        timeout_s: float = 0.5,
+        bounds: MotionBounds | None = None,
     ) -> None:
         self.reactor, self.port, self.node_id, self.eds = reactor, port, node_id, eds
-        self.timeout_s = timeout_s
+        self.timeout_s, self.bounds = timeout_s, bounds or MotionBounds()
         self.state: NmtState | None = None  # as in the last heartbeat
         self.notes: list[str] = []  # of the current check
         self.log: deque[str] = deque(maxlen=KEPT)

@@ -6,7 +6,7 @@ in a mode and with a set-point by which the motor stands.
 
 from __future__ import annotations
 
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -16,10 +16,30 @@ from canopen_control.cia402 import objects as o
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import HALT_BIT, State, decode_statusword
 from canopen_control.conformance.check import CheckLevel, CheckList, CheckTouch, expect
-from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
+from canopen_control.conformance.checked_node import NotApplicable
+from canopen_control.conformance.drive_steps import (
+    FAULT,
+    LIMIT_S,
+    OE,
+    ON,
+    QSA,
+    RTSO,
+    SOD,
+    control,
+    drive_at,
+    go,
+    is_drive,
+    option,
+    reaches,
+    set_mode,
+    signed,
+    stand,
+    statusword,
+    stays,
+)
 from canopen_control.conformance.nmt_checks import boot
 from canopen_control.conformance.pdo_checks import first_rpdo, present_values
-from canopen_control.errors import RemoteProtocolError, SdoAbort
+from canopen_control.errors import SdoAbort
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -32,11 +52,7 @@ _add = DRIVE_CHECKS.add
 _MUST, _SHOULD = CheckLevel.MUST, CheckLevel.SHOULD
 _CONFIGURE, _MOTION = CheckTouch.CONFIGURE, CheckTouch.MOTION
 _POWER = "402-2, 6.3 (power state machine)"
-_DRIVES = 402  # low word of 0x1000
-_STEP_S = 0.005  # between two looks at an object
-_LIMIT_S = 10.0  # longest time of a transition, or of a change of mode
 _QUICK_S = 0.3  # time that a master expects
-_STANDING = (OperationMode.PV, OperationMode.PP, OperationMode.CSV, OperationMode.CSP)
 # Negative option codes are manufacturer-specific; the others are listed in CiA 402-2.
 _OPTION_CODES = {
     0x605A: range(9),
@@ -46,140 +62,6 @@ _OPTION_CODES = {
     0x605E: range(5),
     0x6007: range(4),
 }
-_SOD, _RTSO, _ON, _OE = State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.OPERATION_ENABLED
-_QSA, _FAULT = State.QUICK_STOP_ACTIVE, State.FAULT
-_UP, _UP_WORDS = (_SOD, _RTSO, _ON, _OE), (0x06, 0x07, 0x0F)
-
-
-# -- steps
-
-
-def is_drive(node: CheckedNode) -> None:
-    """Raise NotApplicable for a device that is no drive."""
-    if int.from_bytes(node.read(0x1000)[:2], "little") != _DRIVES:
-        raise NotApplicable("the low word of 0x1000 is not 402: no drive")
-
-
-def signed(node: CheckedNode, index: int, subindex: int = 0) -> int:
-    """Read a signed number; NotApplicable if the device has none."""
-    return int.from_bytes(node.optional(index, subindex), "little", signed=True)
-
-
-def statusword(node: CheckedNode) -> int:
-    """Read 0x6041."""
-    return int.from_bytes(node.read(o.STATUSWORD), "little")
-
-
-def control(node: CheckedNode, word: int) -> None:
-    """Write 0x6040."""
-    node.put(o.CONTROLWORD, 0, word, 2)
-
-
-def reaches(node: CheckedNode, state: State, seconds: float = _LIMIT_S) -> float:
-    """Return the time until the drive is in a state, in s; CheckFailed if it is not in time."""
-    begin = node.reactor.now()
-    while True:
-        word = statusword(node)
-        elapsed = (node.reactor.now() - begin) / 1e9
-        if decode_statusword(word) is state:
-            return elapsed
-        if elapsed >= seconds:
-            shown = decode_statusword(word)
-            name = "no state" if shown is None else shown.name
-            raise CheckFailed(f"statusword 0x{word:04X} ({name}) after {seconds:g} s", state.name)
-        node.listen(_STEP_S if elapsed < 1.0 else 10 * _STEP_S)
-
-
-def stays(node: CheckedNode, state: State, seconds: float) -> None:
-    """Expect that the drive is in a state for some time."""
-    for _ in range(10):
-        word = statusword(node)
-        shown = decode_statusword(word)
-        expect(shown is state, "no state" if shown is None else shown.name, f"{state.name} for {seconds:g} s")
-        node.listen(seconds / 10)
-
-
-def go(node: CheckedNode, goal: State) -> None:
-    """Bring the drive to a state by the commands of the state machine, each after the transition before."""
-    for _ in range(8):
-        state = decode_statusword(statusword(node))
-        if state is goal:
-            return
-        if state in (_FAULT, State.FAULT_REACTION_ACTIVE):
-            reaches(node, _FAULT)
-            control(node, 0)
-            control(node, 0x80)
-            reaches(node, _SOD)
-            continue
-        control(node, _word_to(state, goal))
-        _left(node, state)
-    reaches(node, goal, 0.1)
-
-
-def _word_to(state: State | None, goal: State) -> int:
-    """Return the controlword of the next step to a goal among the states of `_UP`."""
-    if state not in _UP or goal is _UP[0]:
-        return 0x00
-    place, target = _UP.index(state), _UP.index(goal)
-    return _UP_WORDS[place] if place < target else _UP_WORDS[target - 1]
-
-
-def _left(node: CheckedNode, state: State | None) -> None:
-    for _ in range(round(_LIMIT_S / 0.02)):
-        if decode_statusword(statusword(node)) is not state:
-            return
-        node.listen(0.02 if state is not _OE else _STEP_S)
-
-
-def set_mode(node: CheckedNode, mode: int) -> None:
-    """Select a mode of operation, and wait until 0x6061 shows it; NotApplicable for one that 0x6502 does not list."""
-    if not node.number(o.SUPPORTED_DRIVE_MODES) >> (mode - 1) & 1:
-        raise NotApplicable(f"0x6502 does not list mode {mode}")
-    node.put(o.MODES_OF_OPERATION, 0, mode, 1)
-    for _ in range(round(_LIMIT_S / 0.02)):
-        if signed(node, o.MODES_OF_OPERATION_DISPLAY) == mode:
-            return
-        node.listen(0.02)
-
-
-def stand(node: CheckedNode) -> None:
-    """Select a mode in which the drive stands when it is enabled."""
-    modes = node.number(o.SUPPORTED_DRIVE_MODES)
-    mode = next((mode for mode in _STANDING if modes >> (mode - 1) & 1), None)
-    if mode is None:
-        raise NotApplicable("0x6502 lists neither PV, PP, CSV nor CSP")
-    if mode in (OperationMode.PV, OperationMode.CSV):
-        node.put(o.TARGET_VELOCITY, 0, 0, 4)
-    else:
-        node.write(o.TARGET_POSITION, 0, node.read(o.POSITION_ACTUAL))
-    node.put(o.MODES_OF_OPERATION, 0, mode, 1)
-
-
-@contextmanager
-def drive_at(node: CheckedNode, goal: State, mode: int | None = None) -> Iterator[None]:
-    """Context in which the node is OPERATIONAL and its drive in a state; without power and in its old mode after it."""
-    is_drive(node)
-    with node.operational():
-        before = node.read(o.MODES_OF_OPERATION)
-        try:
-            if mode is None:
-                stand(node)
-            else:
-                set_mode(node, mode)
-            go(node, goal)
-            yield
-        finally:
-            with suppress(RemoteProtocolError):
-                control(node, 0)
-                for _ in range(100):
-                    if decode_statusword(statusword(node)) in (_SOD, _FAULT):
-                        break
-                    node.listen(0.05)
-                if decode_statusword(statusword(node)) is _FAULT:
-                    control(node, 0x80)
-                    node.listen(0.05)
-                    control(node, 0)
-                node.write(o.MODES_OF_OPERATION, 0, before)
 
 
 # -- objects
@@ -407,7 +289,7 @@ def _enabled_in_preop(node: CheckedNode) -> None:
                 control(node, word)
                 node.listen(0.1)
             state = decode_statusword(statusword(node))
-            expect(state is not _OE, "OPERATION_ENABLED", "no power in PRE-OPERATIONAL")
+            expect(state is not OE, "OPERATION_ENABLED", "no power in PRE-OPERATIONAL")
         finally:
             control(node, 0)
             node.listen(0.1)
@@ -417,38 +299,38 @@ def _enabled_in_preop(node: CheckedNode) -> None:
 def _after_reset(node: CheckedNode) -> None:
     is_drive(node)
     boot(node)
-    reaches(node, _SOD)
+    reaches(node, SOD)
 
 
 @_add("D20t", _POWER, "after a reset SWITCH ON DISABLED is reached within 1 s", _SHOULD, _CONFIGURE)
 def _soon_after_reset(node: CheckedNode) -> None:
     is_drive(node)
     boot(node)
-    reaches(node, _SOD, 1.0)
+    reaches(node, SOD, 1.0)
 
 
 # -- the power state machine: every transition by every command, by SDO and by RPDO
 
 _ARROWS = (
-    ("D21", 2, _SOD, 0x06, _RTSO),
-    ("D22", 3, _RTSO, 0x07, _ON),
-    ("D23", 4, _ON, 0x0F, _OE),
-    ("D24", 5, _OE, 0x07, _ON),
-    ("D25", 6, _ON, 0x06, _RTSO),
-    ("D26", 7, _RTSO, 0x00, _SOD),
-    ("D26q", 7, _RTSO, 0x02, _SOD),
-    ("D27", 8, _OE, 0x06, _RTSO),
-    ("D28", 9, _OE, 0x00, _SOD),
-    ("D29", 10, _ON, 0x00, _SOD),
-    ("D29q", 10, _ON, 0x02, _SOD),
+    ("D21", 2, SOD, 0x06, RTSO),
+    ("D22", 3, RTSO, 0x07, ON),
+    ("D23", 4, ON, 0x0F, OE),
+    ("D24", 5, OE, 0x07, ON),
+    ("D25", 6, ON, 0x06, RTSO),
+    ("D26", 7, RTSO, 0x00, SOD),
+    ("D26q", 7, RTSO, 0x02, SOD),
+    ("D27", 8, OE, 0x06, RTSO),
+    ("D28", 9, OE, 0x00, SOD),
+    ("D29", 10, ON, 0x00, SOD),
+    ("D29q", 10, ON, 0x02, SOD),
 )
 _FORBIDDEN = (
-    ("D33a", _SOD, 0x07),
-    ("D33b", _SOD, 0x0F),
-    ("D33c", _SOD, 0x02),
-    ("D34", _SOD, 0x80),  # a fault reset without a fault
-    ("D34r", _RTSO, 0x86),
-    ("D33h", _RTSO, 0x06),
+    ("D33a", SOD, 0x07),
+    ("D33b", SOD, 0x0F),
+    ("D33c", SOD, 0x02),
+    ("D34", SOD, 0x80),  # a fault reset without a fault
+    ("D34r", RTSO, 0x86),
+    ("D33h", RTSO, 0x06),
 )
 
 
@@ -486,10 +368,10 @@ def _no_arrow(node: CheckedNode, source: State, word: int) -> None:
 for _id, _arrow_number, _source, _word, _target in _ARROWS:
     _title = f"transition {_arrow_number}: {_source.name} and 0x{_word:02X} lead to {_target.name}"
     _add(_id, _POWER, _title, touch=_MOTION)(
-        partial(_arrow, source=_source, word=_word, target=_target, seconds=_LIMIT_S)
+        partial(_arrow, source=_source, word=_word, target=_target, seconds=LIMIT_S)
     )
     _add(f"{_id}r", _POWER, f"{_title}, by RPDO", touch=_MOTION)(
-        partial(_arrow, source=_source, word=_word, target=_target, seconds=_LIMIT_S, rpdo=True)
+        partial(_arrow, source=_source, word=_word, target=_target, seconds=LIMIT_S, rpdo=True)
     )
     _add(f"{_id}t", _POWER, f"{_title} within {_QUICK_S:g} s", _SHOULD, _MOTION)(
         partial(_arrow, source=_source, word=_word, target=_target, seconds=_QUICK_S)
@@ -502,38 +384,38 @@ for _id, _source, _word in _FORBIDDEN:
 
 @_add("D44", _POWER, "SWITCHED ON lasts without a command", _SHOULD, _MOTION)
 def _lasting(node: CheckedNode) -> None:
-    with drive_at(node, _ON):
-        stays(node, _ON, 4.0)
+    with drive_at(node, ON):
+        stays(node, ON, 4.0)
 
 
 @_add("D23v", "402-2, object 0x6041", "bit 4 of 0x6041 (voltage enabled) is 1 in OPERATION ENABLED", touch=_MOTION)
 def _voltage(node: CheckedNode) -> None:
-    with drive_at(node, _OE):
+    with drive_at(node, OE):
         word = statusword(node)
         expect(bool(word & 0x10), f"statusword 0x{word:04X}", "bit 4 = 1")
 
 
 @_add("D46", _POWER, "OPERATION ENABLED is entered with mode 0, too", _SHOULD, _MOTION)
 def _without_mode(node: CheckedNode) -> None:
-    with drive_at(node, _SOD):
+    with drive_at(node, SOD):
         try:
             node.put(o.MODES_OF_OPERATION, 0, 0, 1)
         except SdoAbort as error:
             raise NotApplicable(f"0x6060 refuses 0: 0x{error.code:08X}") from None
-        go(node, _ON)
+        go(node, ON)
         control(node, 0x0F)
-        reaches(node, _OE, 1.0)
+        reaches(node, OE, 1.0)
 
 
 @_add("D39", _POWER, "enabling moves nothing, whatever 0x607A holds", touch=_MOTION)
 def _old_target(node: CheckedNode) -> None:
-    with drive_at(node, _ON, OperationMode.PP):
+    with drive_at(node, ON, OperationMode.PP):
         position = signed(node, o.POSITION_ACTUAL)
         window = max(node.number(o.POSITION_WINDOW), 10)
         with node.kept(o.TARGET_POSITION):
             node.put(o.TARGET_POSITION, 0, position + 100 * window & 0xFFFFFFFF, 4)
             control(node, 0x0F)
-            reaches(node, _OE)
+            reaches(node, OE)
             node.listen(0.3)
             moved = signed(node, o.POSITION_ACTUAL) - position
             expect(abs(moved) <= window, f"moved by {moved}", "at rest until a set-point is given by bit 4")
@@ -542,34 +424,23 @@ def _old_target(node: CheckedNode) -> None:
 # -- quick stop
 
 
-@contextmanager
-def option(node: CheckedNode, index: int, value: int) -> Iterator[None]:
-    """Context with another option code; NotApplicable if the drive refuses the value."""
-    with node.kept(index):
-        try:
-            node.put(index, 0, value, 2)
-        except SdoAbort as error:
-            raise NotApplicable(f"0x{index:04X} refuses {value}: 0x{error.code:08X}") from None
-        yield
-
-
 @_add("D30", "402-2, 6.3 (object 0x605A)", "a quick stop with 0x605A = 6 stays in QUICK STOP ACTIVE", touch=_MOTION)
 def _quick_stop(node: CheckedNode) -> None:
     is_drive(node)
-    with option(node, o.QUICK_STOP_OPTION, 6), drive_at(node, _OE):
+    with option(node, o.QUICK_STOP_OPTION, 6), drive_at(node, OE):
         control(node, 0x02)
-        reaches(node, _QSA, 1.0)
-        stays(node, _QSA, 0.5)
+        reaches(node, QSA, 1.0)
+        stays(node, QSA, 0.5)
         control(node, 0x00)
-        reaches(node, _SOD)
+        reaches(node, SOD)
 
 
 @_add("D30e", "402-2, 6.3 (object 0x605A)", "a quick stop with 0x605A = 2 ends in SWITCH ON DISABLED", touch=_MOTION)
 def _quick_stop_ends(node: CheckedNode) -> None:
     is_drive(node)
-    with option(node, o.QUICK_STOP_OPTION, 2), drive_at(node, _OE):
+    with option(node, o.QUICK_STOP_OPTION, 2), drive_at(node, OE):
         control(node, 0x02)
-        reaches(node, _SOD, 5.0)
+        reaches(node, SOD, 5.0)
 
 
 @_add(
@@ -581,11 +452,11 @@ def _quick_stop_ends(node: CheckedNode) -> None:
 )
 def _resumed(node: CheckedNode) -> None:
     is_drive(node)
-    with option(node, o.QUICK_STOP_OPTION, 6), drive_at(node, _OE):
+    with option(node, o.QUICK_STOP_OPTION, 6), drive_at(node, OE):
         control(node, 0x02)
-        reaches(node, _QSA, 1.0)
+        reaches(node, QSA, 1.0)
         control(node, 0x0F)
-        reaches(node, _OE, 1.0)
+        reaches(node, OE, 1.0)
 
 
 # -- faults: provoked by the loss of a heartbeat that the drive watches
@@ -597,7 +468,7 @@ def _faulted(node: CheckedNode, word: int = 0x0F) -> Iterator[list[int]]:
     is_drive(node)
     other = 126 if node.node_id != 126 else 125
     can_id = node.number(0x1014) & 0x7FF
-    with option(node, o.ABORT_CONNECTION_OPTION, 1), drive_at(node, _OE):
+    with option(node, o.ABORT_CONNECTION_OPTION, 1), drive_at(node, OE):
         control(node, word)
         with node.kept(0x1016, 1):
             node.put(0x1016, 1, other << 16 | 100, 4)
@@ -607,7 +478,7 @@ def _faulted(node: CheckedNode, word: int = 0x0F) -> Iterator[list[int]]:
             frames = [frame for _, frame in node.listen(0.4) if frame.can_id == can_id]
         node.nmt(NmtCommand.START)
         node.listen(0.02)
-        reaches(node, _FAULT, 5.0)
+        reaches(node, FAULT, 5.0)
         yield [int.from_bytes(frame.data[:2], "little") for frame in frames]
 
 
@@ -629,7 +500,7 @@ def _fault_reset(node: CheckedNode) -> None:
     with _faulted(node):
         control(node, 0x00)
         control(node, 0x80)
-        reaches(node, _SOD)
+        reaches(node, SOD)
 
 
 @_add("D36t", _POWER, f"FAULT is left within {_QUICK_S:g} s of the edge of bit 7", _SHOULD, _MOTION)
@@ -637,13 +508,13 @@ def _quick_reset(node: CheckedNode) -> None:
     with _faulted(node):
         control(node, 0x00)
         control(node, 0x80)
-        reaches(node, _SOD, _QUICK_S)
+        reaches(node, SOD, _QUICK_S)
 
 
 @_add("D36l", _POWER, "bit 7 that is held at 1 resets no fault", touch=_MOTION)
 def _held_reset(node: CheckedNode) -> None:
     with _faulted(node, 0x8F):
-        stays(node, _FAULT, 1.5)
+        stays(node, FAULT, 1.5)
 
 
 @_add("D33f", _POWER, "0x06, 0x07 and 0x0F in FAULT change nothing", touch=_MOTION)
@@ -651,7 +522,7 @@ def _commands_in_fault(node: CheckedNode) -> None:
     with _faulted(node):
         for word in (0x06, 0x07, 0x0F):
             control(node, word)
-            stays(node, _FAULT, 0.05)
+            stays(node, FAULT, 0.05)
 
 
 @_add("D38", _POWER, "a fault reset does not lead to OPERATION ENABLED", touch=_MOTION)
@@ -661,7 +532,7 @@ def _reset_and_enable(node: CheckedNode) -> None:
         control(node, 0x8F)
         for _ in range(20):
             state = decode_statusword(statusword(node))
-            expect(state is not _OE, "OPERATION_ENABLED", "SWITCH_ON_DISABLED until the next command")
+            expect(state is not OE, "OPERATION_ENABLED", "SWITCH_ON_DISABLED until the next command")
             node.listen(0.02)
 
 
@@ -670,9 +541,9 @@ def _enabled_after_reset(node: CheckedNode) -> None:
     with _faulted(node):
         control(node, 0x00)
         control(node, 0x80)
-        reaches(node, _SOD)
+        reaches(node, SOD)
         begin = node.reactor.now()
-        go(node, _OE)
+        go(node, OE)
         seconds = (node.reactor.now() - begin) / 1e9
         expect(seconds < 1.0, f"{seconds:.1f} s", "less than 1 s")
 
@@ -682,17 +553,17 @@ def _enabled_after_reset(node: CheckedNode) -> None:
 
 @_add("D41", _POWER, "NMT stop in OPERATION ENABLED switches the drive off", touch=_MOTION)
 def _nmt_stop(node: CheckedNode) -> None:
-    with drive_at(node, _OE):
+    with drive_at(node, OE):
         node.nmt(NmtCommand.STOP)
         node.listen(1.0)
         node.nmt(NmtCommand.START)
         node.listen(0.02)
         state = decode_statusword(statusword(node))
-        expect(state is not _OE, "OPERATION_ENABLED", "a stop, by 0x6007")
+        expect(state is not OE, "OPERATION_ENABLED", "a stop, by 0x6007")
 
 
 def _mode_change(node: CheckedNode, word: int) -> None:
-    with drive_at(node, _OE, OperationMode.PV):
+    with drive_at(node, OE, OperationMode.PV):
         control(node, word)
         node.listen(0.1)
         node.write(o.TARGET_POSITION, 0, node.read(o.POSITION_ACTUAL))
@@ -713,7 +584,7 @@ def _mode_halted(node: CheckedNode) -> None:
 
 @_add("D65w", "402-2, object 0x6098", "the homing method can be written in OPERATION ENABLED", _SHOULD, _MOTION)
 def _method_enabled(node: CheckedNode) -> None:
-    with drive_at(node, _OE), node.kept(o.HOMING_METHOD) as method:
+    with drive_at(node, OE), node.kept(o.HOMING_METHOD) as method:
         node.put(o.HOMING_METHOD, 0, method, 1)
 
 
@@ -723,7 +594,7 @@ def _method_enabled(node: CheckedNode) -> None:
 @contextmanager
 def _set_point_here(node: CheckedNode) -> Iterator[None]:
     """Context in which a set-point of PP at the present position is given by bit 4."""
-    with drive_at(node, _OE, OperationMode.PP), node.kept(o.TARGET_POSITION):
+    with drive_at(node, OE, OperationMode.PP), node.kept(o.TARGET_POSITION):
         node.write(o.TARGET_POSITION, 0, node.read(o.POSITION_ACTUAL))
         control(node, 0x1F)
         node.listen(0.1)
@@ -753,12 +624,12 @@ def _reached(node: CheckedNode) -> None:
 @_add("D59", "402-2, 12 (cyclic position)", "CSP: missing set-points end in no fault at standstill", _SHOULD, _MOTION)
 def _missing_set_points(node: CheckedNode) -> None:
     sync = node.number(0x1005) & 0x7FF
-    with drive_at(node, _ON):
+    with drive_at(node, ON):
         set_mode(node, OperationMode.CSP)
         node.write(o.TARGET_POSITION, 0, node.read(o.POSITION_ACTUAL))
         control(node, 0x0F)
-        reaches(node, _OE)
+        reaches(node, OE)
         for _ in range(50):
             node.send(sync)
             node.listen(0.01)
-        reaches(node, _OE, 0.0)
+        reaches(node, OE, 0.0)

@@ -35,6 +35,7 @@ _SHOULD, _CONFIGURE, _STORE = CheckLevel.SHOULD, CheckTouch.CONFIGURE, CheckTouc
 # CiA 301, 7.3.5: one identifier of each restricted range
 _RESTRICTED = (0x001, 0x07F, 0x101, 0x180, 0x581, 0x601, 0x6E0, 0x701)
 _IDS = (1 << 29) - 1
+_OFF = 1 << 31  # of a COB-ID
 _SAVE, _LOAD, _WRONG = b"save", b"load", b"evas"  # the signature in the wrong order of bytes
 _LENGTH_CODES = (0x8210, 0x8220)
 
@@ -285,6 +286,23 @@ def _saved(node: CheckedNode) -> None:
             expect(shown == value ^ 0x0102, f"0x1017 = {shown}", f"{value ^ 0x0102}")
         finally:
             node.put(0x1017, 0, value, 2)
+            node.write(0x1010, 1, _SAVE)
+
+
+@_add("R02c", "7.5.2.13 (object 0x1010)", "the COB-ID of an RPDO that was saved outlasts a reset", touch=_STORE)
+def _saved_cob_id(node: CheckedNode) -> None:
+    node.optional(0x1010, 1)
+    record = first_rpdo(node)
+    changed = record.cob_id | _OFF
+    with node.kept(record.index, 1):
+        try:
+            node.put(record.index, 1, changed, 4)
+            node.write(0x1010, 1, _SAVE)
+            boot(node)
+            shown = node.number(record.index, 1)
+            expect(shown == changed, f"0x{record.index:04X}:01 = 0x{shown:08X}", f"0x{changed:08X}")
+        finally:
+            node.put(record.index, 1, record.cob_id, 4)
             node.write(0x1010, 1, _SAVE)
 
 

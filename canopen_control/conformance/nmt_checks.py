@@ -249,6 +249,16 @@ def _default_period(node: CheckedNode) -> None:
     expect(value == entry.default, f"{value}", f"{entry.default}, unless another value is stored")
 
 
+@_add("H02b", "7.2.8.2", "heartbeats after the boot-up message keep the period of 0x1017", _SHOULD, _CONFIGURE)
+def _heartbeats_after_boot(node: CheckedNode) -> None:
+    node.optional(0x1017)
+    boot(node)
+    count = len(_heartbeats(node, 0.2))
+    period = node.number(0x1017)
+    due = 200 // period + 1 if period else 0
+    expect(count <= due, f"{count} heartbeats within 0.2 s", f"at most {due}: 0x1017 = {period}")
+
+
 def _foreign(node: CheckedNode) -> int:
     """Return a node id for a heartbeat that a check sends itself."""
     return 126 if node.node_id != 126 else 125

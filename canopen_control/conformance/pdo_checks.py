@@ -68,8 +68,8 @@ class PdoRecord:
         return self.index + 0x200
 
 
-def _records(node: CheckedNode, base: int) -> list[PdoRecord]:
-    """Read the PDOs of one direction."""
+def pdo_records(node: CheckedNode, base: int) -> list[PdoRecord]:
+    """Return the PDOs of one direction, also those that are not valid."""
     records = []
     for index in range(base, base + _SEARCHED):
         try:
@@ -85,7 +85,7 @@ def _records(node: CheckedNode, base: int) -> list[PdoRecord]:
 def _first(node: CheckedNode, base: int) -> PdoRecord:
     """Return the first PDO that is valid and has objects."""
     name = "RPDO" if base == RPDO else "TPDO"
-    for record in _records(node, base):
+    for record in pdo_records(node, base):
         if record.entries and not record.cob_id & _OFF:
             return record
     raise NotApplicable(f"no {name} of the first {_SEARCHED} is valid and maps an object")
@@ -193,7 +193,7 @@ def _has(node: CheckedNode, index: int) -> bool:
 
 @_add("P01", "7.5.2.35 and 7.5.2.37", "the COB-IDs of the PDOs are legal, and each has one user")  # T 3.1
 def _cob_ids(node: CheckedNode) -> None:
-    records = [record for base in (RPDO, TPDO) for record in _records(node, base)]
+    records = [record for base in (RPDO, TPDO) for record in pdo_records(node, base)]
     if not records:
         raise NotApplicable("the device has no PDO")
     valid = [record for record in records if not record.cob_id & _OFF]
@@ -209,7 +209,7 @@ def _cob_ids(node: CheckedNode) -> None:
 def _default_ids(node: CheckedNode) -> None:
     wrong = []
     for base, first in ((RPDO, 0x200), (TPDO, 0x180)):
-        for record in _records(node, base):
+        for record in pdo_records(node, base):
             number, can_id = record.index - base, record.cob_id & 0x7FF
             default = first + 0x100 * number + node.node_id
             if number < 4 and not record.cob_id & _OFF and can_id != default:
@@ -220,7 +220,7 @@ def _default_ids(node: CheckedNode) -> None:
 @_add("P02", "7.5.2.36 and 7.5.2.38", "each mapped object exists, and a PDO has at most 64 bits")  # T 3.21
 def _mapped_objects(node: CheckedNode) -> None:
     for base in (RPDO, TPDO):
-        for record in _records(node, base):
+        for record in pdo_records(node, base):
             expect(record.length <= 8, f"{record.length} bytes in 0x{record.mapping:04X}", "at most 8")
             for entry in record.entries:
                 index, subindex, _ = parse_mapping_entry(entry)
@@ -234,7 +234,7 @@ def _default_mapping(node: CheckedNode) -> None:
     if node.eds is None:
         raise NotApplicable("no EDS to compare with; give one with --eds")
     wrong = []
-    for record in (record for base in (RPDO, TPDO) for record in _records(node, base)):
+    for record in (record for base in (RPDO, TPDO) for record in pdo_records(node, base)):
         for number, entry in enumerate((len(record.entries), *record.entries)):
             described = node.eds.od.get(record.mapping, number)
             if described is not None and isinstance(described.default, int) and described.default != entry:

@@ -13,6 +13,7 @@ from canopen_control.conformance.check import Check, CheckLevel, CheckTouch
 from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
 from canopen_control.conformance.drive_checks import DRIVE_CHECKS
 from canopen_control.conformance.message_checks import MESSAGE_CHECKS
+from canopen_control.conformance.motion_checks import MOTION_CHECKS
 from canopen_control.conformance.nmt_checks import LSS_CHECKS, NMT_CHECKS
 from canopen_control.conformance.pdo_checks import PDO_CHECKS
 from canopen_control.conformance.sdo_block_checks import BLOCK_CHECKS
@@ -34,6 +35,7 @@ CHECKS: tuple[Check, ...] = (
     *PDO_CHECKS,
     *LSS_CHECKS,
     *DRIVE_CHECKS,
+    *MOTION_CHECKS,
 )
 ORDER = tuple(CheckTouch)  # checks that read run first, those that move the drive last
 PASSED, FAILED, SKIPPED, ERROR = "passed", "failed", "skipped", "error"

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia301.pdo import DUMMY_TYPES, parse_mapping_entry
 from canopen_control.conformance.check import (
     CheckLevel,
     CheckList,
@@ -18,6 +19,8 @@ from canopen_control.conformance.check import (
     mux,
 )
 from canopen_control.conformance.checked_node import ABORT, ANSWER, REQUEST, CheckFailed, NotApplicable
+from canopen_control.conformance.nmt_checks import boot
+from canopen_control.conformance.pdo_checks import first_rpdo
 from canopen_control.errors import SdoAbort
 from canopen_control.od.codec import encode
 
@@ -279,6 +282,23 @@ def _no_size(node: CheckedNode) -> None:
     answer = node.ask(bytes((0x22, *mux(0x1017), *value, 0, 0)))
     actual = "no answer" if answer is None else answer.hex(" ").upper()
     expect(answer is not None and answer[0] in (0x60, ABORT), actual, "60 or an abort")
+
+
+@_add("S31", "7.2.4.3", "the first request after the boot-up message is answered", _SHOULD, _CONFIGURE)
+def _first_request(node: CheckedNode) -> None:
+    boot(node)
+    node.listen(0.1)
+    answer = node.ask(bytes((0x40, *mux(0x1000), 0, 0, 0, 0)))
+    expect(answer is not None, f"no answer within {node.timeout_s:g} s", "an answer")
+
+
+@_add("S30", "7.2.4.3", "an object of an RPDO takes its own value by SDO in OPERATIONAL", _SHOULD, _CONFIGURE)
+def _mapped_object(node: CheckedNode) -> None:
+    index, subindex, _ = parse_mapping_entry(first_rpdo(node).entries[0])
+    if index in DUMMY_TYPES:
+        raise NotApplicable("the first RPDO begins with a gap")
+    with node.operational():
+        node.write(index, subindex, node.optional(index, subindex))
 
 
 # -- objects

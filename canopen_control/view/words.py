@@ -262,7 +262,7 @@ def quirk_text(quirk: QuirkListing | None) -> str:
     strength = ""
     if quirk.default is not None:
         strength = f"<br><b>Strength:</b> {quirk.low:g} to {quirk.high:g} {escape(quirk.unit)}, {quirk.default:g}"
-    source = f"<b>Departs from</b> {escape(quirk.clause)}; source: {escape(quirk.source)}"
+    source = f"<b>Departs from</b> {escape(quirk.clause or 'no clause')}; source: {escape(quirk.source)}"
     return f"<p class='cc-note'>The drive {escape(quirk.does)}.{strength}<br>{source}</p>"
 
 

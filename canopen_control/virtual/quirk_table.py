@@ -1,10 +1,11 @@
 """The quirks of drives as they are sold, one table: each a documented way in which a healthy drive departs from CiA.
 
 A fault is what breaks, a quirk is how a manufacturer's drive always is. A row says its name, what the drive does, the
-clause or object of the standard that it departs from, its source, and its strength where it has one. A source is a
-repository with the number of a thread, a file of one, or a manual with its page or object; `unsourced`: seen by users,
-no public source is known. A quirk is written ``NAME``, ``NAME=VALUE`` or, for one axis of several, ``NAME=VALUE@AXIS``.
-Of two quirks of one `group` an axis can have one. Quirks that are faults of other drives keep the names of those.
+clause or object of the standard that it departs from ("" where the standard allows it), its source, and its strength
+where it has one. A source is a repository with the number of a thread, a file of one, or a manual with its page or
+object; `unsourced`: seen by users, no public source is known. A quirk is written ``NAME``, ``NAME=VALUE`` or, for one
+axis of several, ``NAME=VALUE@AXIS``. Of two quirks of one `group` an axis can have one. Quirks that are faults of other
+drives keep the names of those.
 """
 
 from __future__ import annotations
@@ -655,7 +656,7 @@ _ROWS: Final = (
     Quirk(
         "optional_missing",
         "lacks 0x603F, 0x6007 and 0x60C2",
-        "CiA 402-2, optional objects",
+        "CiA 402-2, objects 0x603F, 0x6007 and 0x60C2",
         "unsourced",
         node=as_fault("optional_missing"),
     ),
@@ -679,7 +680,7 @@ _ROWS: Final = (
     Quirk(
         "mapping_count_first",
         "refuses mapping entries with 0x06010000 unless the count is 0",
-        _MAPPING,
+        "",
         "canopen#3 (Copley)",
         node=acts.mapping_count_first,
     ),
@@ -845,7 +846,7 @@ _ROWS: Final = (
     Quirk(
         "clock_drift",
         "has a clock that is fast by this, or slow",
-        _CYCLIC,
+        "",
         "unsourced",
         node=acts.drifts_by,
         strength=Strength("ppm", 100.0, -1000.0, 1000.0),

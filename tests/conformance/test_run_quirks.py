@@ -5,15 +5,34 @@ import pytest
 from canopen_control.conformance.check import CheckTouch, is_of_clause
 from canopen_control.conformance.html_report import DEVIATIONS
 from canopen_control.conformance.run import CHECKS, choose, run_checks
+from canopen_control.virtual.device_faults import power_stage, undervoltage
 from canopen_control.virtual.quirk_table import QUIRKS
+
+SITUATIONS = {  # in which a quirk shows: the check is skipped in others, or has nothing to find
+    "mains_awaited": lambda node: power_stage(node.drives[0], True, node.clock.now),
+    "inputs_shifted": lambda node: node.drives[0].mover.switches.close_positive(0.0),
+    "fault_returns": lambda node: undervoltage(node.drives[0], True, node.clock.now),
+}
+NOT_FOUND = {"sto_switched_on"}  # shows only when the power stage is switched off by hand while it is enabled
 
 
 @pytest.mark.parametrize("known", DEVIATIONS, ids=lambda known: known.quirk)
 def test_each_quirk_makes_a_check_of_its_clause_fail(bench, known):
     check = next(check for check in CHECKS if check.id == known.check)
     assert is_of_clause(check, QUIRKS[known.quirk].clause)
-    assert run_checks(bench(quirks=[known.quirk]), [check]).results[0].verdict == "failed"
-    assert run_checks(bench(), [check]).results[0].verdict == "passed"
+    verdicts = []
+    for quirks in ([known.quirk], []):
+        node = bench(quirks=quirks)
+        SITUATIONS.get(known.quirk, bool)(node.device)
+        verdicts.append(run_checks(node, [check]).results[0].verdict)
+    assert verdicts == ["failed", "passed"]
+
+
+def test_all_quirks_with_a_clause_but_one_are_found():
+    with_clause = {quirk.name for quirk in QUIRKS.values() if quirk.clause}
+    found = {known.quirk for known in DEVIATIONS}
+    assert with_clause - found == NOT_FOUND
+    assert len(found & with_clause) >= 0.95 * len(with_clause)
 
 
 def test_a_drive_without_quirks_passes_all_that_must(bench):
@@ -26,4 +45,4 @@ def test_the_table_has_the_checks_of_each_document():
     groups = [check.group for check in CHECKS]
     assert groups.count("301") >= 150
     assert groups.count("305") >= 5
-    assert groups.count("402") >= 80
+    assert groups.count("402") >= 130

@@ -1,0 +1,166 @@
+"""Steps of the checks of a drive: reading, commands of the power state machine, modes, option codes (CiA 402-2)."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
+
+from canopen_control.cia402 import objects as o
+from canopen_control.cia402.modes import OperationMode
+from canopen_control.cia402.state import State, decode_statusword
+from canopen_control.conformance.check import expect
+from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
+from canopen_control.errors import RemoteProtocolError, SdoAbort
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from canopen_control.conformance.checked_node import CheckedNode
+
+
+DRIVES = 402  # low word of 0x1000
+STEP_S = 0.005  # between two looks at an object
+LIMIT_S = 10.0  # longest time of a transition, or of a change of mode
+_STANDING = (OperationMode.PV, OperationMode.PP, OperationMode.CSV, OperationMode.CSP)
+SOD, RTSO, ON, OE = State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.OPERATION_ENABLED
+QSA, FAULT = State.QUICK_STOP_ACTIVE, State.FAULT
+_UP, _UP_WORDS = (SOD, RTSO, ON, OE), (0x06, 0x07, 0x0F)
+
+
+def is_drive(node: CheckedNode) -> None:
+    """Raise NotApplicable for a device that is no drive."""
+    if int.from_bytes(node.read(0x1000)[:2], "little") != DRIVES:
+        raise NotApplicable("the low word of 0x1000 is not 402: no drive")
+
+
+def signed(node: CheckedNode, index: int, subindex: int = 0) -> int:
+    """Read a signed number; NotApplicable if the device has none."""
+    return int.from_bytes(node.optional(index, subindex), "little", signed=True)
+
+
+def statusword(node: CheckedNode) -> int:
+    """Read 0x6041."""
+    return int.from_bytes(node.read(o.STATUSWORD), "little")
+
+
+def control(node: CheckedNode, word: int) -> None:
+    """Write 0x6040."""
+    node.put(o.CONTROLWORD, 0, word, 2)
+
+
+def reaches(node: CheckedNode, state: State, seconds: float = LIMIT_S) -> float:
+    """Return the time until the drive is in a state, in s; CheckFailed if it is not in time."""
+    begin = node.reactor.now()
+    while True:
+        word = statusword(node)
+        elapsed = (node.reactor.now() - begin) / 1e9
+        if decode_statusword(word) is state:
+            return elapsed
+        if elapsed >= seconds:
+            shown = decode_statusword(word)
+            name = "no state" if shown is None else shown.name
+            raise CheckFailed(f"statusword 0x{word:04X} ({name}) after {seconds:g} s", state.name)
+        node.listen(STEP_S if elapsed < 1.0 else 10 * STEP_S)
+
+
+def stays(node: CheckedNode, state: State, seconds: float) -> None:
+    """Expect that the drive is in a state for some time."""
+    for _ in range(10):
+        word = statusword(node)
+        shown = decode_statusword(word)
+        expect(shown is state, "no state" if shown is None else shown.name, f"{state.name} for {seconds:g} s")
+        node.listen(seconds / 10)
+
+
+def go(node: CheckedNode, goal: State) -> None:
+    """Bring the drive to a state by the commands of the state machine, each after the transition before."""
+    for _ in range(8):
+        state = decode_statusword(statusword(node))
+        if state is goal:
+            return
+        if state in (FAULT, State.FAULT_REACTION_ACTIVE):
+            reaches(node, FAULT)
+            control(node, 0)
+            control(node, 0x80)
+            reaches(node, SOD)
+            continue
+        control(node, _word_to(state, goal))
+        _left(node, state)
+    reaches(node, goal, 0.1)
+
+
+def _word_to(state: State | None, goal: State) -> int:
+    """Return the controlword of the next step to a goal among the states of `_UP`."""
+    if state not in _UP or goal is _UP[0]:
+        return 0x00
+    place, target = _UP.index(state), _UP.index(goal)
+    return _UP_WORDS[place] if place < target else _UP_WORDS[target - 1]
+
+
+def _left(node: CheckedNode, state: State | None) -> None:
+    for _ in range(round(LIMIT_S / 0.02)):
+        if decode_statusword(statusword(node)) is not state:
+            return
+        node.listen(0.02 if state is not OE else STEP_S)
+
+
+def set_mode(node: CheckedNode, mode: int) -> None:
+    """Select a mode of operation, and wait until 0x6061 shows it; NotApplicable for one that 0x6502 does not list."""
+    if not node.number(o.SUPPORTED_DRIVE_MODES) >> (mode - 1) & 1:
+        raise NotApplicable(f"0x6502 does not list mode {mode}")
+    node.put(o.MODES_OF_OPERATION, 0, mode, 1)
+    for _ in range(round(LIMIT_S / 0.02)):
+        if signed(node, o.MODES_OF_OPERATION_DISPLAY) == mode:
+            return
+        node.listen(0.02)
+
+
+def stand(node: CheckedNode) -> None:
+    """Select a mode in which the drive stands when it is enabled."""
+    modes = node.number(o.SUPPORTED_DRIVE_MODES)
+    mode = next((mode for mode in _STANDING if modes >> (mode - 1) & 1), None)
+    if mode is None:
+        raise NotApplicable("0x6502 lists neither PV, PP, CSV nor CSP")
+    if mode in (OperationMode.PV, OperationMode.CSV):
+        node.put(o.TARGET_VELOCITY, 0, 0, 4)
+    else:
+        node.write(o.TARGET_POSITION, 0, node.read(o.POSITION_ACTUAL))
+    node.put(o.MODES_OF_OPERATION, 0, mode, 1)
+
+
+@contextmanager
+def drive_at(node: CheckedNode, goal: State, mode: int | None = None) -> Iterator[None]:
+    """Context in which the node is OPERATIONAL and its drive in a state; without power and in its old mode after it."""
+    is_drive(node)
+    with node.operational():
+        before = node.read(o.MODES_OF_OPERATION)
+        try:
+            if mode is None:
+                stand(node)
+            else:
+                set_mode(node, mode)
+            go(node, goal)
+            yield
+        finally:
+            with suppress(RemoteProtocolError):
+                control(node, 0)
+                for _ in range(100):
+                    if decode_statusword(statusword(node)) in (SOD, FAULT):
+                        break
+                    node.listen(0.05)
+                if decode_statusword(statusword(node)) is FAULT:
+                    control(node, 0x80)
+                    node.listen(0.05)
+                    control(node, 0)
+                node.write(o.MODES_OF_OPERATION, 0, before)
+
+
+@contextmanager
+def option(node: CheckedNode, index: int, value: int) -> Iterator[None]:
+    """Context with another option code; NotApplicable if the drive refuses the value."""
+    with node.kept(index):
+        try:
+            node.put(index, 0, value, 2)
+        except SdoAbort as error:
+            raise NotApplicable(f"0x{index:04X} refuses {value}: 0x{error.code:08X}") from None
+        yield
