@@ -177,6 +177,10 @@ _OVERDUE: Final = {
     AxisPhase.VOLTAGE_OFF: "its quick stop was not seen to end; its voltage is disabled: what turns coasts",
     AxisPhase.UNSTOPPED: "nothing it was told was seen to stop it: it may have power; cut its supply if it moves",
 }
+_LATE: Final = (
+    "it is enabled and does not follow its set-points, which go on: it would leap to them; give it `enable_settle_ms` "
+    "in bus.yml, longer than its brake needs, or check its power and which source its set-points come from"
+)
 _STANDING: Final = (
     "it is enabled and does not follow its set-points; check its brake, its power and which source its set-points come "
     "from (with a brake that lifts late give it `enable_settle_ms` in bus.yml)"
@@ -252,6 +256,8 @@ class JointDrive(JointParts):
         """Ramp to zero, then disable together with the group."""
         self._now = now
         self.resume = False
+        if self._motion.unmoved:
+            self.targets.hold()  # it stands: it must not leap to a target that it has not followed
         if self._fire(PhaseTrigger.STOP) and self.power.falling:
             self._blind_stop_ns = self.feedback.ramp_ns(BLIND_STOP_NS)
         self._abort_homing("stopped")
@@ -367,6 +373,8 @@ class JointDrive(JointParts):
         if self._watch.turns_the_wrong_way(self.enabled) or self._motion.turns_away:
             text = "it turns against its command; check polarity (0x607E), the scale's sign and the wiring"
             self._events.append(JointEvent("direction", text, stops=True))
+        if self._motion.late:
+            self._events.append(JointEvent("late", _LATE, Level.ERROR, stops=True))
         if self._motion.stands:
             self._events.append(JointEvent("standing", _STANDING))
         if (unit := self.feedback.turns_in_unit(self._now)) is not None:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 
 WRONG_LOOKS: Final = 5  # of a tenth of a second each
+_LESS: Final = 0.95  # of a speed: the axis is slowing down
 _QUIET_LOOKS: Final = 10
 _FOLLOWING: Final = 1 << 13
 _BITS: Final = WARNING | INTERNAL_LIMIT | _FOLLOWING
@@ -80,7 +81,7 @@ class StatusWatch:
     def __init__(self, axis: AxisProcessData, action: str) -> None:
         self._axis, self._action = axis, action
         self._bits = 0
-        self._against = 0
+        self._against = self._against_from = 0
         self._last_target = 0
         self._limit_at = 0  # the position at which the limit was reached
         self._misfit = math.nan  # the target that was told not to fit its object
@@ -135,6 +136,10 @@ class StatusWatch:
         steady, self._last_target = target == self._last_target, target
         against = steady and target * speed < 0 and abs(speed) * 2 > abs(target)
         self._against = self._against + 1 if against else 0
+        if self._against == 1:
+            self._against_from = abs(speed)
+        elif self._against == WRONG_LOOKS and abs(speed) < _LESS * self._against_from:
+            self._against, self._against_from = 1, abs(speed)  # it slows down before it turns: its ramp is slow
         return self._against == WRONG_LOOKS
 
     def refuses(self, interface: str | None) -> str | None:

@@ -2,7 +2,8 @@
 
 Positions are compared in counts. A drive that is enabled and takes its set-points from another source, or whose brake
 is still shut, stands; one whose feedback is mirrored moves away from its target. An axis that stands at a limit of its
-own (statusword bit 11), or is halted, has a reason that is reported elsewhere.
+own (statusword bit 11), or is halted, has a reason that is reported elsewhere. Where set-points of a position mode go
+on without an axis that has not moved since its enable, it is late: it would leap to them when its brake has lifted.
 """
 
 from __future__ import annotations
@@ -22,17 +23,22 @@ if TYPE_CHECKING:
 
 
 STANDING_LOOKS: Final = 15  # of a tenth of a second each
+_LATE_LOOKS: Final = 2
 _WAY: Final = 0.02  # rad or m: a smaller distance to the target asks for no motion
 _STEP: Final = STANDSTILL / 10  # rad or m in one look
 
 
 class MotionWatch:
-    """The looks at one axis. `stands` and `turns_away` are True once, in the look in which it is certain."""
+    """The looks at one axis. `stands`, `late` and `turns_away` are True once, in the look in which it is certain.
+
+    `unmoved`: set-points have left an axis that has not moved since its enable.
+    """
 
     def __init__(self, axis: AxisProcessData, machine: DriveMachine) -> None:
         self._axis, self._machine = axis, machine
-        self.stands = self.turns_away = False
+        self.stands = self.late = self.turns_away = False
         self._standing = self._away = 0
+        self._moved = False  # since its enable
         self._still: int | None = None  # the position of the last look that saw a motion
         self._rest: int | None = None  # where the present motion began
         self._last = 0
@@ -40,11 +46,12 @@ class MotionWatch:
 
     def look(self, target: ModeTarget | None, enabled: bool) -> None:
         """Compare the target that is sent with the motion since the last look."""
-        self.stands = self.turns_away = False
+        self.stands = self.late = self.turns_away = False
         position = self._axis.position
         if not enabled or target is None or position is None or not position.fresh or self._machine.halted:
             self._standing = self._away = 0
             self._still = self._rest = None
+            self._moved = self._moved and enabled
             return
         here = self._axis.raw_position + self._axis.unwrap.offset
         step, self._last = here - self._last, here
@@ -55,6 +62,11 @@ class MotionWatch:
         else:
             self._away = 0
             self._rest = here
+
+    @property
+    def unmoved(self) -> bool:
+        """Whether set-points of a position have left an axis that has not moved since its enable."""
+        return not self._moved and self._standing > 0
 
     def _way(self, target: ModeTarget) -> int:
         """Return the counts from the position to the target, within half a turn of the counter."""
@@ -71,9 +83,12 @@ class MotionWatch:
         limited = self._axis.limits.blocked != 0 or bool((self._machine.statusword or 0) & INTERNAL_LIMIT)
         moved = self._still is None or abs(here - self._still) > max(1.0, _STEP * scale)
         if moved:
+            self._moved = self._moved or self._still is not None
             self._still = here
         self._standing = 0 if moved or limited or not self._asks(target, scale) else self._standing + 1
         self.stands = self._standing == STANDING_LOOKS
+        cyclic = target.tracks and target.interface == POSITION
+        self.late = cyclic and not self._moved and self._standing == _LATE_LOOKS
 
     def _look_direction(self, way: int, here: int, step: int, scale: float) -> None:
         """Count the looks in which it moves away; a motion that began towards its target and turns is no such."""

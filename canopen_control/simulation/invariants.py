@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.hardware.interfaces import TARGET
 from canopen_control.runtime.core import RobotState
+from canopen_control.simulation.answer_invariants import AnswerInvariants
 from canopen_control.simulation.disturbed_nodes import DisturbedNodes
 from canopen_control.simulation.fault_coverage import FaultCoverage, StateCoverage
 from canopen_control.simulation.motion_invariants import MotionInvariants
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from canopen_control.controllers.trajectory.goal import TrajectoryGoal
+    from canopen_control.master.event_log import Event
     from canopen_control.simulation.event_player import EventPlayer
     from canopen_control.simulation.motions import SampleMotion
     from canopen_control.simulation.robot_under_test import RobotUnderTest
@@ -256,13 +258,14 @@ class Invariants(SimulationObserver):
         views = {name: WireView(bus) for name, bus in robot.setup.joined.items()}
         self._motion = MotionInvariants(robot, views, motions, self._tell)
         self._disturbed = DisturbedNodes(robot)
-        self._targets = TargetInvariants(robot, views, motions, self._disturbed, self._tell)
+        self._answers = AnswerInvariants(robot, views, motions, self._disturbed, self._tell)
+        self._targets = TargetInvariants(robot, views, motions, self._disturbed, self._answers, self._tell)
         self._told = ReportInvariants(robot, views, self._tell)
         self._faces = StatusInvariants(robot, views, self._disturbed, self._tell)
         self._clients = ClientInvariants(robot, player.clients, self._tell)
         self._goals = GoalInvariants(robot, player, self._faces, self._tell)
         plans = [plan for bus in robot.setup.joined.values() for plan in bus.plans.values()]
-        self._configured = ConfigurationInvariants(robot, plans, self._disturbed, self._tell)
+        self._configured = ConfigurationInvariants(robot, plans, self._disturbed, self._answers, self._tell)
         self._wires = [WireInvariants(robot, robot.wires[name], view, self._tell) for name, view in views.items()]
         self.coverage, self.troubled = StateCoverage(robot, views.values()), FaultCoverage(robot)
         self._rules = list(rules)
@@ -281,8 +284,13 @@ class Invariants(SimulationObserver):
         """Take what a client asks for."""
         self._motion.asked(now, act)
         self._targets.asked(now, act)
+        self._answers.asked(now, act)
         self._told.asked(now, act)
         self._goals.asked(now, act)
+
+    def event(self, event: Event) -> None:
+        """Take a report of the robot."""
+        self._answers.event(self._robot.now_ns, event)
 
     def goal(self, now: int, act: ScenarioEvent, goal: TrajectoryGoal) -> None:
         """Take a goal that was taken."""
@@ -290,6 +298,7 @@ class Invariants(SimulationObserver):
 
     def taken(self, now: int, act: ScenarioEvent) -> None:
         """Take a command that was taken."""
+        self._answers.taken(now, act)
         self._told.taken(now, act)
 
     def played(self, now: int, act: ScenarioEvent) -> None:
@@ -302,6 +311,7 @@ class Invariants(SimulationObserver):
         self._disturbed.sampled(now)
         self._motion.sampled(now)
         self._targets.sampled(now)
+        self._answers.sampled(now)
         self._told.sampled(now)
         self._faces.sampled(now)
         self._clients.sampled(now)

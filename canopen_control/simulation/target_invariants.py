@@ -23,6 +23,7 @@ from canopen_control.virtual.axis_objects import wrap32
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from canopen_control.simulation.answer_invariants import AnswerInvariants
     from canopen_control.simulation.disturbed_nodes import DisturbedNodes
     from canopen_control.simulation.motions import SampleMotion
     from canopen_control.simulation.robot_under_test import RobotUnderTest
@@ -123,9 +124,10 @@ class TargetInvariants:
         views: Mapping[str, WireView],
         motions: Sequence[SampleMotion],
         disturbed: DisturbedNodes,
+        answers: AnswerInvariants,
         report: Callable[[str, str], None],
     ) -> None:
-        self._robot, self._disturbed, self._tell = robot, disturbed, report
+        self._robot, self._disturbed, self._answers, self._tell = robot, disturbed, answers, report
         self._axes = [_Followed(node) for view in views.values() for node in view.nodes.values()]
         self._ends = {motion.controller: motion.ends for motion in motions}
         self._scales = _velocity_scales(robot)
@@ -264,7 +266,7 @@ class TargetInvariants:
         elif mode == _CSP:
             least, most = min(targets), max(targets)
             place, reach = float(units.user(plant.position)), most - least + _reach(drive)
-            self._within(axis, place, targets, 1.0, (least - reach, most + reach), "is at {} of its units")
+            self._within(axis, drive, place, targets, 1.0, (least - reach, most + reach), "is at {} of its units")
         else:
             limited, unit = drive.limits.velocity, units.velocity
             low = high = limited(targets[0] * unit)
@@ -272,12 +274,23 @@ class TargetInvariants:
                 ends = limited(min(targets) * unit), limited(max(targets) * unit)
                 low, high = min(ends), max(ends)
             axis.ramp(low, high, axis.slope(drive) if mode == _PV else _AT_ONCE, now, plant.velocity)
-            self._within(axis, plant.velocity, targets, unit, (axis.low, axis.high), "turns at {} counts/s")
+            bounds = axis.low, axis.high
+            self._within(axis, drive, plant.velocity, targets, unit, bounds, "turns at {} counts/s")
 
     def _within(
-        self, axis: _Followed, value: float, targets: Sequence[int], unit: float, bounds: tuple[float, float], does: str
+        self,
+        axis: _Followed,
+        drive: VirtualDrive,
+        value: float,
+        targets: Sequence[int],
+        unit: float,
+        bounds: tuple[float, float],
+        does: str,
     ) -> None:
-        """Report a value outside of its bounds, with the drive's targets in a unit."""
+        """Report a value outside of its bounds, with the drive's targets in a unit.
+
+        A drive whose set-points do not count yet, or come from elsewhere, is healthy: the robot has to name it.
+        """
         low, high = bounds
         slack = _LEAST + _SLACK * max(abs(low), abs(high))
         if low - slack <= value <= high + slack:
@@ -287,7 +300,10 @@ class TargetInvariants:
             motion = does.format(round(value))
             commanded = ", ".join(f"{unit * target:.0f}" for target in targets)
             text = f"the shaft of node {axis.view.node_id} {motion}, told {commanded}"
-            self._tell("target_missed", text)
+            if drive.modes.gate is not None and drive.modes.gate.closed_by:
+                self._answers.unless_reported(axis.view.node_id, "target_missed", text, axis.view.enabled_at)
+            else:
+                self._tell("target_missed", text)
 
     # -- the targets follow the commands
 
@@ -323,7 +339,12 @@ class TargetInvariants:
             self._lost.discard(joint)
         elif joint not in self._lost:
             self._lost.add(joint)
-            self._tell("command_lost", f"the drive of {joint} is told to stand, and {value:g} is commanded on and on")
+            text = f"the drive of {joint} is told to stand, and {value:g} is commanded on and on"
+            device = self._robot.drives[view.node_id].device
+            if device is not None and device.drives[0].modes.number not in (_PV, _CSV):  # the robot waits for the mode
+                self._answers.unless_reported(view.node_id, "command_lost", text, view.enabled_at)
+            else:
+                self._tell("command_lost", text)
 
 
 def _recent(commands: deque[tuple[int, float]], now: int) -> list[float]:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from canopen_control.master.plan import NodePlan
     from canopen_control.master.plan_builder import PlannedWrite
     from canopen_control.master.remote_node import RemoteNode
+    from canopen_control.simulation.answer_invariants import AnswerInvariants
     from canopen_control.simulation.disturbed_nodes import DisturbedNodes
     from canopen_control.simulation.robot_under_test import RobotUnderTest
     from canopen_control.simulation.simulated_wire import SimulatedWire
@@ -74,9 +75,10 @@ class ConfigurationInvariants:
         robot: RobotUnderTest,
         plans: Iterable[NodePlan],
         disturbed: DisturbedNodes,
+        answers: AnswerInvariants,
         report: Callable[[str, str], None],
     ) -> None:
-        self._robot, self._disturbed, self._tell = robot, disturbed, report
+        self._robot, self._disturbed, self._answers, self._tell = robot, disturbed, answers, report
         self._nodes = [_Configured(plan.name, plan) for plan in plans]
         self._wide = [node for node in self._nodes if node.wide]
         self._due = robot.now_ns + _EVERY_NS
@@ -115,9 +117,11 @@ class ConfigurationInvariants:
         if disturbed and disturbed > now - _CALM_NS:
             return
         final = {write.address: write for write in node.plan.writes}
-        wrong = [write for write in final.values() if not _holds(device, write)]
+        wrong = [f"0x{write.index:04X}:{write.subindex:02X}" for write in final.values() if not _holds(device, write)]
+        since = self._robot.started_ns  # a drive that keeps another value is named by its boot
+        wrong = [name for name in wrong if not self._answers.reported(node.plan.node_id, since, name)]
         if wrong:
-            names = ", ".join(f"0x{write.index:04X}:{write.subindex:02X}" for write in wrong)
+            names = ", ".join(wrong)
             self._tell("plan_unwritten", f"{node.name} is ready, and does not hold what the plan writes to {names}")
 
     # -- forbidden values

@@ -63,6 +63,7 @@ class DriveModes:
         self.stuck: InjectionPoint[bool] = InjectionPoint(False)
         self.delay_ns: InjectionPoint[int] = InjectionPoint(0)
         self.conditions: tuple[Callable[[], bool], ...] = ()
+        self.gate: ModeGate | None = None
 
     def add(self, number: int, like: int) -> None:
         """Have a further mode, a manufacturer's, that moves as another one does."""
@@ -74,6 +75,7 @@ class DriveModes:
 
     def set_gate(self, gate: ModeGate | None) -> None:
         """Put a gate before every mode; None: as it was."""
+        self.gate = gate
         for number, mode in self._all.items():
             inner = mode.inner if isinstance(mode, GatedMode) else mode
             self._all[number] = inner if gate is None else GatedMode(inner, gate)

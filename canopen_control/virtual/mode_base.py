@@ -333,11 +333,13 @@ class Mode:
 class ModeGate:
     """What all modes of one axis heed of its quirks: set-points count while `closed_by` names nothing.
 
+    `brake_ns` is the time after an enable in which the brake keeps it closed.
     Of the controlword only that is passed on which all of `takes` (word, previous word, time) let pass.
     """
 
     def __init__(self) -> None:
         self.closed_by: set[str] = set()
+        self.brake_ns = 0
         self.takes: list[Callable[[int, int, int], bool]] = []
 
 

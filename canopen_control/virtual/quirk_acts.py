@@ -243,6 +243,7 @@ def inputs_shifted(hooks: QuirkHooks, drive: VirtualDrive, bits: float) -> None:
 def set_points_after_brake(hooks: QuirkHooks, drive: VirtualDrive, seconds: float) -> None:
     """Be enabled at once, and follow set-points a time later."""
     gate, wait = hooks.gate(drive), round(seconds * _S)
+    gate.brake_ns = wait
 
     def opened(now: int) -> None:
         gate.closed_by.discard("brake")

@@ -95,6 +95,14 @@ def test_lagging_coasting_or_standing_is_not_that(target, speed, enabled):
     assert not any(watch.turns_the_wrong_way(enabled) for _ in range(20))
 
 
+def test_an_axis_that_slows_down_along_a_slow_ramp_before_it_turns_is_not_that():
+    watch, axis, velocity, _ = make()
+    velocity.value = 1000
+    for speed in range(-3000, 0, 100):
+        axis.velocity.value = speed
+        assert not watch.turns_the_wrong_way(enabled=True)
+
+
 # ruff: noqa: E501 - a table
 EVENTS = [
     (events.StateChanged(0, None, State.FAULT, 8), "state", False),

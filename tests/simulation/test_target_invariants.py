@@ -7,6 +7,7 @@ from canopen_control.hardware.axis import AxisObjectLimits as AxisLimitsOfMaster
 from canopen_control.hardware.joint_targets import JointTargets
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
+from canopen_control.simulation.answer_invariants import AnswerInvariants
 from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.simulation_run import SimulationRun
@@ -15,7 +16,9 @@ from canopen_control.virtual.power_machine import DriveLimits
 
 
 def rules(judged, views, tell):
-    return TargetInvariants(judged.robot, views, motions_of(judged.robot.setup), judged.disturbed, tell)
+    motions = motions_of(judged.robot.setup)
+    answers = AnswerInvariants(judged.robot, views, motions, judged.disturbed, tell)
+    return TargetInvariants(judged.robot, views, motions, judged.disturbed, answers, tell)
 
 
 @pytest.fixture

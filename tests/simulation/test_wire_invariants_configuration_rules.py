@@ -6,15 +6,17 @@ from canopen_control.master.plan_builder import PlannedWrite
 from canopen_control.od.model import DataType
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
+from canopen_control.simulation.answer_invariants import AnswerInvariants
 from canopen_control.simulation.simulation_run import SimulationRun
 from canopen_control.simulation.wire_invariants import ConfigurationInvariants, _holds
 
 WIDE = "tools/campaigner/robots/wide"
 
 
-def rules(judged, _views, tell):
+def rules(judged, views, tell):
     plans = [plan for bus in judged.robot.setup.joined.values() for plan in bus.plans.values()]
-    return ConfigurationInvariants(judged.robot, plans, judged.disturbed, tell)
+    answers = AnswerInvariants(judged.robot, views, (), judged.disturbed, tell)
+    return ConfigurationInvariants(judged.robot, plans, judged.disturbed, answers, tell)
 
 
 @pytest.fixture

@@ -1,0 +1,236 @@
+"""Invariants of answers: an accepted command moves its axis, or the robot reports why it does not.
+
+An axis that is asked for motion, by its target on the bus or by an accepted velocity or position of a client, has to
+move within 2 s and the time of its brake (quirk `brake_delay`). Otherwise an error or a warning of such a kind must be
+about its node, or a stop must name its joint. The same reports excuse a drive that does not follow its targets because
+of a quirk: `unless_reported` keeps a breach back for that time. Disturbed nodes, axes at a limit, and robots on a floor
+are not checked. Times in ns.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia402 import objects as o
+from canopen_control.cia402.modes import OperationMode
+from canopen_control.master.event_log import Level
+from canopen_control.simulation.wire_view import watched_joints
+from canopen_control.urdf.joint_element import POSITION, VELOCITY
+from canopen_control.virtual.axis_objects import wrap32
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from canopen_control.master.event_log import Event
+    from canopen_control.simulation.disturbed_nodes import DisturbedNodes
+    from canopen_control.simulation.motions import SampleMotion
+    from canopen_control.simulation.robot_under_test import RobotUnderTest
+    from canopen_control.simulation.scenario_events import ScenarioEvent
+    from canopen_control.simulation.wire_view import ObservedNode, WireView
+    from canopen_control.virtual.virtual_drive import VirtualDrive
+
+
+ANSWER_NS: Final = 2_000_000_000
+_RENEWED_NS: Final = 500_000_000  # maximum age of a velocity command that is renewed
+_KEPT: Final = 100  # number of reports kept
+_LEAST: Final = 5.0  # counts/s: slower is no motion
+_WAY: Final = 0.02  # rad or m: a smaller distance to a target asks for no motion
+_COMMAND, _FOLLOWS = 0x18F, 0x0F  # controlword bits: operation enabled, no halt
+_SHOWN, _UNLIMITED = 0x86F, 0x27  # statusword bits: OPERATION ENABLED, no active limit (bit 11)
+_VELOCITIES, _POSITIONS = (OperationMode.PV, OperationMode.CSV), (OperationMode.PP, OperationMode.CSP)
+_REASONS: Final = (
+    "standing",
+    "limit",
+    "target_refused",
+    "velocity_unit",
+)  # kinds of warnings about an axis that stands
+_ENDS: Final = ("stop", "latch", "axis", "activate", "deactivate", "leave", "cancel", "trajectory")
+
+
+@dataclass(slots=True)
+class _Request:
+    """Motion asked of a joint by a client: since when, when last, and the value."""
+
+    since: int
+    last: int
+    value: float
+
+
+@dataclass(slots=True)
+class _Axis:
+    """One axis: when it last moved, and since when its target asks for motion (None: it does not)."""
+
+    view: ObservedNode
+    joints: list[str]
+    way: float  # _WAY in counts
+    moved_at: int = 0
+    asked_since: int | None = None
+    told: bool = False
+
+
+@dataclass(slots=True)
+class _Waiting:
+    """A breach that is told at a time unless a reason has been reported since another one."""
+
+    axis: _Axis
+    rule: str
+    text: str
+    since: int
+    due: int
+
+
+class AnswerInvariants:
+    """Check of answers; `tell(rule, text)` receives breaches. `event`, `asked`, `taken`, `sampled` as time passes."""
+
+    def __init__(
+        self,
+        robot: RobotUnderTest,
+        views: Mapping[str, WireView],
+        motions: Sequence[SampleMotion],
+        disturbed: DisturbedNodes,
+        report: Callable[[str, str], None],
+    ) -> None:
+        self._robot, self._disturbed, self._tell = robot, disturbed, report
+        self._ends = {motion.controller: motion.ends for motion in motions}
+        nodes = {node.node_id: node for view in views.values() for node in view.nodes.values()}
+        self._axes: dict[int, _Axis] = {}
+        self._axis_of: dict[str, _Axis] = {}
+        for joint, config in watched_joints(robot.setup):
+            way = _WAY * abs(config.units.of_axis(0)["pos_to_dev"])
+            axis = self._axes.setdefault(config.node_id, _Axis(nodes[config.node_id], [], way))
+            axis.joints.append(joint)
+            self._axis_of[joint] = axis
+        self._requests: dict[tuple[str, str], _Request] = {}  # by joint and interface
+        self._reports: deque[tuple[int, Event]] = deque(maxlen=_KEPT)
+        self._waiting: list[_Waiting] = []
+
+    # -- what is told
+
+    def event(self, now: int, event: Event) -> None:
+        """Record a report of the robot."""
+        if event.level is not Level.INFO:
+            self._reports.append((now, event))
+
+    def reported(self, node_id: int, since: int, word: str = "") -> bool:
+        """Whether a reason about a node, or with `word` a warning that has it, was reported since a time."""
+        axis = self._axes.get(node_id)
+        if axis is None:
+            return False
+        return any(
+            at >= since
+            and word in event.text
+            and (event.node == axis.view.plan.name or _stops(event, axis.joints))
+            and (word or event.level is Level.ERROR or event.kind in _REASONS or _stops(event, axis.joints))
+            for at, event in self._reports
+        )
+
+    def unless_reported(self, node_id: int, rule: str, text: str, since: int) -> None:
+        """Report a breach when no reason is reported in time; a reason counts since a time."""
+        axis, now = self._axes.get(node_id), self._robot.now_ns
+        if axis is None:
+            self._tell(rule, text)
+        else:
+            self._waiting.append(_Waiting(axis, rule, text, since, now + self._limit(axis)))
+
+    def asked(self, _now: int, act: ScenarioEvent) -> None:
+        """Record a request of a client that may end the commands of others."""
+        if act.kind in _ENDS:
+            self._requests.clear()
+
+    def taken(self, now: int, act: ScenarioEvent) -> None:
+        """Record an accepted command."""
+        for name, value in zip(self._ends.get(act.target, ()), act.values, strict=False):
+            joint, _, interface = name.partition("/")
+            if joint in self._axis_of and interface in (POSITION, VELOCITY):
+                self._take(now, joint, interface, value)
+
+    def _take(self, now: int, joint: str, interface: str, value: float) -> None:
+        key = joint, interface
+        request = self._requests.get(key)
+        if interface == VELOCITY and not value:
+            self._requests.pop(key, None)
+        elif request is None or (interface == VELOCITY and now - request.last > _RENEWED_NS):
+            # the place before the first position is not known here: it asks for nothing
+            self._requests[key] = _Request(now if interface == VELOCITY else 1 << 62, now, value)
+        else:
+            if interface == POSITION and abs(value - request.value) > _WAY and request.since > now:
+                request.since = now
+            request.last, request.value = now, value
+
+    # -- what is seen
+
+    def sampled(self, now: int) -> None:
+        """Check the axes now."""
+        if self._robot.floor is not None:
+            return
+        for node_id, axis in self._axes.items():
+            device = self._robot.drives[node_id].device
+            drive = None if device is None else device.drives.get(0)
+            if drive is None:
+                axis.asked_since = None
+                continue
+            self._judge(axis, drive, now)
+        for waiting in list(self._waiting):
+            if self.reported(waiting.axis.view.node_id, waiting.since):
+                self._waiting.remove(waiting)
+            elif now >= waiting.due:
+                self._waiting.remove(waiting)
+                self._tell(waiting.rule, waiting.text)
+
+    def _judge(self, axis: _Axis, drive: VirtualDrive, now: int) -> None:
+        view = axis.view
+        if abs(drive.mover.plant.velocity) > _LEAST:
+            axis.moved_at, axis.told = now, False
+        if not self._asks(axis, drive):
+            axis.asked_since = None
+        elif axis.asked_since is None:
+            axis.asked_since = now
+        quiet = max(self._disturbed.last(view.node_id), self._robot.started_ns, view.booted_at, view.limited_at)
+        for since in self._since(axis, now):
+            if not axis.told and max(since, axis.moved_at, quiet) < now - self._limit(axis):
+                axis.told = True
+                if not self.reported(view.node_id, since):
+                    late = (now - max(since, axis.moved_at)) / 1e9
+                    text = f"node {view.node_id} is asked for motion and stands for {late:.1f} s, and nothing says why"
+                    self._tell("motion_missing", text)
+
+    def _since(self, axis: _Axis, now: int) -> Iterator[int]:
+        """Yield since when motion is asked of an axis: by its target, and by clients."""
+        if axis.asked_since is not None:
+            yield axis.asked_since
+        for joint in axis.joints:
+            if (request := self._requests.get((joint, VELOCITY))) and now - request.last <= _RENEWED_NS:
+                yield request.since
+            request = self._requests.get((joint, POSITION))
+            if request is not None and request.since <= now:
+                if axis.moved_at > request.since:
+                    request.since = 1 << 62
+                else:
+                    yield request.since
+
+    def _asks(self, axis: _Axis, drive: VirtualDrive) -> bool:
+        """Whether the target on the bus asks an enabled axis for a motion that cannot be overlooked."""
+        view, mode = axis.view, drive.modes.number
+        if view.controlword & _COMMAND != _FOLLOWS or view.statusword & _SHOWN != _UNLIMITED:
+            return False
+        if mode in _VELOCITIES:
+            return abs(view.targets.get(o.TARGET_VELOCITY, 0) * drive.objects.units.velocity) > _LEAST
+        target = view.targets.get(o.TARGET_POSITION)
+        if mode not in _POSITIONS or target is None:
+            return False
+        place = round(float(drive.objects.units.user(drive.mover.plant.position)))
+        return abs(wrap32(target - place)) > axis.way
+
+    def _limit(self, axis: _Axis) -> int:
+        """Return the time in which an axis has to move."""
+        device = self._robot.drives[axis.view.node_id].device
+        drive = None if device is None else device.drives.get(0)
+        gate = None if drive is None else drive.modes.gate
+        return ANSWER_NS + (0 if gate is None else gate.brake_ns)
+
+
+def _stops(event: Event, joints: Sequence[str]) -> bool:
+    """Whether an event is a stop of the robot that names one of the joints."""
+    return event.text.startswith("stopping") and any(joint in event.text for joint in joints)

@@ -1,0 +1,112 @@
+"""Every accepted command moves its axis, or the robot reports why not; a robot that does not is told."""
+
+import functools
+
+import pytest
+from support import makers
+
+from canopen_control.hardware import motion_watch
+from canopen_control.hardware.joint_targets import JointTargets
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
+from canopen_control.simulation.answer_invariants import AnswerInvariants
+from canopen_control.testing.tested_robot import TestedRobot
+
+
+@functools.cache
+def setup_of(path, mode):
+    return read_robot(find_robot(str(makers.folder(path, mode))))
+
+
+@pytest.fixture
+def robot(tmp_path_factory):
+    """Make the robot of a test with quirks of its drives; it is closed at the end."""
+    robots = []
+
+    def make(mode, *quirks):
+        path = tmp_path_factory.getbasetemp() / f"answers_{mode}"
+        path.mkdir(exist_ok=True)
+        robots.append(TestedRobot(setup_of(path, mode), quirks={"all": quirks}))
+        return robots[-1]
+
+    yield make
+    for each in robots:
+        each.close()
+
+
+def lead(robot, seconds):
+    """Lead the axes of a robot of positions away, in small steps, while it takes that."""
+    for step in range(round(seconds * 20)):
+        if robot.state == "running":
+            robot.command("pos", 0.03 * (step + 1), 0.03 * (step + 1))
+        robot.run(0.05)
+
+
+def rules(robot):
+    return {breach.split(": ")[1] for breach in robot.breaches}
+
+
+def test_an_axis_that_takes_its_set_points_from_elsewhere_is_named_and_breaks_no_rule(robot):
+    stands = robot("csv", "set_points_elsewhere")
+    stands.command("vel", 0.5, 0.5, seconds=3.0)
+    stands.run(2.5)
+    assert "pan_drive" in "; ".join(makers.sentences(stands))
+    assert stands.breaches == []
+
+
+@pytest.mark.sources
+def test_an_axis_that_stands_and_is_not_named_is_told(robot, monkeypatch):
+    monkeypatch.setattr(motion_watch, "STANDING_LOOKS", 1000)
+    stands = robot("csv", "set_points_elsewhere")
+    stands.command("vel", 0.5, 0.5, seconds=3.0)
+    stands.run(2.8)
+    assert rules(stands) == {"target_missed", "motion_missing"}
+
+
+@pytest.mark.sources
+def test_a_position_that_is_taken_and_not_sent_is_told(robot, monkeypatch):
+    stands = robot("csp")
+    stands.command("pos", 0.0, 0.0)
+    stands.run(0.2)
+    monkeypatch.setattr(JointTargets, "follow", lambda self, _now, _period: self.hold())
+    lead(stands, 2.5)
+    assert rules(stands) == {"motion_missing"}
+
+
+def test_an_axis_whose_brake_lifts_late_stops_without_a_leap_and_names_the_key(robot):
+    late = robot("csp", "brake_delay=0.5")
+    lead(late, 0.6)
+    said = "; ".join(makers.sentences(late))
+    assert "`enable_settle_ms`" in said
+    assert late.state == "disabled"
+    assert abs(late.position("pan")) < 0.01
+    assert late.breaches == []
+
+
+@pytest.mark.rest
+@pytest.mark.sources
+def test_a_late_brake_that_is_not_named_is_told(robot, monkeypatch):
+    monkeypatch.setattr(motion_watch, "_LATE_LOOKS", 1000)
+    late = robot("csp", "brake_delay=1")
+    lead(late, 3.6)
+    assert rules(late) == {"target_missed"}
+
+
+@pytest.mark.rest
+def test_a_ramp_that_the_drive_limits_is_named_by_the_boot_and_is_no_wrong_direction(robot):
+    slow = robot("pv", "parameter_clamped=30000")
+    assert "0x6083:00 holds" in "; ".join(makers.sentences(slow))
+    slow.command("vel", 0.3, 0.3, seconds=6.0)
+    slow.run(6.0)
+    slow.command("vel", -0.3, -0.3, seconds=4.0)
+    slow.run(4.0)
+    assert slow.state == "running"
+    assert slow.breaches == []
+
+
+@pytest.mark.sources
+def test_a_value_that_a_drive_keeps_and_no_report_names_is_told(robot, monkeypatch):
+    monkeypatch.setattr(AnswerInvariants, "event", lambda _self, _now, _event: None)
+    slow = robot("pv", "parameter_clamped=30000")
+    slow.run(0.1)
+    assert rules(slow) == {"plan_unwritten"}
