@@ -67,6 +67,17 @@ class LssCommand(enum.IntEnum):
     INQUIRE_NODE_ID = 0x5E
 
 
+class LssRefused(RemoteProtocolError):
+    """Refusal of an LSS service; `code` is 1 for a value that is not supported, 2 for storing that failed.
+
+    Others are the manufacturer's.
+    """
+
+    def __init__(self, code: int, reason: str) -> None:
+        self.code = code
+        super().__init__(0, reason)
+
+
 class LssIdentity(NamedTuple):
     """LSS address: the identity object 0x1018:01 to 0x1018:04."""
 
@@ -316,7 +327,7 @@ def _coded(name: str, command: int, value: int) -> _Service:
     data = yield from _confirmed(name, [lss_frame(command, value)], command)
     if data[1]:
         reason = _REFUSALS.get(data[1], f"error {data[1]}, manufacturer's {data[2]}")
-        raise RemoteProtocolError(0, f"LSS {name}: refused, {reason}")
+        raise LssRefused(data[1], f"LSS {name}: refused, {reason}")
     return None
 
 

@@ -28,6 +28,8 @@ from canopen_control.rpc.messages.state import NodeReading
 if TYPE_CHECKING:
     import argparse
 
+    from canopen_control.cli.support.target import TargetNode
+
 
 EXAMPLE = """canopen-control nmt preop left_drive
          canopen-control nmt reset-node all --can can0"""
@@ -93,15 +95,8 @@ def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCo
     asked = target.nodes if args.node == ALL else [target.node(args.node)]
     if not asked:
         raise ConfigError(f"robot {target.robot.robot} has no nodes: it runs on mock hardware, or simulated")
-    begin = time.monotonic()
-    target.robot.ask(NmtRequest(command=args.command, node=ALL if args.node == ALL else str(asked[0].node_id)))
-    timeout = args.wait or _ROBOT_TIMEOUTS.get(command, TIMEOUT_S)
-    waiting, nodes = asked, dict[str, NodeReading]()
-    while waiting and time.monotonic() < begin + timeout:
-        time.sleep(POLL_S)
-        nodes = target.robot.ask(GetStatus()).nodes
-        elapsed = time.monotonic() - begin
-        waiting = [each for each in waiting if not _shows(nodes[each.name], command, elapsed)]
+    timeout = args.wait or ROBOT_TIMEOUTS.get(command, TIMEOUT_S)
+    waiting, nodes = command_robot(target, command, asked, timeout, everybody=args.node == ALL)
     outcomes = []
     for each in asked:
         node = nodes[each.name]
@@ -109,6 +104,22 @@ def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCo
         state = EXPECTED_STATE[command].name if confirmed else node.nmt_state
         outcomes.append(NmtResult(each.node_id, str(each), state, confirmed, node.error))
     return _tell(args, outcomes, timeout)
+
+
+def command_robot(
+    target: RobotTarget, command: NmtCommand, asked: list[TargetNode], timeout: float, *, everybody: bool
+) -> tuple[list[TargetNode], dict[str, NodeReading]]:
+    """Have a robot command nodes; return those that do not confirm within `timeout` s, and the last readings of all."""
+    begin = time.monotonic()
+    name = next(name for name, known in COMMAND_NAMES.items() if known is command)
+    target.robot.ask(NmtRequest(command=name, node=ALL if everybody else str(asked[0].node_id)))
+    waiting, nodes = asked, dict[str, NodeReading]()
+    while waiting and time.monotonic() < begin + timeout:
+        time.sleep(POLL_S)
+        nodes = target.robot.ask(GetStatus()).nodes
+        elapsed = time.monotonic() - begin
+        waiting = [each for each in waiting if not _shows(nodes[each.name], command, elapsed)]
+    return waiting, nodes
 
 
 def _tell(args: argparse.Namespace, outcomes: list[NmtResult], timeout: float) -> int:
@@ -126,7 +137,7 @@ def _tell(args: argparse.Namespace, outcomes: list[NmtResult], timeout: float) -
     return 1 if any(each.confirmed is False for each in outcomes) else 0
 
 
-_ROBOT_TIMEOUTS = {
+ROBOT_TIMEOUTS = {
     NmtCommand.START: BOOT_TIMEOUT_S,
     NmtCommand.RESET_NODE: RESET_TIMEOUT_S,
     NmtCommand.RESET_COMMUNICATION: RESET_TIMEOUT_S,

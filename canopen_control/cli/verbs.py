@@ -60,6 +60,7 @@ GROUPS: Final = {
         "bus": "list channels, bring them up or down, disturb a local bus",
         "sdo": "read and write objects of a node, transfer files",
         "nmt": "start, stop or reset nodes",
+        "gateway": "serve the text commands of CiA 309-3, as for cocomm",
         "objects": "list the objects of a node: names, units, defaults, values",
         "dump": "print all current values of a node, as table, CSV or DCF",
         "record": "record the frames of a bus, or a robot as a ROS 2 bag",
@@ -95,6 +96,7 @@ WITHOUT_JSON: Final = {
     "monitor": "it is for people; `status --watch --json` has the same data",
     "view": "it serves a page until Ctrl-C",
     "teleop": "it is driven by keys",
+    "gateway": "its answers are those of CiA 309-3",
     "help": "it prints a text",
     "completion": "it prints a script",
 }

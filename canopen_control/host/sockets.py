@@ -34,10 +34,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
 
-SocketKind = Literal["bus", "busctl", "drive", "robot"]
-KINDS: Final[Mapping[SocketKind, int]] = {"bus": 32, "busctl": 32, "drive": 36, "robot": 32}
+SocketKind = Literal["bus", "busctl", "drive", "gateway", "robot"]
+KINDS: Final[Mapping[SocketKind, int]] = {"bus": 32, "busctl": 32, "drive": 36, "gateway": 32, "robot": 32}
 """Kind of socket to its maximum name length: frames and control of a `local:` bus, one per virtual drive (see
-`drive_name`), one per robot."""
+`drive_name`), one per gateway of CiA 309-3, one per robot."""
 _NAME: Final = re.compile(r"[A-Za-z0-9_-]+")
 _LONGEST_PATH: Final = 100  # struct sockaddr_un has 108 bytes on Linux, 104 elsewhere
 _PROBE_S: Final = 0.5  # the kernel of a listening process accepts at once, whatever the process does

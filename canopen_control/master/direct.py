@@ -38,11 +38,15 @@ _FEW = (SHORTEST_RUN - 1) * RECORD_SIZE  # bytes: no run among them
 PARALLEL = 16  # servers asked at the same time by `read_many`: what a slow bus carries within one timeout
 
 
-class Core(Protocol):
-    """Interface of a protocol core for `serve`."""
+class FrameListener(Protocol):
+    """Interface of what only receives."""
 
     def receive(self, frame: CanFrame, now: int) -> None:
         """Receive a frame."""
+
+
+class Core(FrameListener, Protocol):
+    """Interface of a protocol core for `serve`."""
 
     def tick(self, now: int) -> None:
         """Process timers."""
@@ -58,13 +62,15 @@ class DirectBus:
     """Port with protocol cores.
 
     `heard` are the nodes whose boot-up, heartbeat or guarding answer was received, by node id. `timeout_s` is the time
-    for each SDO answer. Every call raises BusError when the bus is gone.
+    for each SDO answer. `listeners` receive every frame, whatever is served. Every call raises BusError when the bus is
+    gone.
     """
 
     def __init__(self, port: Port, *, timeout_s: float = 0.5, retries: int = 1) -> None:
         self.port = port
         self.timeout_s, self.retries = timeout_s, retries
         self.heard: dict[int, NmtState | None] = {}
+        self.listeners: list[FrameListener] = []
         self._clients: dict[int, SdoClient] = {}
         self._poll = select.poll()
         self._fd = port.fileno()
@@ -199,9 +205,14 @@ class DirectBus:
 
     # -- LSS
 
-    def lss(self, ask: Callable[[LssMaster], LssRequest]) -> LssResult:
-        """Run one LSS service, such as `lambda master: master.store()`; raises RemoteProtocolError."""
+    def lss(self, ask: Callable[[LssMaster], LssRequest], scan_s: float | None = None) -> LssResult:
+        """Run one LSS service, such as `lambda master: master.store()`; raises RemoteProtocolError.
+
+        `scan_s` is the time of each request of a scan.
+        """
         master = LssMaster(timeout_ns=round(self.timeout_s * 1e9))
+        if scan_s is not None:
+            master.scan_timeout_ns = round(scan_s * 1e9)
         request = ask(master)
         self.serve([master], lambda: request.done)
         if request.error is not None:
@@ -248,8 +259,8 @@ class DirectBus:
 
     def _hand_out(self, cores: Sequence[Core], frame: CanFrame, now: int) -> None:
         can_id, data = frame
-        for core in cores:
-            core.receive(frame, now)
+        for listener in (*cores, *self.listeners) if self.listeners else cores:
+            listener.receive(frame, now)
         if _FIRST_HEARTBEAT <= can_id <= _LAST_HEARTBEAT and len(data) == 1:
             node_id = can_id - ERROR_CONTROL_COB_ID
             self.heard[node_id] = state_of_byte(data[0])

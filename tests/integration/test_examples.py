@@ -57,6 +57,7 @@ ENDLESS = {
     ("trace",): r"sync",
     ("view",): r"http://127\.0\.0\.1:\d+",
     ("record",): r"",
+    ("gateway", "--unix"): r"CiA 309-3 at",
     ("ros", "topic", "echo"): r"left_wheel_joint",
     ("ros", "topic", "pub"): r"publishing",
 }

@@ -1,0 +1,268 @@
+"""Serve CiA 309-3: lines of text that read and write objects, for CANopenNode's cocomm and for scripts.
+
+The nodes are those of a running robot, or with --can all of a bare bus. Commands come from standard input, from a Unix
+socket that only you can open (--unix), or from a TCP port of this computer (--tcp), which every user of it can reach.
+One client is served at a time. NMT commands, writes that may move a drive, and changes of node ids are refused without
+--allow-motion. A robot goes on as without a gateway, and so does its STOP.
+
+Exit codes: 0 after the end of the input or Ctrl-C; 1 robot or bus are gone, the address is in use, or the input ended
+in the middle of a line; 2 wrong usage.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import signal
+import socket
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.nmt import EXPECTED_STATE
+from canopen_control.cli.nmt import ROBOT_TIMEOUTS, TIMEOUT_S, command_robot
+from canopen_control.cli.support.arguments import whole_number
+from canopen_control.cli.support.target import BusTarget, RobotTarget, add_target_arguments, robot_on
+from canopen_control.client import RobotClient
+from canopen_control.errors import BusClosed, BusError, CanopenError, ConfigError
+from canopen_control.frame import BROADCAST
+from canopen_control.gateway.dialect import INTERNAL_STATE, UNSUPPORTED_NODE, WRONG_NMT_STATE, GatewayRefusal
+from canopen_control.gateway.serving import ALLOW_MOTION, BusLog, GatewayService
+from canopen_control.host import sockets
+from canopen_control.host.signals import interrupt, on_signals
+from canopen_control.rpc.messages.robot import Subscribe
+from canopen_control.rpc.messages.state import RobotEvent
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable, Iterator
+
+    from canopen_control.cia301.lss import LssMaster, LssRequest, LssResult
+    from canopen_control.cia301.nmt import NmtCommand
+    from canopen_control.cli.support.target import TargetNode
+
+
+EXAMPLE = """canopen-control gateway
+         canopen-control gateway --unix gateway.sock --allow-motion
+         canopen-control gateway --can can0 --tcp 60000"""
+
+LOOPBACK = "127.0.0.1"
+MAX_TIMEOUT_S = 60.0  # of a robot's SDO request
+BACKLOG = 50
+_OWNER_S = 1.0  # between two looks for a robot on the bus
+_TAKE_IN_S = 0.001
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    add_target_arguments(parser)
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--stdio", action="store_true", help="serve standard input and output (default)")
+    where.add_argument(
+        "--unix", nargs="?", const="", metavar="PATH", help="serve a Unix socket; without PATH in your runtime folder"
+    )
+    where.add_argument(
+        "--tcp", type=whole_number("port: 0 to 65535", range(65536)), metavar="PORT", help=f"serve {LOOPBACK}:PORT"
+    )
+    parser.add_argument(ALLOW_MOTION, action="store_true", help="allow NMT and writes that may move a drive")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb until the end of its input or Ctrl-C."""
+    with contextlib.suppress(KeyboardInterrupt), on_signals([signal.SIGTERM], interrupt), _network(args) as network:
+        service = GatewayService(network, allow_motion=args.allow_motion)
+        if args.unix is None and args.tcp is None:
+            if not service.serve_stdio():
+                raise CanopenError("standard input ended in the middle of a line, which was not carried out")
+            return 0
+        with _listening(args, network.label) as listener:
+            service.serve_listener(listener)
+    return 0
+
+
+@contextlib.contextmanager
+def _network(args: argparse.Namespace) -> Iterator[RobotNetwork | BusNetwork]:
+    if args.can is None:
+        with RobotTarget(RobotClient.connect(args.name)) as robot:
+            yield RobotNetwork(robot)
+    else:
+        with BusTarget(args.can) as bus:
+            yield BusNetwork(bus)
+
+
+@contextlib.contextmanager
+def _listening(args: argparse.Namespace, label: str) -> Iterator[socket.socket]:
+    """Listen on the socket that the arguments name, and print where."""
+    listener = _unix_listener(args.unix, label) if args.tcp is None else _tcp_listener(args.tcp)
+    try:
+        if args.tcp is None:
+            place = listener.getsockname()
+        else:
+            place = f"{LOOPBACK}:{listener.getsockname()[1]}"
+            more = ", and move its drives" if args.allow_motion else ""
+            warning = f"every user and program of this computer can reach {label} at {place}{more}; --unix is private"
+            print(f"canopen-control: warning: {warning}", file=sys.stderr)
+        print(f"{label}: CiA 309-3 at {place}; Ctrl-C ends it", flush=True)
+        yield listener
+    finally:
+        if args.tcp is None:
+            sockets.close_listener(listener)
+        listener.close()
+
+
+def _unix_listener(path: str, label: str) -> socket.socket:
+    place = Path(path).expanduser() if path else sockets.socket_path("gateway", re.sub(r"[^\w-]", "_", label)[-32:])
+    if not place.parent.is_dir():
+        raise ConfigError(f"no folder {place.parent} for the socket {place}")
+    mode = place.parent.stat().st_mode
+    if mode & 0o002 and not mode & 0o1000:
+        raise ConfigError(f"every user may replace files in {place.parent}; choose another folder for the socket")
+    try:
+        listener = sockets.listen(place, BACKLOG)
+        place.chmod(0o600)
+    except OSError as error:
+        raise ConfigError(f"{place} cannot be a socket: {error.strerror or error}; choose another path") from None
+    return listener
+
+
+def _tcp_listener(port: int) -> socket.socket:
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((LOOPBACK, port))
+        listener.listen(BACKLOG)
+        listener.setblocking(False)
+    except OSError as error:
+        listener.close()
+        raise CanopenError(f"port {port} of {LOOPBACK}: {error.strerror}; choose another one with --tcp") from None
+    return listener
+
+
+class RobotNetwork:
+    """Nodes of a running robot; `label` names it."""
+
+    def __init__(self, target: RobotTarget) -> None:
+        self._target, self._robot = target, target.robot
+        self.label = f"robot {self._robot.robot}"
+        self._events = BusLog()
+        self._robot.ask(Subscribe(events=True))
+
+    def fileno(self) -> int:
+        """Return the descriptor of the connection to the robot."""
+        return self._robot.fileno()
+
+    def take_in(self) -> None:
+        """Keep the robot's events; RemoteError when it has ended."""
+        for message in self._robot.messages(0):
+            if isinstance(message, RobotEvent):
+                where = f"{message.node}: " if message.node else ""
+                self._events.add(f"{where}{message.text}")
+
+    def read(self, node_id: int, index: int, subindex: int, *, block: bool, timeout_s: float) -> bytes:
+        """Upload an object through the robot."""
+        return self._target.read(self._node(node_id, timeout_s), index, subindex, block=block)
+
+    def write(self, node_id: int, index: int, subindex: int, data: bytes, *, block: bool, timeout_s: float) -> None:  # noqa: ARG002 - the robot chooses by length
+        """Download an object through the robot."""
+        self._target.write(self._node(node_id, timeout_s), index, subindex, data)
+
+    def nmt(self, command: NmtCommand, node_id: int) -> None:
+        """Have the robot send the command; 204 if the nodes do not confirm it."""
+        everybody = node_id == BROADCAST
+        asked = self._target.nodes if everybody else [self._node(node_id)]
+        timeout = ROBOT_TIMEOUTS.get(command, TIMEOUT_S)
+        if asked and (waiting := command_robot(self._target, command, asked, timeout, everybody=everybody)[0]):
+            names = ", ".join(map(str, waiting))
+            wanted = EXPECTED_STATE[command].name.replace("_", " ")
+            raise GatewayRefusal(WRONG_NMT_STATE, f"{names}: {wanted} is not shown within {timeout:g} s")
+
+    def lss(self, ask: Callable[[LssMaster], LssRequest], scan_s: float | None = None) -> LssResult:  # noqa: ARG002 - refused
+        """Refuse: LSS would take the robot's nodes away."""
+        advice = f"end it first: canopen-control shutdown --name {self._robot.robot}"
+        raise GatewayRefusal(INTERNAL_STATE, f"LSS would take away the nodes of {self.label}; {advice}")
+
+    def log(self) -> list[str]:
+        """Return and clear the robot's events."""
+        self.take_in()
+        return self._events.take()
+
+    def _node(self, node_id: int, timeout_s: float | None = None) -> TargetNode:
+        try:
+            node = self._target.node(str(node_id))
+        except ConfigError as error:
+            raise GatewayRefusal(UNSUPPORTED_NODE, str(error)) from None
+        if timeout_s is not None:
+            self._target.be_patient(node, min(timeout_s, MAX_TIMEOUT_S))
+        return node
+
+
+class BusNetwork:
+    """Nodes of a bare bus, but those of a robot that runs on it; `label` names it."""
+
+    def __init__(self, target: BusTarget) -> None:
+        self._target, self._bus = target, target.bus
+        self._bus.retries = 0  # CiA 309-3: the time-out is that of the transfer
+        self.label = self._bus.port.channel
+        self._events = BusLog()
+        self._bus.listeners.append(self._events)
+        self._looked = time.monotonic()
+
+    def fileno(self) -> int:
+        """Return the descriptor of the port."""
+        return self._bus.port.fileno()
+
+    def take_in(self) -> None:
+        """Receive what the bus carries; BusClosed when it is gone."""
+        try:
+            self._bus.listen(_TAKE_IN_S)
+        except BusClosed:
+            raise
+        except BusError as error:
+            self._events.add(str(error))  # bus-off, or the interface is down: it may come back
+
+    def read(self, node_id: int, index: int, subindex: int, *, block: bool, timeout_s: float) -> bytes:
+        """Upload an object."""
+        return self._target.read(self._node(node_id, timeout_s), index, subindex, block=block)
+
+    def write(self, node_id: int, index: int, subindex: int, data: bytes, *, block: bool, timeout_s: float) -> None:
+        """Download an object; with `block` long ones by block transfer."""
+        self._node(node_id, timeout_s)
+        self._bus.write(node_id, index, subindex, data, block=None if block else False)
+
+    def nmt(self, command: NmtCommand, node_id: int) -> None:
+        """Send the command, which has no answer."""
+        if node_id != BROADCAST:
+            self._node(node_id)
+        else:
+            self._refuse_beside_a_robot("NMT to all nodes")
+        self._bus.command(command, node_id, 0.0)
+
+    def lss(self, ask: Callable[[LssMaster], LssRequest], scan_s: float | None = None) -> LssResult:
+        """Run an LSS service."""
+        self._refuse_beside_a_robot("LSS")
+        return self._bus.lss(ask, scan_s)
+
+    def log(self) -> list[str]:
+        """Return and clear the lines about boot-ups, EMCYs and NMT states."""
+        self.take_in()
+        return self._events.take()
+
+    def _node(self, node_id: int, timeout_s: float | None = None) -> TargetNode:
+        self._look_for_a_robot()
+        node = self._target.node(str(node_id))
+        if timeout_s is not None:
+            self._target.be_patient(node, timeout_s)
+        return node
+
+    def _look_for_a_robot(self) -> None:
+        now = time.monotonic()
+        if now - self._looked > _OWNER_S:
+            self._looked = now
+            self._target.owner = robot_on(self.label)
+
+    def _refuse_beside_a_robot(self, what: str) -> None:
+        self._look_for_a_robot()
+        if self._target.owner is not None:
+            name = self._target.owner[0]
+            raise GatewayRefusal(INTERNAL_STATE, f"{what} would take away the nodes of robot {name}; use --name {name}")

@@ -1,0 +1,369 @@
+"""Service of gateway clients: requests of the dialect against a bus or a robot, over stdio or a listening socket.
+
+One client is served at a time, and one command of it at a time; other clients wait until it leaves. What may move a
+drive is refused unless the gateway was started for that. The robot's stop and supervision are not involved: they are in
+another process.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import socket
+import sys
+import time
+from collections import deque
+from typing import TYPE_CHECKING, Final, Protocol
+
+from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia301.emcy import EmcyMessage
+from canopen_control.cia301.lss import LssIdentity, LssMode, LssRefused
+from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NmtState, state_of_byte
+from canopen_control.errors import (
+    BusClosed,
+    BusOff,
+    CanopenError,
+    RemoteError,
+    RemoteProtocolError,
+    SdoAbort,
+    SdoTimeout,
+    UnknownName,
+)
+from canopen_control.frame import MAX_NODE_ID
+from canopen_control.gateway import dialect as cia309
+from canopen_control.gateway.dialect import (
+    GatewayDialect,
+    GatewayRefusal,
+    LogOrder,
+    LssOrder,
+    NmtOrder,
+    ReadOrder,
+    WriteOrder,
+)
+from canopen_control.host.sockets import same_user
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from canopen_control.cia301.lss import LssMaster, LssRequest, LssResult
+    from canopen_control.cia301.nmt import NmtCommand
+    from canopen_control.frame import CanFrame
+    from canopen_control.gateway.dialect import GatewayRequest
+
+
+ALLOW_MOTION: Final = "--allow-motion"
+_CHUNK: Final = 1 << 16
+_SEND_S: Final = 5.0  # for a client that does not read
+_LOG_LINES: Final = 200
+
+#: indices whose write may move a drive, or take away what would stop it
+_MOVING: Final = (
+    range(0x1005, 0x1008),  # SYNC: set-points are applied with it
+    range(0x100C, 0x100E),  # node guarding: a drive stops when the master is gone
+    range(0x1011, 0x1012),  # restore: other parameters after the next reset
+    range(0x1016, 0x1017),  # consumer heartbeat time, to the same end
+    range(0x1029, 0x102A),  # error behaviour
+    range(0x1400, 0x1C00),  # PDOs: what a drive takes for a target
+    range(0x1F51, 0x1F52),  # program control: starts a program
+    range(0x6000, 0xA000),  # device profiles: CiA 402 and the outputs of CiA 401
+)
+_LSS_CHANGES: Final = frozenset(
+    {"lss_set_node", "lss_conf_bitrate", "lss_activate_bitrate", "lss_store", "lss_allnodes"}
+)
+_ABORT_IN_TEXT: Final = re.compile(r"abort 0x([0-9A-F]{8})")  # as `SdoAbort` says it
+_SILENT: Final = frozenset({"SdoTimeout", "SdoStopped", "Timeout"})  # kinds of a robot's errors
+_HTTP: Final = re.compile(rb"\A[A-Z]+ \S+ HTTP/\d")
+
+
+class GatewayNetwork(Protocol):
+    """Interface of the bus or robot behind a gateway; every call may raise CanopenError."""
+
+    def fileno(self) -> int:
+        """Return the descriptor that is readable when `take_in` has work."""
+
+    def take_in(self) -> None:
+        """Process what was received; RemoteError or BusError if robot or bus are gone."""
+
+    def read(self, node_id: int, index: int, subindex: int, *, block: bool, timeout_s: float) -> bytes:
+        """Upload an object."""
+
+    def write(self, node_id: int, index: int, subindex: int, data: bytes, *, block: bool, timeout_s: float) -> None:
+        """Download an object."""
+
+    def nmt(self, command: NmtCommand, node_id: int) -> None:
+        """Send an NMT command; 0 for all nodes."""
+
+    def lss(self, ask: Callable[[LssMaster], LssRequest], scan_s: float | None = None) -> LssResult:
+        """Run an LSS service."""
+
+    def log(self) -> list[str]:
+        """Return and clear the lines about what happened."""
+
+
+class BusLog:
+    """Core that keeps lines about boot-ups, EMCYs and changes of the NMT state."""
+
+    def __init__(self) -> None:
+        self._lines: deque[str] = deque(maxlen=_LOG_LINES)
+        self._states: dict[int, NmtState | None] = {}
+
+    def receive(self, frame: CanFrame, _now: int) -> None:
+        """Receive a frame."""
+        node_id = frame.can_id - ERROR_CONTROL_COB_ID
+        if 1 <= node_id <= MAX_NODE_ID and len(frame.data) == 1:
+            state = state_of_byte(frame.data[0])
+            if state is not self._states.get(node_id) and state is not None:
+                name = "boot-up" if state is NmtState.INITIALISING else state.name.replace("_", " ")
+                self.add(f"node {node_id}: {name}")
+            self._states[node_id] = state
+        elif (message := EmcyMessage.parse(frame)) is not None:
+            self.add(f"node {message.node_id}: EMCY {message}")
+
+    def add(self, text: str) -> None:
+        """Append a line, with the time of day."""
+        self._lines.append(f"{time.strftime('%H:%M:%S')} {' '.join(text.split())}")
+
+    def take(self) -> list[str]:
+        """Return and clear the lines."""
+        lines = list(self._lines)
+        self._lines.clear()
+        return lines
+
+
+def motion_reason(request: GatewayRequest) -> str:
+    """Return why a request needs --allow-motion; "" if it does not."""
+    advice = f"start the gateway with {ALLOW_MOTION} to allow it"
+    if isinstance(request, NmtOrder):
+        return f"NMT commands start and stop drives; {advice}"
+    if isinstance(request, LssOrder) and request.verb in _LSS_CHANGES:
+        return f"{request.verb} changes how a node takes part in the network; {advice}"
+    if isinstance(request, WriteOrder) and any(request.index in moving for moving in _MOVING):
+        return f"Writing 0x{request.index:04X}:{request.subindex:02X} may move a drive or end its supervision; {advice}"
+    return ""
+
+
+class _LssConsole:
+    """LSS verbs on a network; like CANopenNode's master it keeps whether a slave is in configuration."""
+
+    def __init__(self, network: GatewayNetwork) -> None:
+        self._network = network
+        self._configuring = False
+
+    def answer(self, order: LssOrder) -> list[str]:
+        """Run a service and return the lines of its answer; the last one follows the sequence number."""
+        verb, numbers = order
+        if verb == "lss_switch_glob" and not numbers[0]:
+            return self._leave()
+        enters = verb in ("lss_switch_glob", "lss_switch_sel", "_lss_fastscan", "lss_allnodes")
+        if enters is self._configuring:
+            other = "a slave is in configuration already; send lss_switch_glob 0 first"
+            raise GatewayRefusal(cia309.INTERNAL_STATE, other if enters else "No slave was switched to configuration")
+        if verb == "lss_allnodes":
+            return self._all_nodes(*numbers)
+        if verb == "_lss_fastscan":
+            found = self._scan(numbers[0] if numbers else 0)
+            if found is None:
+                raise GatewayRefusal(cia309.TIME_OUT)
+            self._configuring = True
+            return [_words(found)]
+        return [self._one(verb, numbers)]
+
+    def _leave(self) -> list[str]:
+        self._network.lss(lambda master: master.switch_global(LssMode.WAITING))
+        self._configuring = False
+        return ["OK"]
+
+    def _one(self, verb: str, numbers: tuple[int, ...]) -> str:
+        ask = self._network.lss
+        if verb == "lss_switch_glob":
+            ask(lambda master: master.switch_global(LssMode.CONFIGURATION))
+            self._configuring = True
+        elif verb == "lss_switch_sel":
+            _checked(cia309.TIME_OUT, lambda: ask(lambda master: master.switch_selective(LssIdentity(*numbers))))
+            self._configuring = True
+        elif verb == "lss_set_node":
+            _checked(cia309.LSS_NODE_ID, lambda: ask(lambda master: master.configure_node_id(numbers[0])))
+        elif verb == "lss_conf_bitrate":
+            _checked(cia309.LSS_BITRATE, lambda: ask(lambda master: master.configure_bit_timing(numbers[1])))
+        elif verb == "lss_activate_bitrate":
+            ask(lambda master: master.activate_bit_timing(numbers[0]))
+        elif verb == "lss_store":
+            _checked(cia309.LSS_STORE, lambda: ask(lambda master: master.store()))
+        elif verb == "lss_get_node":
+            return f"0x{self._inquired('node_id'):02X}"
+        else:  # lss_inquire_addr
+            parts = [LssIdentity._fields[numbers[0]]] if numbers else LssIdentity._fields
+            return " ".join(f"0x{self._inquired(part):08X}" for part in parts)
+        return "OK"
+
+    def _inquired(self, part: str) -> int:
+        found = _checked(cia309.TIME_OUT, lambda: self._network.lss(lambda master: master.inquire(part)))
+        assert isinstance(found, int)
+        return found
+
+    def _scan(self, step_ms: int = 0, known: tuple[int | None, ...] = (None,) * 4) -> LssIdentity | None:
+        parts = dict(zip(LssIdentity._fields, known, strict=True))
+        step_s = (step_ms or cia309.DEFAULT_SCAN_MS) / 1e3
+        found = _checked(
+            cia309.TIME_OUT, lambda: self._network.lss(lambda master: master.fast_scan(**parts), scan_s=step_s)
+        )
+        assert found is None or isinstance(found, LssIdentity)
+        return found
+
+    def _all_nodes(self, step_ms: int = 0, first: int = 2, store: int = 1, *scan: int) -> list[str]:
+        types, values = scan[::2], scan[1::2]
+        match = 2
+        known = tuple(value if kind == match else None for kind, value in zip(types, values, strict=True))
+        lines: list[str] = []
+        for node_id in range(first, MAX_NODE_ID + 1):
+            found = self._scan(step_ms, known or (None,) * 4)
+            if found is None:
+                return [*lines, f"# Found {len(lines)} nodes, search finished.", "OK"]
+            self._one("lss_set_node", (node_id,))
+            if store:
+                self._one("lss_store", ())
+            self._leave()
+            lines.append(f"# Node-ID {node_id} assigned to: {_words(found)}")
+        return [*lines, "# Not all nodes scanned!", "OK"]
+
+
+def _words(identity: LssIdentity) -> str:
+    return " ".join(f"0x{part:08X}" for part in identity)
+
+
+def _checked(refused: int, ask: Callable[[], LssResult]) -> LssResult:
+    """Return the result of a service; GatewayRefusal `refused` for a refusal, 103 without an answer."""
+    try:
+        return ask()
+    except LssRefused as refusal:
+        numbers = {1: refused, 2: cia309.LSS_MEDIA}
+        raise GatewayRefusal(numbers.get(refusal.code, cia309.LSS_MANUFACTURER)) from None
+    except RemoteProtocolError:
+        raise GatewayRefusal(cia309.TIME_OUT) from None
+
+
+class GatewayService:
+    """Answers to the requests of one client after the other."""
+
+    def __init__(self, network: GatewayNetwork, *, allow_motion: bool = False) -> None:
+        self.network, self.allow_motion = network, allow_motion
+        self._lss = _LssConsole(network)
+
+    def answers(self, client: GatewayDialect, data: bytes) -> Iterator[bytes]:
+        """Yield the answers to what a client has sent; RemoteError or BusClosed if robot or bus are gone."""
+        client.receive(data)
+        while (event := client.next_event()) is not None:
+            yield event if isinstance(event, bytes) else self._answer(client, event)
+
+    def _answer(self, client: GatewayDialect, request: GatewayRequest) -> bytes:
+        reason = "" if self.allow_motion else motion_reason(request)
+        if reason:
+            return client.error(GatewayRefusal(cia309.INTERNAL_STATE, reason))
+        try:
+            return self._carried_out(client, request)
+        except GatewayRefusal as refusal:
+            return client.error(refusal)
+        except CanopenError as error:
+            code = _abort_of(error)
+            return client.error(_refusal_of(error)) if code is None else client.abort(code)
+
+    def _carried_out(self, client: GatewayDialect, request: GatewayRequest) -> bytes:
+        timeout_s = client.timeout_ms / 1e3
+        if isinstance(request, ReadOrder):
+            address = request.node_id, request.index, request.subindex
+            data = self.network.read(*address, block=client.block, timeout_s=timeout_s)
+            return client.value(request.type_name, data)
+        if isinstance(request, LogOrder):
+            return client.log(self.network.log())
+        if isinstance(request, LssOrder):
+            *comments, last = self._lss.answer(request)
+            return "".join(f"{line}\n" for line in comments).encode() + client.text(last)
+        if isinstance(request, WriteOrder):
+            address = request.node_id, request.index, request.subindex
+            self.network.write(*address, request.data, block=client.block, timeout_s=timeout_s)
+        else:
+            self.network.nmt(request.command, request.node_id)
+        return client.ok()
+
+    # -- transports
+
+    def serve_stdio(self) -> bool:
+        """Serve standard input until its end; False if that came in the middle of a line."""
+        client = GatewayDialect(optional_sequence=True)
+        source, sink = sys.stdin.fileno(), sys.stdout.buffer
+        poll = self._poll_with(source)
+        while True:
+            if not self._ready(poll, source):
+                continue
+            data = os.read(source, _CHUNK)
+            if not data:
+                return not client.unfinished
+            for answer in self.answers(client, data):
+                sink.write(answer)
+                sink.flush()
+
+    def serve_listener(self, listener: socket.socket) -> None:
+        """Serve the clients of a socket, one after the other, until robot or bus are gone."""
+        poll = self._poll_with(listener.fileno())
+        while True:
+            if not self._ready(poll, listener.fileno()):
+                continue
+            try:
+                sock, _ = listener.accept()
+            except (BlockingIOError, ConnectionAbortedError):
+                continue
+            with sock:
+                if sock.family != socket.AF_UNIX or same_user(sock):
+                    self._serve_client(sock)
+
+    def _serve_client(self, sock: socket.socket) -> None:
+        sock.settimeout(_SEND_S)
+        client = GatewayDialect()
+        poll = self._poll_with(sock.fileno())
+        begun = False
+        while True:
+            if not self._ready(poll, sock.fileno()):
+                continue
+            try:
+                data = sock.recv(_CHUNK)
+                if not data or (not begun and _HTTP.match(data)):  # a page in a browser can reach a port of loopback
+                    return
+                begun = True
+                for answer in self.answers(client, data):
+                    sock.sendall(answer)
+            except OSError:
+                return  # the client is gone, or does not read
+
+    def _poll_with(self, descriptor: int) -> select.poll:
+        poll = select.poll()
+        poll.register(descriptor, select.POLLIN)
+        poll.register(self.network.fileno(), select.POLLIN)
+        return poll
+
+    def _ready(self, poll: select.poll, descriptor: int) -> bool:
+        """Wait, serve the network, and return whether the client's descriptor is ready."""
+        ready = {number for number, _ in poll.poll()}
+        self.network.take_in()
+        return descriptor in ready
+
+
+def _abort_of(error: CanopenError) -> int | None:
+    """Return the SDO abort code that an error is in an answer, None if it is none."""
+    if isinstance(error, SdoAbort):
+        return error.code
+    if isinstance(error, SdoTimeout) or (isinstance(error, RemoteError) and error.kind in _SILENT):
+        return AbortCode.TIMED_OUT
+    if isinstance(error, RemoteError) and error.kind == SdoAbort.__name__:
+        code = _ABORT_IN_TEXT.search(str(error))
+        return int(code[1], 16) if code is not None else AbortCode.GENERAL_ERROR
+    return None
+
+
+def _refusal_of(error: CanopenError) -> GatewayRefusal:
+    """Return what an error is in an answer; raises it again where robot or bus are gone."""
+    kind = error.kind if isinstance(error, RemoteError) else type(error).__name__
+    if kind == BusClosed.__name__:
+        raise error
+    numbers = {UnknownName.__name__: cia309.UNSUPPORTED_NODE, BusOff.__name__: cia309.BUS_OFF}
+    return GatewayRefusal(numbers.get(kind, cia309.INTERNAL_STATE), str(error))
