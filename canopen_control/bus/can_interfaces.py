@@ -130,6 +130,8 @@ def _command(pid: int, proc: Path) -> str:
     """Return the command line of a process; for this package's own verbs without the interpreter."""
     words = (proc / str(pid) / "cmdline").read_bytes().decode(errors="replace").split("\0")
     words = [word for word in words if word]
+    if len(words) == 1:  # of a fork, see `canopen_control.host.fork`: one string
+        words = words[0].split(" ")
     if _VERB in itertools.pairwise(words[1:4]):
         return " ".join(["canopen-control", *words[words.index("canopen_control") + 1 :]])
     if len(words) > 1 and Path(words[0]).name.startswith("python") and not words[1].startswith("-"):

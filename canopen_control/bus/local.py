@@ -46,6 +46,7 @@ _GREETING_TIMEOUT_S: Final = 5.0
 _STARTING_S: Final = 15.0  # a loaded machine needs seconds to start a hub
 _ANSWER_S: Final = 5.0
 _UNANSWERED: Final = ("BusClosed", "Timeout", "RemoteProtocolError")
+_HUB: Final = "canopen_control.bus.hub"
 _CLOSED_HERE: Final = "closed on this side"
 _NOTHING: Final = Chunk(0, own=False, records=b"")
 _HUB_GONE: Final = "the hub process is gone; open the channel again, which starts a new one"
@@ -277,7 +278,8 @@ def _start_hub(name: str) -> None:
     from canopen_control.host.spawn import spawn_detached
 
     try:
-        spawn_detached([*lean_python("canopen_control.bus.hub"), name], _STARTING_S, name=f"hub-{name}")
+        argv = [*lean_python(_HUB), name]
+        spawn_detached(argv, _STARTING_S, name=f"hub-{name}", main=(_HUB, [name]))
     except ConfigError:
         raise
     except CanopenError as error:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from canopen_control.cli.support.output import Announcer
     from canopen_control.master.event_log import Event
     from canopen_control.runtime.robot_files import RobotFiles
-    from canopen_control.runtime.run_session import RunSession
+    from canopen_control.runtime.run_session import RunOptions, RunSession
     from canopen_control.runtime.setup import RobotSetup
 
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 # What says which robot, which bus or which drives is the file's; ROS names of each robot begin with its name.
 
 
-_FLAGS: Final = ("ros", "view", "teleop", "strict", "peer_merge", "allow_unsupervised")
+_FLAGS: Final = ("ros", "view", "teleop", "strict", "peer_merge", "allow_unsupervised", "spawn")
 _OF_THE_FILE: Final = ("name", "can", "controller", "namespace", "real", "mock", "no_drives", "like", "plant",
                        "kernel_sync", "realtime", "cpu", "full_speed", "ros_args")  # fmt: skip
 
@@ -129,6 +129,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--plant",
         metavar="FILE",
         help="simulated mechanics (load, base) of the virtual drives; see `drive --help`",
+    )
+    parser.add_argument(
+        "--spawn",
+        action="store_true",
+        help="start drives, hub and recorder as interpreters of their own, not as forks of this process",
     )
     add_duration(parser, "stop S seconds after the robot runs", former="--duration", dest="duration")
     parser.add_argument(
@@ -270,8 +275,11 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
         cpu=args.cpu,
     )
     unclear = _unclear(setup) if setup.reaches_real_drives and not args.full_speed else None
+    if not args.spawn:
+        _share_imports(options)
     session = RunSession(setup, options)
     announcer = Announcer(sys.stderr if table else sys.stdout)
+    session.reactor.call_soon(announcer.start)  # once the children are started: a process with threads is not forked
     try:
         prefix = f"{setup.name}: " if args.say_name else ""
         session.robot.observers.append(_EventPrinter(announcer, session, table=table, prefix=prefix))
@@ -289,6 +297,17 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
     if failure is not None:
         raise (ConfigError if session.supervisor.refused else CanopenError)(failure)
     return 0
+
+
+def _share_imports(options: RunOptions) -> None:
+    """Import what drives, hub and recorder need, once, and let them be forks of this process."""
+    from canopen_control.bus import hub  # noqa: F401 - for the forks
+    from canopen_control.host.fork import allow
+
+    if options.drives:
+        from canopen_control.cli import drive  # noqa: F401 - for the forks
+        from canopen_control.virtual import device, launch, process  # noqa: F401 - for the forks
+    allow()
 
 
 def _require_parts(args: argparse.Namespace, setup: RobotSetup) -> None:

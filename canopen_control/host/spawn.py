@@ -25,11 +25,13 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.errors import CanopenError
 from canopen_control.host.environment import LIFELINE, READY, clean_environment
 from canopen_control.host.files import LogFile, state_dir
+from canopen_control.host.fork import ForkedProcess, can_fork, fork
 from canopen_control.host.lifeline import READY_WORD
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from canopen_control.host.fork import Main
     from canopen_control.host.reactor import Reactor
     from canopen_control.host.timer import Timer
 
@@ -50,7 +52,12 @@ class Child:
     """
 
     def __init__(
-        self, process: subprocess.Popen[bytes], name: str, lifeline: int, log: LogFile | None, readiness: int = -1
+        self,
+        process: subprocess.Popen[bytes] | ForkedProcess,
+        name: str,
+        lifeline: int,
+        log: LogFile | None,
+        readiness: int = -1,
     ) -> None:
         self.name = name
         self.pid = process.pid
@@ -220,8 +227,11 @@ def spawn(
     ros: bool = False,
     inherit_stdout: bool = False,
     reports: bool = False,
+    main: Main | None = None,
 ) -> Child:
     """Start a child process and return at once; CanopenError if it cannot be started.
+
+    `main` does the same as `argv`: the child is a fork of this process that calls it, where `can_fork` allows that.
 
     Its standard output and error go to `<log_dir>/<name>.log` (default folder: `state_dir()`), unless they are
     inherited; its standard input is empty. `ros` means that it imports rclpy, `reports` that it calls `report_ready`.
@@ -236,7 +246,7 @@ def spawn(
             readiness, ready = _pipe(ours, theirs)
             environment[READY] = str(ready)
         try:
-            process = _start(argv, environment, log)
+            process = _start(argv, environment, log, main)
         except OSError as error:
             raise CanopenError(f"cannot start {name} ({argv[0]}): {error.strerror}") from error
         ours.pop_all()
@@ -251,15 +261,20 @@ def _pipe(reader: contextlib.ExitStack, writer: contextlib.ExitStack) -> tuple[i
     return reading, writing
 
 
-def _start(argv: Sequence[str], environment: dict[str, str], log: LogFile | None) -> subprocess.Popen[bytes]:
+def _start(
+    argv: Sequence[str], environment: dict[str, str], log: LogFile | None, main: Main | None
+) -> subprocess.Popen[bytes] | ForkedProcess:
+    passed = [int(environment[variable]) for variable in (LIFELINE, READY) if variable in environment]
     with contextlib.nullcontext() if log is None else log.opened_for(argv) as output:
+        if main is not None and can_fork():
+            return fork(main, argv, environment, output=None if output is None else output.fileno(), keep=passed)
         return subprocess.Popen(
             list(argv),
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=output,
             env=environment,
-            pass_fds=[int(environment[variable]) for variable in (LIFELINE, READY) if variable in environment],
+            pass_fds=passed,
             start_new_session=True,
         )
 
@@ -268,18 +283,23 @@ def _start(argv: Sequence[str], environment: dict[str, str], log: LogFile | None
 
 
 def spawn_detached(
-    argv: Sequence[str], ready: float = 5.0, *, name: str = "detached", log_dir: Path | None = None
+    argv: Sequence[str],
+    ready: float = 5.0,
+    *,
+    name: str = "detached",
+    log_dir: Path | None = None,
+    main: Main | None = None,
 ) -> None:
     """Start a process that is not a child of this one, and return when it has called `report_ready`.
 
-    CanopenError with its own sentence if it called `report_failure`, with the last lines of its log
-    (`<log_dir>/<name>.log`, default folder: `state_dir()`) if it ended before, or after `ready` s.
+    `main` as for `spawn`. CanopenError with its own sentence if it called `report_failure`, with the last lines of its
+    log (`<log_dir>/<name>.log`, default folder: `state_dir()`) if it ended before, or after `ready` s.
     """
     log = LogFile(log_dir or state_dir(), name)
     ours, theirs = os.pipe()
     try:
         try:
-            group = _start_detached(argv, theirs, log)
+            group = _start_detached(argv, theirs, log, main)
         finally:
             os.close(theirs)
         report = _read_report(ours, time.monotonic() + ready)
@@ -295,22 +315,26 @@ def spawn_detached(
     raise CanopenError(f"{name} could not be started: {why}")
 
 
-def _start_detached(argv: Sequence[str], report_fd: int, log: LogFile) -> int:
-    """Start the process through a shell that ends at once; return the process group, which was the shell's."""
+def _start_detached(argv: Sequence[str], report_fd: int, log: LogFile, main: Main | None) -> int:
+    """Start the process through one that ends at once, a shell or a fork; return the process group, which was its."""
     environment = clean_environment(ros=False)
     environment[READY] = str(report_fd)
+    starter: subprocess.Popen[bytes] | ForkedProcess
     with log.opened_for(argv) as output:
-        shell = subprocess.Popen(
-            [*_DETACH, *argv],
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=output,
-            env=environment,
-            pass_fds=(report_fd,),
-            start_new_session=True,
-        )
-    shell.wait()
-    return shell.pid
+        if main is not None and can_fork():
+            starter = fork(main, argv, environment, output=output.fileno(), keep=[report_fd], detached=True)
+        else:
+            starter = subprocess.Popen(
+                [*_DETACH, *argv],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                env=environment,
+                pass_fds=(report_fd,),
+                start_new_session=True,
+            )
+    starter.wait()
+    return starter.pid
 
 
 def _read_report(fd: int, deadline: float) -> bytes | None:

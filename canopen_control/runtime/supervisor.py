@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from canopen_control.bus.port import Port
+    from canopen_control.host.fork import Main
     from canopen_control.host.reactor import Reactor
     from canopen_control.host.spawn import Child
     from canopen_control.host.timer import Timer
@@ -55,7 +56,10 @@ _ANSWER_NS = 3_000_000_000  # of silence on time, of a client that answers twice
 _FIRST_ANSWER_NS = 10_000_000_000  # for one that begins, which takes a second
 _BUSY_FACTOR = 4  # of these times, while it runs or waits for a processor
 _GRACE_S = 5.0  # for a child to end by itself after SIGTERM
-_RECORDER = lean_python("canopen_control.trace.flight")
+_RECORDER_MODULE: Final = "canopen_control.trace.flight"
+_RECORDER = lean_python(_RECORDER_MODULE)
+_VERBS: Final = "canopen_control"  # the module of the command line
+_VERBS_MAIN: Final = "canopen_control.cli.main"
 
 
 class SupervisedRun(Protocol):
@@ -126,8 +130,7 @@ class Supervisor:
 
         `answers`: its `LivenessReport` says again and again that it goes on; when it does not, it is killed.
         """
-        argv = [*MODULE, *arguments]
-        child = self._start(argv, name, ros=ros, inherit_stdout=inherit_stdout, reports=answers)
+        child = self._start_module(arguments, name, ros=ros, inherit_stdout=inherit_stdout, reports=answers)
         self._clients.append(child)
         self.missing.pop(name, None)
         if answers:
@@ -178,7 +181,7 @@ class Supervisor:
         """
         options = ["--name", self._name, *(f"--bus={name}={channel}" for name, channel in buses.items())]
         try:
-            self._recorder = self._start([*_RECORDER, *options], _FLIGHT, reports=True)
+            self._recorder = self._start([*_RECORDER, *options], _FLIGHT, (_RECORDER_MODULE, options), reports=True)
         except CanopenError as error:
             self._report(Event(self._reactor.now(), "no_recorder", "", str(error), Level.WARNING))
         else:
@@ -309,7 +312,7 @@ class Supervisor:
                 channel,
                 *self._like,
             ]
-            self._drives.append(self._start([*MODULE, *arguments], f"{_DRIVE}{node.name}", reports=True))
+            self._drives.append(self._start_module(arguments, f"{_DRIVE}{node.name}", reports=True))
 
     def _spawn_world(self, setup: RobotSetup, plant: Path) -> None:
         """Start all drives of a robot as one process, which has a world."""
@@ -322,7 +325,7 @@ class Supervisor:
             arguments = ["canopen_control", "drive", "--node-id", ids, "--can", channel, "--plant", str(plant)]
             for bus, node in nodes:
                 arguments += ["--eds", f"{node.node_id}={bus.eds_paths[node.name]}"]
-        child = self._start([*MODULE, *arguments, *self._like], "drives", reports=True)
+        child = self._start_module([*arguments, *self._like], "drives", reports=True)
         self._world = child, tuple(node.name for _, node in nodes)
         self._drives.append(child)
 
@@ -338,17 +341,41 @@ class Supervisor:
             device = make_device(bus.eds_paths[node.name], node.node_id, like=like)
             self._hosts.append((NodeHost(self._reactor, port, [device]), port))
 
-    def _start(
+    def _start_module(
         self,
-        argv: Sequence[str],
+        arguments: Sequence[str],
         name: str,
         *,
         ros: bool = False,
         inherit_stdout: bool = False,
         reports: bool = False,
     ) -> Child:
+        """Start `python -m ARGUMENTS`."""
+        module, *rest = arguments
+        main = (_VERBS_MAIN, rest) if module == _VERBS else None
+        return self._start([*MODULE, *arguments], name, main, ros=ros, inherit_stdout=inherit_stdout, reports=reports)
+
+    def _start(
+        self,
+        argv: Sequence[str],
+        name: str,
+        main: Main | None,
+        *,
+        ros: bool = False,
+        inherit_stdout: bool = False,
+        reports: bool = False,
+    ) -> Child:
+        """Start a child; `main` does the same as `argv`, as a fork of this process before it has joined a bus."""
         log_dir = None if inherit_stdout else state_dir(self._name)
-        child = spawn(argv, name=name, log_dir=log_dir, ros=ros, inherit_stdout=inherit_stdout, reports=reports)
+        child = spawn(
+            argv,
+            name=name,
+            log_dir=log_dir,
+            ros=ros,
+            inherit_stdout=inherit_stdout,
+            reports=reports,
+            main=main if self._run is None else None,
+        )
         if self._realtime is not None:
             self._realtime.release(child.pid)
         child.watch(self._reactor, lambda returncode, lines: self._on_exit(child, returncode, lines))

@@ -64,6 +64,7 @@ def test_processes_are_named_with_what_they_hear_and_others_are_left_out(proc):
     python = "/usr/bin/python3"
     proc.add(30, ["candump", "-L", "vcan0"], d0=(1, None, None), d3=(69, "CAN_RAW", ("vcan0", -1)))
     proc.add(9, [python, "-P", "-m", "canopen_control", "run", "robby"], d5=(70, "CAN_RAW", ("vcan0", 13)))
+    proc.add(10, [f"{python} -P -m canopen_control drive --eds /a/b.eds"], d5=(78, "CAN_RAW", ("vcan0", 4)))
     proc.add(40, ["/usr/bin/cangen", "vcan0"], d3=(71, "CAN_RAW", ("vcan0", 0)))
     proc.add(41, ["/usr/bin/candump", "any"], d3=(72, "CAN_RAW", ("", -1)))
     proc.add(42, ["candump", "can0"], d3=(73, "CAN_RAW", ("can0", -1)))
@@ -72,6 +73,7 @@ def test_processes_are_named_with_what_they_hear_and_others_are_left_out(proc):
     proc.add(44, ["candump", "vcan0"], d3=(76, "CAN_RAW", ("vcan0", None)), d4=(76, "CAN_RAW", ("vcan0", None)))
     assert find_listeners("vcan0", proc.folder) == [
         Listener(9, "canopen-control run robby", "CAN_RAW", "vcan0", 13),
+        Listener(10, "canopen-control drive --eds /a/b.eds", "CAN_RAW", "vcan0", 4),
         Listener(30, "candump -L vcan0", "CAN_RAW", "vcan0", -1),
         Listener(40, "cangen vcan0", "CAN_RAW", "vcan0", 0),
         Listener(41, "candump any", "CAN_RAW", "", -1),

@@ -1,4 +1,7 @@
-"""A robot that starts waits for what it started: however long that takes, nothing is reported before."""
+"""A robot that starts waits for what it started: however long that takes, nothing is reported before.
+
+With `--spawn` the drives begin as interpreters, which takes long enough for a test to stop them; forks do not.
+"""
 
 import os
 import signal
@@ -10,7 +13,7 @@ from support.channel import channel_of
 
 @pytest.mark.embedded
 def test_drives_that_need_seconds_to_start_are_waited_for_and_nothing_is_told_before(stage):
-    robot = stage.start("run", "robby", "--as", "slow", "--can", channel_of("slow"), "--for", "1")
+    robot = stage.start("run", "robby", "--spawn", "--as", "slow", "--can", channel_of("slow"), "--for", "1")
     drives = [stage.pid_of(f"--node-id {node_id}") for node_id in (2, 3)]
     for pid in drives:
         os.kill(pid, signal.SIGSTOP)
@@ -27,7 +30,7 @@ def test_drives_that_need_seconds_to_start_are_waited_for_and_nothing_is_told_be
 
 @pytest.mark.embedded
 def test_ctrl_c_while_the_drives_start_ends_it(stage):
-    robot = stage.start("run", "robby", "--as", "early", "--can", channel_of("early"))
+    robot = stage.start("run", "robby", "--spawn", "--as", "early", "--can", channel_of("early"))
     drive = stage.pid_of("--node-id 2")
     os.kill(drive, signal.SIGSTOP)
     time.sleep(1)

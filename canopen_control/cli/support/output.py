@@ -195,7 +195,8 @@ def watched(progress: Progress, sample: Callable[[], Sample]) -> Iterator[None]:
 class Announcer:
     """Prints lines to `stream` on a thread of its own: a terminal that is stopped must not stop the robot.
 
-    What a stalled reader cannot take is dropped and counted in `dropped`.
+    It begins with `start`, or at the latest with `close`; lines wait until then. What a stalled reader cannot take is
+    dropped and counted in `dropped`.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -203,6 +204,9 @@ class Announcer:
         self._stream = stream
         self._lines: queue.Queue[tuple[str, bool] | None] = queue.Queue(_WAITING_LINES)
         self._thread = threading.Thread(target=self._print, name="announcer", daemon=True)
+
+    def start(self) -> None:
+        """Start the thread."""
         self._thread.start()
 
     def say(self, line: str, *, token: bool = False) -> None:
@@ -214,6 +218,8 @@ class Announcer:
 
     def close(self) -> None:
         """Print what waits, for a second at most."""
+        if self._thread.ident is None:
+            self.start()
         try:
             self._lines.put(None, timeout=_CLOSE_S)
         except queue.Full:
