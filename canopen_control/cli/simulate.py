@@ -82,7 +82,7 @@ def _speed(text: str) -> float:
 
 
 def _duration(text: str) -> int:
-    from canopen_control.simulation.scenario_steps import nanoseconds_of
+    from canopen_control.virtual.scenario import nanoseconds_of
 
     try:
         duration = nanoseconds_of(text)

@@ -16,20 +16,24 @@ axis power BRAKING`, waits from its time on until its node, or any, is in this s
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.errors import ConfigError, nearest
+from canopen_control.errors import nearest
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot
 from canopen_control.simulation.fault_coverage import STATES
 from canopen_control.simulation.robot_under_test import MASTER
 from canopen_control.simulation.scenario_events import KINDS, ScenarioEvent
-from canopen_control.virtual.fault_table import FAULTS
-from canopen_control.virtual.quirks import parse_quirk
-from canopen_control.virtual.scenario import Happening, ScenarioError, seconds_of, world_words
-from canopen_control.yamlfile.convert import position, setting
-from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
+from canopen_control.virtual.scenario import (
+    ScenarioError,
+    ScenarioFile,
+    ScenarioStep,
+    nanoseconds_at,
+    nanoseconds_of,
+    world_words,
+)
 from canopen_control.yamlfile.reader import load
 
 if TYPE_CHECKING:
@@ -43,7 +47,6 @@ if TYPE_CHECKING:
 
 _ACTIONS: Final = ("enable", "disable", "halt", "quick-stop", "fault-reset")
 _SAYS: Final = "do, fault, plant, or with physics payload, push, block or friction"
-_LONGEST_NS: Final = 10**15
 _MOMENTS: Final = [f"{machine} {state}" for machine, states in STATES.items() for state in states]
 
 
@@ -56,46 +59,6 @@ class Scenario:
     seed: int | None = None
 
 
-@dataclass(frozen=True)
-class SimulationStep(Happening):
-    """One step of the file."""
-
-    at: float | str
-    do: str = ""
-    target: str | int = ""
-    name: str = ""
-    values: tuple[float, ...] = ()
-    length: float | str | None = setting(None, key="for")
-    node: int | None = None
-    fault: str = ""
-    quirk: str = ""
-    state: bool = True
-    axis: int = setting(0, low=0, high=7)
-    times: tuple[float, ...] = ()
-    when: str = ""
-    plant: dict[str, float] = setting(factory=dict)
-    here: Node = position()  # noqa: RUF009 - makes a field
-
-
-@dataclass(frozen=True)
-class SimulationFile:
-    """Complete scenario file."""
-
-    steps: list[SimulationStep]
-    length: float | str | None = setting(None, key="for")
-    seed: int | None = setting(None, low=0)
-    here: Node = position()  # noqa: RUF009 - makes a field
-
-
-def nanoseconds_of(text: float | str) -> int:
-    """Return the ns of ``1h``, ``5min``, ``5s``, ``500ms`` or a number of seconds; ValueError for other texts."""
-    words = str(text).strip()
-    for unit, factor in (("min", 60), ("h", 3600)):
-        if words.endswith(unit):
-            return round(seconds_of(words.removesuffix(unit)) * factor * 1e9)
-    return round(seconds_of(words) * 1e9)
-
-
 def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
     """Return the scenario of a file for a robot; ScenarioError with all mistakes and their lines."""
     nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
@@ -103,44 +66,29 @@ def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
     acts: list[ScenarioEvent] = []
     scenarios: list[Scenario] = []
 
-    def check(file: SimulationFile, _problems: Problems) -> None:
+    def check(file: ScenarioFile, _problems: Problems) -> None:
         for step in file.steps:
             acts.extend(_Checked(step, nodes, controllers, setup).acts())
-        length = None if file.length is None else _time(file.here, file.length)
+        length = None if file.length is None else nanoseconds_at(file.here, file.length)
         if length == 0:
             file.here.error("for: 0 simulates nothing; give a time above 0, as 20s")
         elif length is not None:
             _check_ends(file, length)
         scenarios.append(Scenario(tuple(sorted(acts, key=lambda act: act.at_ns)), length, file.seed))
 
-    load(path, SimulationFile, error=ScenarioError, check=check)
+    load(path, ScenarioFile, error=ScenarioError, check=check)
     return scenarios[0]
 
 
-def _check_ends(file: SimulationFile, length: int) -> None:
+def _check_ends(file: ScenarioFile, length: int) -> None:
     """Report steps after the end of the scenario."""
     for step in file.steps:
-        if (at := _instant(step.at)) > length:
-            step.here.error(f"at: {at / 1e9:g} s never comes, the scenario ends at {length / 1e9:g} s (for)")
+        with contextlib.suppress(ValueError):  # of a time that is reported already
+            if (at := nanoseconds_of(step.at)) > length:
+                step.here.error(f"at: {at / 1e9:g} s never comes, the scenario ends at {length / 1e9:g} s (for)")
 
 
-def _instant(text: float | str) -> int:
-    """Return a time in ns, 0 for an invalid one, which is reported elsewhere."""
-    try:
-        return nanoseconds_of(text)
-    except ValueError:
-        return 0
-
-
-def _time(here: Node, value: float | str) -> int:
-    try:
-        return nanoseconds_of(value)
-    except ValueError as error:
-        here.error(str(error).replace("5s, 500ms", "1h, 5min, 5s, 500ms"))
-        return 1
-
-
-def _kind_of(step: SimulationStep) -> str:
+def _kind_of(step: ScenarioStep) -> str:
     """Return what a step does that names a plant, a quirk or a fault."""
     if step.plant:
         return "plant"
@@ -152,9 +100,7 @@ def _kind_of(step: SimulationStep) -> str:
 class _Checked:
     """One step, checked against the robot."""
 
-    def __init__(
-        self, step: SimulationStep, nodes: Sequence[int], controllers: Sequence[str], setup: RobotSetup
-    ) -> None:
+    def __init__(self, step: ScenarioStep, nodes: Sequence[int], controllers: Sequence[str], setup: RobotSetup) -> None:
         self._step, self._nodes, self._controllers, self._setup = step, nodes, controllers, setup
 
     def acts(self) -> Iterator[ScenarioEvent]:
@@ -175,7 +121,7 @@ class _Checked:
         self._check_target(kind, target)
         self._check_name(kind, name)
         values = step.values if KINDS[kind].values or not step.values else self._no("values", kind)
-        lasts = None if step.length is None else _time(step.here, step.length)
+        lasts = step.for_ns
         if lasts is not None and not KINDS[kind].lasts:
             self._no("for", kind)
         if kind == "frame":
@@ -187,9 +133,7 @@ class _Checked:
         if step.when and step.when not in _MOMENTS:
             step.here.error(f"when: {step.when} is no state{nearest(step.when, _MOMENTS)}")
         numbers, plant, times = tuple(values), tuple(step.plant.items()), tuple(step.times)
-        yield ScenarioEvent(
-            _time(step.here, step.at), kind, target, name, numbers, lasts, plant, step.axis, times, step.when
-        )
+        yield ScenarioEvent(step.at_ns, kind, target, name, numbers, lasts, plant, step.axis, times, step.when)
 
     def _world(self, happens: Sequence[WorldAct]) -> Iterator[ScenarioEvent]:
         """Yield a disturbance of the world, which exists only with physics."""
@@ -201,14 +145,14 @@ class _Checked:
             step.here.error("a step has one of payload, push, block and friction, and at, for and when beside it alone")
         if not setup.physics:
             step.here.error("payload, push, block and friction need a floor: give --physics")
-        lasts = None if step.length is None else _time(step.here, step.length)
+        lasts = step.for_ns
         if lasts is not None and not step.block:
             self._no("for", "payload, push and friction")
         if step.when and step.when not in _MOMENTS:
             step.here.error(f"when: {step.when} is no state{nearest(step.when, _MOMENTS)}")
         for world_act in happens:
             self._check_part(world_act)
-            yield ScenarioEvent(_time(step.here, step.at), "world", for_ns=lasts, when=step.when, world=world_act)
+            yield ScenarioEvent(step.at_ns, "world", for_ns=lasts, when=step.when, world=world_act)
 
     def _check_part(self, world_act: WorldAct) -> None:
         """Report a link or joint that the robot lacks."""
@@ -243,13 +187,9 @@ class _Checked:
     def _check_name(self, kind: str, name: str) -> None:
         here = self._step.here
         if kind in ("fault", "heal"):
-            if name not in FAULTS:
-                here.error(f"no fault {name!r}{nearest(name, list(FAULTS))}; see: canopen-control fault list")
+            self._step.check_name(name, None)
         elif kind in ("quirk", "quirk_off"):
-            try:
-                parse_quirk(name)
-            except ConfigError as error:
-                here.error(str(error))
+            self._step.check_name(None, name)
         elif kind == "axis":
             if name not in _ACTIONS:
                 here.error(f"name: {name or 'nothing'} is no action; there are: {', '.join(_ACTIONS)}")

@@ -13,8 +13,9 @@ and the others go on.
       - {at: 14s, payload: {mass: 12}}                        # with physics only
       - {at: 16s, block: left_wheel_joint, for: 2s}
 
-`node` may be left out where the process has one node; `axis` says which axis's plant (default 0). Times are 5s, 500ms,
-or a number of seconds.
+`node` may be left out where the process has one node; `axis` says which axis's plant (default 0). Times are 1h, 5min,
+5s, 500ms, or a number of seconds. The format is that of `simulate --scenario`, whose further keys need a robot; `for`
+and `seed` of the file are not used here.
 """
 
 from __future__ import annotations
@@ -22,10 +23,9 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import ConfigError, nearest
-from canopen_control.frame import MAX_NODE_ID
 from canopen_control.rpc.messages.drive import (
     AddPayload,
     BlockJoint,
@@ -120,8 +120,9 @@ class Happening:
         return found
 
 
-_TIME = re.compile(r"(\d+(?:\.\d+)?)\s*(ms|s)?")
-_LONGEST_S = 1e6
+_TIME: Final = re.compile(r"(\d+(?:\.\d+)?)\s*(ms|s|min|h)?")
+_FACTORS: Final = {"ms": 0.001, "s": 1.0, "min": 60.0, "h": 3600.0, None: 1.0}
+_LONGEST_S: Final = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,48 +144,94 @@ class ScenarioError(ConfigError):
 
 
 def seconds_of(value: float | str) -> float:
-    """Return the seconds of ``5s``, ``500ms`` or a number; ValueError for what is neither, or is negative."""
+    """Return the seconds of ``1h``, ``5min``, ``5s``, ``500ms`` or a number; ValueError for other texts."""
     match = _TIME.fullmatch(str(value).strip())
     if match is None or float(match[1]) > _LONGEST_S:
-        raise ValueError(f"{value!r} is no time: 5s, 500ms, or a number of seconds")
-    return float(match[1]) * (0.001 if match[2] == "ms" else 1.0)
+        raise ValueError(f"{value!r} is no time: 1h, 5min, 5s, 500ms, or a number of seconds")
+    return float(match[1]) * _FACTORS[match[2]]
+
+
+def nanoseconds_of(value: float | str) -> int:
+    """Return the same in ns."""
+    return round(seconds_of(value) * 1e9)
 
 
 @dataclass(frozen=True)
-class ScenarioEntry(Happening):
-    """One entry of the file."""
+class ScenarioStep(Happening):
+    """One step of a file; `do`, `target`, `name`, `values`, `times` and `when` are of a robot in virtual time."""
 
     at: float | str
+    do: str = ""
+    target: str | int = ""
+    name: str = ""
+    values: tuple[float, ...] = ()
+    length: float | str | None = setting(None, key="for")
+    node: int | None = None
     fault: str = ""
     quirk: str = ""
     state: bool = True
-    node: int | None = setting(None, low=1, high=MAX_NODE_ID)
     axis: int = setting(0, low=0, high=7)
-    length: float | str | None = setting(None, key="for")
+    times: tuple[float, ...] = ()
+    when: str = ""
     plant: dict[str, float] = setting(factory=dict)
     here: Node = position()  # noqa: RUF009 - makes a field
+
+    @property
+    def at_ns(self) -> int:
+        """Its time; a mistake is reported."""
+        return nanoseconds_at(self.here, self.at)
+
+    @property
+    def for_ns(self) -> int | None:
+        """Its duration, None without; a mistake is reported."""
+        return None if self.length is None else nanoseconds_at(self.here, self.length)
+
+    def check_name(self, fault: str | None, quirk: str | None) -> None:
+        """Report an unknown fault or quirk."""
+        if fault is not None and fault not in FAULTS:
+            self.here.error(f"no fault {fault!r}{nearest(fault, list(FAULTS))}; see: canopen-control fault list")
+        if quirk is not None:
+            try:
+                parse_quirk(quirk)
+            except ConfigError as error:
+                self.here.error(str(error))
 
 
 @dataclass(frozen=True)
 class ScenarioFile:
-    """The file as a whole."""
+    """The file as a whole; `for` and `seed` are of a robot in virtual time."""
 
-    steps: list[ScenarioEntry]
+    steps: list[ScenarioStep]
+    length: float | str | None = setting(None, key="for")
+    seed: int | None = setting(None, low=0)
+    here: Node = position()  # noqa: RUF009 - makes a field
+
+
+def nanoseconds_at(here: Node, value: float | str) -> int:
+    """Return the ns of a time; a mistake is reported and returns 1."""
+    try:
+        return nanoseconds_of(value)
+    except ValueError as error:
+        here.error(str(error))
+        return 1
 
 
 def read_scenario(path: Path, node_ids: Sequence[int]) -> list[Switching]:
-    """Return the file's timeline in order; ScenarioError with every mistake and its line."""
-    found: list[Switching] = []
+    """Return the file's timeline of drives in order; ScenarioError with every mistake and its line."""
+    switchings: list[Switching] = []
 
     def check(file: ScenarioFile, _problems: Problems) -> None:
         for step in file.steps:
-            found.extend(_switchings(step, node_ids))
+            switchings.extend(_switchings(step, node_ids))
 
     load(path, ScenarioFile, error=ScenarioError, check=check)
-    return sorted(found, key=lambda each: each.at_ns)
+    return sorted(switchings, key=lambda switching: switching.at_ns)
 
 
-def _switchings(step: ScenarioEntry, node_ids: Sequence[int]) -> list[Switching]:
+def _switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switching]:
+    others = ("do", "target", "name", "values", "times", "when")
+    if keys := [key for key in others if getattr(step, key) not in ("", ())]:
+        step.here.error(f"{', '.join(keys)}: for a robot, not for drives alone; play it with: canopen-control simulate")
     if step.acts():
         return _world_switchings(step, node_ids)
     node_id = step.node if step.node is not None else node_ids[0]
@@ -192,50 +239,29 @@ def _switchings(step: ScenarioEntry, node_ids: Sequence[int]) -> list[Switching]
         step.here.error(f"which node? node: one of {', '.join(map(str, node_ids))}")
     elif node_id not in node_ids:
         step.here.error(f"there is no node {node_id} in this process; there are: {', '.join(map(str, node_ids))}")
-    if sum(map(bool, (step.fault, step.quirk, step.plant))) != 1:
+    if not step.do and sum(map(bool, (step.fault, step.quirk, step.plant))) != 1:
         step.here.error("a step has either a fault, a quirk or a plant, or what happens in the world")
-    elif step.quirk:
-        _check_quirk(step)
-    elif step.fault and step.fault not in FAULTS:
-        step.here.error(f"no fault {step.fault!r}{nearest(step.fault, list(FAULTS))}; see: canopen-control fault list")
-    at_ns, for_ns = _nanoseconds(step, step.at), _nanoseconds(step, step.length)
-    plant = tuple(step.plant.items())
-    first = Switching(at_ns or 0, node_id, step.fault, step.state, step.axis, plant, quirk=step.quirk)
+    step.check_name(step.fault or None, step.quirk or None)
+    at_ns, for_ns, plant = step.at_ns, step.for_ns, tuple(step.plant.items())
+    first = Switching(at_ns, node_id, step.fault, step.state, step.axis, plant, quirk=step.quirk)
     if for_ns is None:
         return [first]
     if step.plant or not step.state:
         step.here.error("for: goes with a fault or quirk that is switched on")
-    return [first, Switching(first.at_ns + for_ns, node_id, step.fault, on=False, quirk=step.quirk)]
+    return [first, Switching(at_ns + for_ns, node_id, step.fault, on=False, quirk=step.quirk)]
 
 
-def _check_quirk(step: ScenarioEntry) -> None:
-    try:
-        parse_quirk(step.quirk)
-    except ConfigError as error:
-        step.here.error(str(error))
-
-
-def _world_switchings(step: ScenarioEntry, node_ids: Sequence[int]) -> list[Switching]:
+def _world_switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switching]:
     """Return what happens in the world that all nodes share; a joint that is blocked may be let go again."""
-    acts, at_ns, for_ns = step.acts(), _nanoseconds(step, step.at), _nanoseconds(step, step.length)
+    acts, at_ns, for_ns = step.acts(), step.at_ns, step.for_ns
     if len(acts) > 1 or step.fault or step.quirk or step.plant or step.node is not None:
         step.here.error("a step has one of payload, push, block and friction, and no node, fault, quirk or plant then")
     if for_ns is not None and not step.block:
         step.here.error("for: goes with block, or with a fault or quirk that is switched on")
-    found = [Switching(at_ns or 0, node_ids[0], act=act) for act in acts]
+    switchings = [Switching(at_ns, node_ids[0], act=act) for act in acts]
     if for_ns is not None and step.block:
-        found.append(Switching((at_ns or 0) + for_ns, node_ids[0], act=BlockJoint(joint=step.block, on=False)))
-    return found
-
-
-def _nanoseconds(step: ScenarioEntry, value: float | str | None) -> int | None:
-    if value is None:
-        return None
-    try:
-        return round(seconds_of(value) * 1e9)
-    except ValueError as error:
-        step.here.error(str(error))
-        return None
+        switchings.append(Switching(at_ns + for_ns, node_ids[0], act=BlockJoint(joint=step.block, on=False)))
+    return switchings
 
 
 class Timeline:

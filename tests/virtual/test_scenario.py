@@ -171,3 +171,12 @@ def test_an_act_is_played_in_the_world_and_told_where_there_is_none():
         assert [line for line in lines if "scenario: node 5 is in no world with physics" in line] == lines
         assert len(lines) == told
     assert done == [SetGrip(friction=0.5)]
+
+
+def test_a_file_of_simulate_that_has_drives_alone_is_played_and_what_needs_a_robot_is_named(tmp_path):
+    path = tmp_path / "s.yml"
+    path.write_text("for: 5min\nseed: 7\nsteps:\n  - {at: 1s, node: 3, fault: silent, for: 500ms}\n")
+    assert [(step.at_ns, step.on) for step in read_scenario(path, [2, 3])] == [(10**9, True), (15 * 10**8, False)]
+    path.write_text("steps:\n  - {at: 1s, node: 3, do: stall, when: axis power BRAKING}\n")
+    with pytest.raises(ScenarioError, match=r":2:.*do, when: for a robot, .* canopen-control simulate"):
+        read_scenario(path, [3])
