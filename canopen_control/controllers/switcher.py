@@ -1,8 +1,8 @@
-"""Switches of controllers: who stops, who starts, what the hardware is asked, and what becomes of a switch that fails.
+"""Switches of controllers: checks, order, the hardware's mode switch, the end of a failed switch; and the update loop.
 
 Rules (ros2_control jazzy): the leaving controllers stop and release, the hardware changes its modes, the
-entering ones claim and start; if one of those fails, all of that request are stopped again. What is asked is checked as
-a whole before (`claims`). Whoever fails takes along those it is chained to.
+entering ones claim and start; if one of those fails, all of that request are stopped again. A request is checked as a
+whole before (`make_plan`). A controller that fails stops together with those chained to it.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.samples import ControllerSample
 
 
-# An active controller's place in the cycle: when it is due, what it moves, and whether that follows.
+# An active controller in the cycle: its rate, and the interfaces that it moves.
 #
-# Rules (ros2_control jazzy): who runs slower than the cycle runs in the one nearest to its period. Ours,
-# and safer: a command is forgotten in the cycle in which what it moves is no longer enabled.
+# Rules (ros2_control jazzy): a controller slower than the cycle runs in the cycle nearest to its period. Ours,
+# and safer: a command is cleared in the cycle in which an interface of it is no longer enabled.
 
 
 NS: Final = 1_000_000_000
@@ -49,7 +49,7 @@ Ends = tuple["CommandInterface", ...]
 
 
 class Rate:
-    """Divides cycles: `hz` steps in a second, 0 for one in every cycle."""
+    """Divider of cycles: `hz` steps in a second, 0 for one in every cycle."""
 
     __slots__ = ("hz", "last")
 
@@ -57,9 +57,9 @@ class Rate:
         self.hz, self.last = hz, _NEVER
 
     def step(self, now: int, period: float) -> float:
-        """Return the time since the last step in s if this cycle is nearer to the next one than the cycle after it.
+        """Return the time since the last step in s, NOT_DUE where the next cycle is nearer to the due time.
 
-        NOT_DUE else. `now` in ns, `period` of the cycles in s.
+        `now` in ns, `period` of the cycles in s.
         """
         if not self.hz:
             return period
@@ -82,7 +82,7 @@ class InterfaceGroup:
         self.enabled = self.follows()
 
     def follows(self) -> bool:
-        """Whether all follow commands now, but those that a user has set aside."""
+        """Whether all follow commands now, except those that a user has set aside."""
         following = not self.ends
         for each in self.ends:
             if each.enabled:
@@ -93,7 +93,7 @@ class InterfaceGroup:
 
 
 class ActiveController:
-    """An active controller, its rate, and the parts of the hardware that it moves, by others too."""
+    """An active controller, its rate, and the interface groups that it moves, also through a chain."""
 
     __slots__ = ("controller", "parts", "rate")
 
@@ -103,7 +103,7 @@ class ActiveController:
 
     @property
     def only_tells(self) -> bool:
-        """Whether it runs once the commands of the cycle are on their way."""
+        """Whether it runs after the RPDOs of the cycle were sent."""
         return self.controller.is_broadcaster and not self.controller.commands
 
     @property
@@ -117,13 +117,13 @@ class ActiveController:
         return [each for part in self.parts for each in part.ends if not each.enabled]
 
     def take_over(self, before: ActiveController, were_enabled: set[CommandInterface]) -> None:
-        """Go on where it was before others were switched: with its rhythm, and what was enabled in the last cycle."""
+        """Keep rate and enabled groups of the last cycle over a switch of others."""
         self.rate.last = before.rate.last
         for part in self.parts:
             part.enabled = part.enabled or were_enabled.issuperset(part.ends)
 
     def forget(self, now: int, some: Ends | None = None, why: str = "") -> None:
-        """Have its command forgotten, or that of some interfaces; `why` is a clause."""
+        """Clear its command, or that of some interfaces; `why` is a clause."""
         if some is not None:
             self.controller.forget_some(some, now)
             return
@@ -131,20 +131,20 @@ class ActiveController:
         self.controller.forget(now)
 
 
-# Who commands whom among controllers, and the order in which they must run.
+# Chains of controllers, and the order in which they run.
 #
 # A controller that claims another's reference interface runs before it, so that a command passes
-# the whole chain within one cycle; who reads what another exports starts after it, too; a chain stops as a whole.
+# the whole chain within one cycle; a reader of exported states starts after their exporter; a chain stops as a whole.
 
 
 def _followers(controller: Controller, among: Sequence[Controller]) -> list[Controller]:
-    """Return whom a controller commands."""
-    wanted = set(controller.command_interface_names())
-    return [each for each in among if any(reference.name in wanted for reference in each.reference_interfaces())]
+    """Return the controllers whose references a controller claims."""
+    names = set(controller.command_interface_names())
+    return [each for each in among if any(reference.name in names for reference in each.reference_interfaces())]
 
 
 def _below(controller: Controller, among: Sequence[Controller]) -> list[Controller]:
-    """Return whom a controller commands, and whose exported states it reads."""
+    """Return the controllers that a controller commands, and those whose exported states it reads."""
     read = set(controller.state_interface_names())
     commanded = _followers(controller, among)
     return [each for each in among if each in commanded or any(one.name in read for one in each.exported_states())]
@@ -177,24 +177,24 @@ def in_order(controllers: Sequence[Controller]) -> list[Controller]:
 
 
 def ends_of(controller: Controller, among: Iterable[Controller]) -> tuple[CommandInterface, ...]:
-    """Return the hardware's command interfaces that an active controller moves, be it through those it commands."""
+    """Return the hardware's command interfaces that an active controller moves, itself or through a chain."""
     below = {reference.name: each for each in among for reference in each.reference_interfaces()}
-    found: dict[str, CommandInterface] = {}
-    asked: list[Controller] = []
+    interfaces: dict[str, CommandInterface] = {}
+    visited: list[Controller] = []
     todo = [controller]
     while todo:
-        asked.append(each := todo.pop())
-        for command in each.commands:
+        visited.append(controller := todo.pop())
+        for command in controller.commands:
             follower = below.get(command.name)
             if follower is None:
-                found[command.name] = command
-            elif follower not in asked:
+                interfaces[command.name] = command
+            elif follower not in visited:
                 todo.append(follower)
-    return tuple(found.values())
+    return tuple(interfaces.values())
 
 
 def users_of(failed: Sequence[Controller], active: Sequence[Controller]) -> list[Controller]:
-    """Return the failed ones and everybody chained to them, above or below, that is active, in running order."""
+    """Return the failed controllers and all active ones chained to them, above or below, in update order."""
     group = [each for each in failed if each in active]
     grew = True
     while grew:
@@ -208,18 +208,18 @@ def users_of(failed: Sequence[Controller], active: Sequence[Controller]) -> list
     return in_order(group)
 
 
-# What a switch request would do, checked as a whole before anything changes.
+# The plan of a switch request, checked as a whole before anything changes.
 #
 # Rules (ros2_control jazzy, switch_controller): an unknown name, an activation of what is active or not
 # configured, a deactivation of what is not active refuses a strict request and is dropped from a best-effort one; a
-# command interface that is missing, owned by somebody who stays, wanted twice, or whose component is not ACTIVE refuses
-# both. A swap is one request: what the leaving controllers release is free for the entering ones. A chain is never
-# torn: whoever commands a controller that leaves must leave too.
+# command interface that is missing, owned by a controller that stays, claimed twice, or whose component is not ACTIVE
+# refuses both. A swap is one request: interfaces that leaving controllers release are free for the entering ones. A
+# controller that commands a leaving one must leave too.
 
 
 @dataclass(frozen=True)
 class SwitchPlan:
-    """Who stops and who starts, in order, and what each hardware component is asked: (component, start, stop)."""
+    """Controllers to stop and to start, in order, and the mode switch of each component: (component, start, stop)."""
 
     activate: tuple[Controller, ...]
     deactivate: tuple[Controller, ...]
@@ -234,7 +234,7 @@ def make_plan(
     *,
     strict: bool,
 ) -> SwitchPlan:
-    """Return what to do, or raise ControlError, InterfaceConflict or UnknownInterface with nothing changed."""
+    """Return the plan of a request; ControlError, InterfaceConflict or UnknownInterface with nothing changed."""
     leaving = _possible(controllers, deactivate, (ControllerState.ACTIVE,), "deactivate", strict=strict)
     allowed = (ControllerState.INACTIVE,)
     again = [name for name in activate if name in controllers and controllers[name] in leaving]
@@ -244,7 +244,7 @@ def make_plan(
     entering += [controllers[name] for name in again]
     _check_chains(controllers, registry, entering, leaving)
     _check_claims(registry, entering, leaving)
-    # the commanded start first and stop last, so that a reference always has somebody behind it
+    # a commanded controller starts first and stops last, so that a reference is always served
     start, stop = tuple(reversed(in_order(entering[::-1]))), tuple(in_order(leaving))
     return SwitchPlan(start, stop, _switches(registry, start, stop))
 
@@ -257,18 +257,18 @@ def _possible(
     *,
     strict: bool,
 ) -> list[Controller]:
-    found: list[Controller] = []
+    possible: list[Controller] = []
     for name in dict.fromkeys(names):
         controller = controllers.get(name)
         if controller is not None and controller.state in states:
-            found.append(controller)
+            possible.append(controller)
         elif strict and controller is None:
             raise UnknownName(
                 f"cannot {verb} {name!r}: no controller of this name is loaded{nearest(name, controllers)}"
             )
         elif strict and controller is not None:
             raise ControlError(f"cannot {verb} {name}: it is {controller.state.value}")
-    return found
+    return possible
 
 
 def _check_chains(
@@ -285,29 +285,29 @@ def _check_chains(
         verb = "deactivate" if controller in stay else "activate"
         for name in controller.command_interface_names():
             if registry.component_of(name) is None and name not in available:
-                raise _torn(controller.name, "commands", name, verb)
+                raise _broken_chain(controller.name, "commands", name, verb)
         for name in controller.state_interface_names():
             if registry.is_exported_state(name) and name not in known:
-                raise _torn(controller.name, "reads", name, verb)
+                raise _broken_chain(controller.name, "reads", name, verb)
 
 
-def _torn(controller: str, uses: str, name: str, verb: str) -> ControlError:
+def _broken_chain(controller: str, uses: str, name: str, verb: str) -> ControlError:
     with_it = f"{verb} {controller} and {name.partition('/')[0]} together"
     return ControlError(f"{controller} {uses} {name}, whose controller would not be active; {with_it}")
 
 
 def _check_claims(registry: InterfaceRegistry, entering: list[Controller], leaving: list[Controller]) -> None:
     free = {each.name for each in leaving}
-    wanted: dict[str, str] = {}
+    claimed: dict[str, str] = {}
     for controller in entering:
         for name in controller.command_interface_names():
             interface = registry.command(name)
             _check_component(registry.component_of(name), interface, controller)
             if interface.owner is not None and interface.owner not in free:
                 raise InterfaceConflict(name, interface.owner)
-            if name in wanted:
-                raise InterfaceConflict(name, wanted[name])
-            wanted[name] = controller.name
+            if name in claimed:
+                raise InterfaceConflict(name, claimed[name])
+            claimed[name] = controller.name
         for name in controller.state_interface_names():
             if name != ALL_STATES:
                 registry.state(name)
@@ -334,23 +334,22 @@ def _switches(
     return tuple(result)
 
 
-# The controllers that are active: their part of the cycle, their commands, and what they tell.
+# The active controllers: their updates in the cycle, their commands and samples.
 #
-# `update` and `broadcast` run over lists made at the last switch and never raise; whoever fails is
-# named in `failed`, for the manager to stop. A controller that another one commands runs after it.
+# `update` and `broadcast` run over lists made at the last switch and never raise; a controller that fails is
+# in `failed`, for the manager to stop. A controller that another one commands runs after it.
 
 
-_EVERY_CYCLE: Final = 0.99  # a period of the manager that differs by less is the cycle's
+_EVERY_CYCLE: Final = 0.99  # a manager whose rate differs by less runs in every cycle
 
 Failures = list[tuple["Controller", str]]
 Samples = dict[str, "ControllerSample"]
 
 
 class UpdateLoop:
-    """The active controllers in running order; `update_rate` in Hz is the most they run at, `cycle` in s the cycle's.
+    """Active controllers in update order; `update_rate` in Hz is their highest rate, `cycle` the cycle's period in s.
 
-    What happens is added to `events`; `enable_status` says which of the interfaces of an independent controller stop
-    together.
+    Events are added to `events`; `enable_status` gives the stop groups of the interfaces of an independent controller.
     """
 
     def __init__(
@@ -369,7 +368,7 @@ class UpdateLoop:
         self._telling: list[ActiveController] = []
 
     def arrange(self, controllers: Collection[Controller], active: Sequence[Controller]) -> None:
-        """Have these of all `controllers` run from the next cycle on; those that did go on."""
+        """Rebuild the update order after a switch; the state of controllers that stay active is kept."""
         before = {slot.controller.name: slot for slot in self._order}
         were_enabled = {each for slot in self._order for part in slot.parts if part.enabled for each in part.ends}
         self._order = []
@@ -390,8 +389,8 @@ class UpdateLoop:
         return tuple(slot.controller for slot in self._order)
 
     def samples(self, wall_offset_ns: int) -> Samples:
-        """Return what they have published last, by name; who cannot tell it has failed."""
-        found: Samples = {}
+        """Return the last samples by name; a controller whose `sample` fails is added to `failed`."""
+        samples: Samples = {}
         for controller in self.controllers:
             try:
                 sample = controller.sample(wall_offset_ns)
@@ -401,17 +400,17 @@ class UpdateLoop:
             if sample is None:
                 continue
             if type(sample) is controller.tells:
-                found[controller.name] = sample
+                samples[controller.name] = sample
             else:
                 self._fail_once(controller, f"sample returned {type(sample).__name__}, which is not what it `tells`")
-        return found
+        return samples
 
     # --------------------------------------------------------------------------------------------------- the cycle
 
     def update(self, now: int, period: float) -> float:
-        """Run those that command, if the manager is due in this cycle; `now` in ns, `period` of the cycle in s.
+        """Update the commanding controllers, if the manager is due; `now` in ns, `period` of the cycle in s.
 
-        Return the time since they last ran in s, negative if it is not due.
+        Returns the time since their last update in s, negative if it is not due.
         """
         self.now = now
         for slot in self._commanding:
@@ -445,7 +444,7 @@ class UpdateLoop:
                 self.failed.append((slot.controller, "update reported an error"))
 
     def _power_changed(self, slot: ActiveController, part: InterfaceGroup, now: int) -> None:
-        """Forget a command in the cycle in which one of the drives that it moves is no longer enabled."""
+        """Clear a command in the cycle in which one of its drives is no longer enabled."""
         if part.enabled:
             off = [each for each in part.ends if not each.enabled]
             self._forget(slot, now, part.ends if len(slot.parts) > 1 else None, self._enable_status.reason(off))
@@ -459,14 +458,11 @@ class UpdateLoop:
         return {slot.controller.life.holder for slot in self._commanding} - {None}
 
     def slot_of(self, controller: Controller) -> ActiveController | None:
-        """Return the place of a controller, None if it is not active."""
+        """Return the entry of a controller, None if it is not active."""
         return next((slot for slot in self._order if slot.controller is controller), None)
 
     def let_go(self, holder: object, why: str = "is gone") -> None:
-        """End the commands that a commander gave who is gone, unless somebody else has commanded since.
-
-        `why` says of him what makes him count as gone.
-        """
+        """End the commands of a client that is gone, unless another has commanded since; `why` is a clause."""
         for slot in self._commanding:
             controller = slot.controller
             if controller.life.holder is holder:
@@ -490,7 +486,7 @@ class UpdateLoop:
                 self._forget(slot, now, ends)
 
     def forget(self, now: int, why: str) -> None:
-        """Let every one forget its command; `why` is a clause that says who or what takes it back."""
+        """Clear the commands of all; `why` is a clause that names the cause."""
         for slot in self._commanding:
             self._forget(slot, now, why=why)
 
@@ -514,15 +510,14 @@ class Switched:
 
 
 class SwitchObserver(Protocol):
-    """What depends on which controllers are active."""
+    """Object that depends on which controllers are active."""
 
     def controllers_switched(self) -> None:
-        """Take that other controllers are active than before."""
-        ...
+        """Be notified of a switch."""
 
 
 class Switcher:
-    """Starts and stops the `controllers` of one manager; `observer` is called when others are active than before."""
+    """Starts and stops the `controllers` of one manager; `observer` is notified of each switch."""
 
     def __init__(
         self,
@@ -548,7 +543,7 @@ class Switcher:
         return Switched(tuple(each.name for each in plan.activate), tuple(each.name for each in plan.deactivate))
 
     def drop(self, controllers: Sequence[Controller], reason: str, now: int) -> list[str]:
-        """Deactivate these and whoever is chained to them, without asking anyone; return their names."""
+        """Deactivate these and all chained to them, unchecked; return their names."""
         group = users_of(controllers, self._running.controllers)
         for controller in group:
             self._stop(controller, now, "error", reason)
@@ -585,7 +580,7 @@ class Switcher:
         self._tell("activated", controller.name, f"{controller.name} is active")
 
     def _stop(self, controller: Controller, now: int, kind: str, reason: str = "") -> None:
-        """Make a controller inactive; its targets are zero even if its own hook fails."""
+        """Deactivate a controller; its targets are 0 even if its own hook fails."""
         commands = list(controller.commands)
         try:
             controller.life.end()
