@@ -105,7 +105,7 @@ def watch_orphans(run: Run, report: Callable[[Breach], None]) -> threading.Threa
     killed = time.monotonic()
 
     def watch() -> None:
-        while left := run.survivors():
+        while left := run.survivors() or run.survivors():  # a listing of /proc may miss a process once
             now = time.monotonic()
             if now - killed > GONE_S:
                 names = "; ".join(f"{line.strip()} (pid {pid})" for pid, line in left.items())
