@@ -77,11 +77,19 @@ def tolerated(
         found.add(key)
         if meant := _meant(key, section, known, misnamed):
             place.error(f"unknown key {key!r}; write {meant}")
+        elif _node_id_below(section, key) is not None:
+            place.error(f"unknown key {key!r}: a node belongs at the margin or under `nodes:`; it is indented too far")
         elif close := difflib.get_close_matches(key, [*known, *unused], 1, 0.6):
             place.error(f"unknown key {key!r}, did you mean {close[0]!r}?")
         else:
             place.warning(f"unknown key {key!r}: it has no effect, here as in ros2_canopen; remove it")
     return found
+
+
+def _node_id_below(section: Node, key: str) -> Node | None:
+    """Return the `node_id` below a key of a section, which makes the key a node's name; None if there is none."""
+    below = section.get(key)
+    return below.get("node_id") if below is not None else None
 
 
 _PDO_KEY: Final = re.compile(r"(?i)([rt]pdo)_?(\d+)")
@@ -187,6 +195,11 @@ def node_config(name: str, node: Node, master: MasterConfig, options: FileOption
             place = node.get("transition_timeouts_ms") or node
             place.error(f"no transition {number}; CiA 402 numbers them 0 to {_TRANSITIONS[-1]}")
     _require_modes(keys.motion, node)
+    supervision = keys.supervision
+    if supervision.retry_factor == 0 and supervision.guard_time and not supervision.life_time_factor:
+        # CiA 301, object 0x100D: 0 disables guarding
+        place = node.get("retry_factor") or node
+        place.error("0 switches node guarding off, but guard_time is set; remove one of the two")
     return replace(
         keys,
         supervision=_supervision(keys.supervision, master, options),
@@ -291,7 +304,7 @@ class Sources:
         wanted = Path(self.expanded(name)).expanduser()
         folders = [Path(self.expanded(text)).expanduser() for text in (dcf_path, self._dcf_path) if text]
         places = [folder / wanted for folder in [*folders, self._folder]]
-        places.append(data_path("eds", wanted.name))
+        places += self._folder / wanted.name, data_path("eds", wanted.name)
         for place in places:
             if place.is_file():
                 return place
@@ -495,9 +508,18 @@ class _Reader:
             else:
                 node_id = place.value if place is not None else 0
                 self._unreadable[name] = node_id if type(node_id) is int else 0
+        if not found:
+            self._report_indented_nodes()
         if not found and not self._root.problems.errors:
             self._root.error("no nodes; list the drives under `nodes:`")
         return found
+
+    def _report_indented_nodes(self) -> None:
+        """Report nodes, and the section `nodes`, that are inside `defaults`, where no node is read."""
+        defaults = self._root.get("defaults")
+        for key, place in defaults.keys().items() if defaults is not None else ():
+            if key == "nodes" or (defaults is not None and _node_id_below(defaults, key) is not None):
+                place.error(f"unknown key {key!r}; write `{key}:` at the margin; it is indented too far")
 
     def _misnamed_nodes(self) -> Node | None:
         """Report a section with nodes under another name and return it; None in the flat form."""
@@ -577,6 +599,9 @@ class _Reader:
         place = node.get("dcf") or node
         try:
             path = self._sources.find(config.identity.dcf, config.identity.dcf_path)
+            named = Path(self._sources.expanded(config.identity.dcf)).expanduser()
+            if not path.match(str(named)):
+                self._remarks.append(f"{self._path}: {named} does not exist; {path} is used instead")
             return path, self._sources.dictionary(path, config.node_id or None)
         except NotFound as error:
             place.error(str(error))

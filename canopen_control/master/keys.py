@@ -83,6 +83,7 @@ MISNAMED_NODE = {
     "eds_file": "`dcf`",
     "dcf_file": "`dcf`",
     "id": "`node_id`",
+    "nodes": "`nodes:` at the margin; it is indented too far",
     "baudrate": "`baudrate` under `master:`",
     "bitrate": "`baudrate` under `master:`",
     "sync_period": "`sync_period` under `master:`",
@@ -118,6 +119,7 @@ class PdoObjectKeys:
 
     index: int = setting(low=0x0001, high=0xFFFF)
     sub_index: int = setting(0, low=0, high=0xFF)
+    bits: int | None = setting(None, low=1, high=64)  # compared with the EDS, whose length counts
 
 
 @dataclass(frozen=True)
@@ -250,7 +252,7 @@ class SupervisionKeys:
     heartbeat_producer: int = setting(0, low=0, high=0xFFFF)
     guard_time: int = setting(0, low=0, high=0xFFFF)
     life_time_factor: int = setting(0, low=0, high=0xFF)
-    retry_factor: int | None = setting(None, low=1, high=255)
+    retry_factor: int | None = setting(None, low=0, high=255)
     error_behavior: dict[int, int] = setting(factory=dict, low=0, high=0xFF)
     allow_unsupervised: bool = False
     missed_syncs: int = setting(3, low=1, high=1000)

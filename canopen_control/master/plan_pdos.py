@@ -26,7 +26,7 @@ from canopen_control.cia402 import objects
 from canopen_control.cia402.objects import MOTION, axis_of
 from canopen_control.errors import nearest
 from canopen_control.frame import EXTENDED_BIT, is_restricted, rpdo_cob_id, tpdo_cob_id
-from canopen_control.master.keys import PdoConfig
+from canopen_control.master.keys import PdoConfig, PdoObjectKeys
 from canopen_control.master.plan_builder import STORED, PlannedPdo
 from canopen_control.od.model import DataType
 from canopen_control.od.pdos import COMMUNICATION, COUNT, MAPPING, pdo_of
@@ -568,6 +568,8 @@ def _mapped(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig | None)
     wanted = _default_mapping(builder, kind, number)
     if pdo is not None and pdo.mapping is not None:
         wanted = [(entry.index, entry.sub_index, 0) for entry in pdo.mapping]
+        for slot, entry in enumerate(pdo.mapping):
+            _check_bits(builder, f"{key}[{slot}].bits", entry)
     found = [_map_one(builder, kind, f"{key}[{slot}]", *each) for slot, each in enumerate(wanted)]
     objects = tuple(mapped for mapped in found if mapped is not None)
     if (bits := sum(mapped.bits for mapped in objects)) > MAX_BITS:
@@ -576,6 +578,15 @@ def _mapped(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig | None)
     if pdo is not None and pdo.mapping is not None and 0 < slots < len(objects):
         builder.complain(key, f"{len(objects)} objects, {kind.upper()} {number} of {builder.file} holds {slots}")
     return objects
+
+
+def _check_bits(builder: PlanBuilder, key: str, mapped: PdoObjectKeys) -> None:
+    """Warn of a length in bus.yml that is not that of the object; dcfgen ignores `bits`, which some files have."""
+    entry = builder.od.get(mapped.index, mapped.sub_index)
+    if entry is None or mapped.bits in (None, entry.data_type.bits):
+        return
+    text = f"0x{mapped.index:04X}:{mapped.sub_index:02X} has {entry.data_type.bits} bits in {builder.file}"
+    builder.warn(key, f"{text}, which count, not {mapped.bits}; correct or remove `bits`")
 
 
 def _map_one(builder: PlanBuilder, kind: str, key: str, index: int, subindex: int, part: int) -> MappedObject | None:

@@ -129,6 +129,49 @@ def test_a_file_is_sought_in_the_nodes_path_the_files_path_beside_bus_yml_and_am
         assert sources.find("TMCM-1270.eds", "$OWN_FILES") == place / "TMCM-1270.eds"
 
 
+def test_a_path_of_another_computer_is_the_file_of_that_name_beside_bus_yml_and_a_note_says_so(tmp_path):
+    text = NESTED.replace("dcf: TMCM-1270.eds", "dcf: /home/robot/config/TMCM-1270.eds")
+    path = write(tmp_path, text)
+    (tmp_path / EDS.name).unlink()
+    assert read_bus(path).eds_paths["left_drive"] == EDS
+    shutil.copy(EDS, tmp_path)
+    bus = read_bus(path)
+    assert bus.eds_paths["left_drive"] == tmp_path / EDS.name
+    (note,) = [note for note in bus.notes if "/home/robot" in note]
+    assert note.endswith(f"/home/robot/config/{EDS.name} does not exist; {tmp_path / EDS.name} is used instead")
+
+
+@pytest.mark.parametrize("section", ["options", "defaults", "master"])
+def test_a_node_that_is_indented_too_far_is_named(tmp_path, section):
+    text = """\
+        options: {}
+        master: {node_id: 1}
+        defaults: {dcf: TMCM-1270.eds}
+        """
+    inside = text.replace(f"{section}: {{", f"{section}: {{joint_1: {{node_id: 3}}, ")
+    said = mistakes(tmp_path, inside)
+    assert "unknown key 'joint_1'" in said
+    assert "indented too far" in said
+    if section != "master":
+        assert "no nodes" not in said
+    inside = text.replace("{dcf:", "{nodes: {joint_1: {node_id: 3}}, dcf:")
+    assert "defaults.nodes: unknown key 'nodes'; write `nodes:` at the margin" in mistakes(tmp_path, inside)
+
+
+def test_the_length_of_a_mapped_object_may_be_given_and_is_compared(tmp_path):
+    text = MERGED.replace("{index: 0x6040}", "{index: 0x6040, bits: 16}")
+    assert not [note for note in warnings_of(write(tmp_path, text)) if "bits" in note]
+    (warning,) = [note for note in warnings_of(write(tmp_path, text.replace("16}", "32}"))) if "bits" in note]
+    assert "0x6040:00 has 16 bits in TMCM-1270.eds, which count, not 32; correct or remove `bits`" in warning
+
+
+def test_a_retry_factor_of_0_is_for_nodes_without_guarding(tmp_path):
+    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, retry_factor: 0}")
+    assert read_bus(write(tmp_path, text)).nodes["right_drive"].supervision.retry_factor == 0
+    said = mistakes(tmp_path, text.replace("factor: 0", "factor: 0, guard_time: 100"))
+    assert "0 switches node guarding off, but guard_time is set" in said
+
+
 def test_a_missing_file_names_the_places_and_a_variable_that_is_not_set(tmp_path, monkeypatch):
     monkeypatch.delenv("NOT_SET", raising=False)
     with pytest.raises(NotFound, match=f"no file 'x.eds'; sought in .*{tmp_path}"):
