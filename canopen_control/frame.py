@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import enum
 import struct
-from typing import TYPE_CHECKING, Final, NamedTuple
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
 __all__ = [
     "BROADCAST",
@@ -29,6 +30,7 @@ __all__ = [
     "cob_id",
     "frames_of",
     "is_restricted",
+    "make_frame",
     "pack_records",
     "remote_frame",
     "rpdo_cob_id",
@@ -74,6 +76,11 @@ class CanFrame(NamedTuple):
         width = 8 if self.can_id & EXTENDED_FLAG or self.is_error else 3
         data = f"R{len(self.data)}" if self.is_remote else self.data.hex().upper()
         return f"{identifier:0{width}X}#{data}"
+
+
+_new: Any = tuple.__new__
+make_frame: Final[Callable[[tuple[int, bytes]], CanFrame]] = partial(_new, CanFrame)
+"""Returns the frame of an identifier and its data, without the call of Python code that the class makes."""
 
 
 def remote_frame(cob_id: int, length: int = 0) -> CanFrame:

@@ -215,8 +215,11 @@ class PacedWire:
     def end(self) -> Waiting | None:
         """Complete an undisturbed frame on the wire and start the next; returns the same as `finish`."""
         done = self._on_wire
-        if done is not None:
-            self._begin(self._done_ns)
+        if self.queues:
+            if done is not None:
+                self._begin(self._done_ns)
+        else:
+            self._on_wire = self.due_ns = None
         return done
 
     def advance(self, now: int) -> Iterator[tuple[int, bytes]]:

@@ -6,11 +6,7 @@ A core must not grow when the bus is flooded or its owner stops fetching: the ol
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING, Generic, TypeVar
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
+from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
@@ -49,13 +45,3 @@ class Outbox(Generic[T]):
 
     def __len__(self) -> int:
         return len(self.waiting)
-
-
-def drain_all(queues: Iterable[deque[T]]) -> list[T]:
-    """Return and clear the items of several queues, those of the first queue first."""
-    items: list[T] = []
-    for waiting in queues:
-        if waiting:
-            items += waiting
-            waiting.clear()
-    return items

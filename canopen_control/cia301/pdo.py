@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from canopen_control.cia301.outbox import Outbox
 from canopen_control.errors import LocalProtocolError
-from canopen_control.frame import EXTENDED_BIT, EXTENDED_FLAG, REMOTE_FLAG, CanFrame, is_restricted
+from canopen_control.frame import EXTENDED_BIT, EXTENDED_FLAG, REMOTE_FLAG, CanFrame, is_restricted, make_frame
 from canopen_control.od.model import DataType
 
 if TYPE_CHECKING:
@@ -526,7 +526,7 @@ class TpdoProducer:
         if not (self.running and self._valid):
             return
         if self._cyclic:
-            if self._is_turn(counter):
+            if (self._started and self._type == 1) or self._is_turn(counter):
                 self._send(now)
         elif self._type == ACYCLIC_SYNCHRONOUS:
             if self._pending:
@@ -609,4 +609,4 @@ class TpdoProducer:
 
     def _put(self, data: bytes) -> None:
         self.sent += 1
-        self.outgoing.put(CanFrame(self._can_id, data))
+        self.outgoing.put(make_frame((self._can_id, data)))

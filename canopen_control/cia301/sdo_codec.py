@@ -11,7 +11,7 @@ import binascii
 import struct
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.frame import RECORD, RECORD_SIZE, CanFrame, Service, cob_id
+from canopen_control.frame import RECORD, RECORD_SIZE, CanFrame, Service, cob_id, make_frame
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -146,7 +146,7 @@ def deliver(
     start, end = 0, len(records)
     if end == RECORD_SIZE:
         can_id, length, data = RECORD.unpack(records)
-        receive(CanFrame(can_id, data[:length]), now)
+        receive(make_frame((can_id, data[:length])), now)
         return
     least = end - SHORTEST_RUN * RECORD_SIZE  # after it there are too few records
     while start < end:
@@ -155,6 +155,6 @@ def deliver(
         received = receive_records(records, start, now) if same_identifier else 0
         if not received:
             can_id, length, data = RECORD.unpack_from(records, start)
-            receive(CanFrame(can_id, data[:length]), now)
+            receive(make_frame((can_id, data[:length])), now)
             received = 1
         start += received * RECORD_SIZE

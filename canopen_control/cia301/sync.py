@@ -189,6 +189,15 @@ class SyncConsumer:
         self._deadline_ns = now + self.period_ns * 3 // 2 if self.period_ns else None
         self.happened.put(SyncEvent(SyncEventKind.SYNC, now, counter))
 
+    def receive_plain(self, now: int) -> bool:
+        """Receive a SYNC without data that comes in time, without an event; False: `receive` must process it."""
+        deadline = self._deadline_ns
+        if self.overflow or self._missed or (deadline is not None and now >= deadline):
+            return False
+        self.count += 1
+        self._deadline_ns = now + self.period_ns * 3 // 2 if self.period_ns else None
+        return True
+
     def tick(self, now: int) -> None:
         """Report once that no SYNC arrived within 1.5 periods."""
         if self._deadline_ns is not None and now >= self._deadline_ns:

@@ -101,12 +101,12 @@ class EventLog:
     summary: after `FIRST_WINDOW_NS`, and while they continue in windows that double up to `WIDEST_WINDOW_NS`. A window
     without any ends the series.
 
-    `recent` are the newest, at most `capacity`, repeated ones with their count; `take` returns the `waiting` ones,
-    `dropped` counts discarded ones.
+    `recent` are the newest, at most `capacity`, repeated ones with their count, and `version` grows when they change;
+    `take` returns the `waiting` ones, `dropped` counts discarded ones.
     """
 
     def __init__(self, capacity: int = 256) -> None:
-        self.dropped = 0
+        self.dropped = self.version = 0
         self.waiting: deque[Event] = deque()
         self._recent: deque[_Repeated] = deque(maxlen=capacity)
         self._open: dict[tuple[str, str, str], _Repeated] = {}
@@ -120,6 +120,7 @@ class EventLog:
 
     def add(self, event: Event) -> list[Event]:
         """Add an event; return the events to report now. If they are not fetched only the newest are kept."""
+        self.version += 1
         key = (event.kind, event.node, _NUMBER.sub("#", event.text))
         known = self._open.get(key)
         if known is None or event.time >= known.until + known.window_ns:

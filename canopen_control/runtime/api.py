@@ -40,10 +40,10 @@ from canopen_control.rpc.messages.state import ControllerReading
 from canopen_control.rpc.server import Server
 from canopen_control.runtime.api_objects import ObjectMethods, ProcessDataFeed
 from canopen_control.runtime.api_trajectories import GripperMethods, TrajectoryMethods
+from canopen_control.runtime.node_readings import event_message
 from canopen_control.runtime.observer import RobotObserver
 from canopen_control.runtime.startup_controllers import UNLOADED, configure_controller, load_controller
 from canopen_control.runtime.status import (
-    event_message,
     layout_message,
     nodes_message,
     simulated_seconds,
@@ -479,7 +479,7 @@ class ApiServer(RobotObserver):
         events = self._robot.events.take()
         watchers = [connection for connection, wanted in self._subscriptions.items() if wanted.events]
         for event in events if watchers else ():
-            self._server.push(event_message(self._robot, event), watchers)
+            self._server.push(event_message(event, self._robot.wall_offset_ns), watchers)
 
     def sends_events_to(self, pid: int | None) -> bool:
         """Return whether a client of this process has subscribed to events."""

@@ -41,7 +41,7 @@ from canopen_control.runtime.enable_status import (
     why_not_started,
 )
 from canopen_control.runtime.ground_truth import TruePoseTracker
-from canopen_control.runtime.node_readings import NodeReadings
+from canopen_control.runtime.node_readings import EventReadings, NodeReadings
 from canopen_control.runtime.pacer import Pacer
 from canopen_control.runtime.robot_bus import RobotBus
 from canopen_control.runtime.robot_clock import RobotClock, WallClock, step_words
@@ -216,6 +216,7 @@ class RobotCore:
     def __init__(self, setup: RobotSetup, reactor: Reactor) -> None:
         self.setup, self.reactor = setup, reactor
         self.events = EventLog()
+        self.recent_events = EventReadings(self.events)
         self.failure: str | None = None
         self.has_run = False
         self.observers: list[RobotObserver] = []

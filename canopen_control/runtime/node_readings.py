@@ -1,11 +1,12 @@
-"""Readings of nodes for status and state samples; unchanged parts are reused."""
+"""Readings of nodes and events for status and state samples; unchanged parts are reused."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.modes import mode_name
-from canopen_control.rpc.messages.state import AxisReading, NodeReading, SdoCounts
+from canopen_control.master.event_log import Level
+from canopen_control.rpc.messages.state import AxisReading, NodeReading, RobotEvent, SdoCounts
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -13,8 +14,47 @@ if TYPE_CHECKING:
     from canopen_control.hardware.device_parts import DeviceParts
     from canopen_control.hardware.joint import JointDrive
     from canopen_control.hardware.system import CanopenSystem
+    from canopen_control.master.event_log import Event, EventLog
     from canopen_control.master.remote_node import RemoteNode
     from canopen_control.runtime.robot_bus import RobotBus
+
+
+_MAX_EVENTS: Final = 50
+_LEVELS: Final = {level: level.name.lower() for level in Level}
+
+
+class EventReadings:
+    """The newest events of a log as clients see them; made when the log has changed."""
+
+    def __init__(self, log: EventLog) -> None:
+        self._log = log
+        self._made_of = -1, 0
+        self._messages: list[RobotEvent] = []
+
+    def at(self, wall_offset_ns: int) -> list[RobotEvent]:
+        """Return the events, oldest first, with times in Unix s; the list is not to be changed."""
+        made_of = self._log.version, wall_offset_ns
+        if made_of != self._made_of:
+            self._made_of = made_of
+            self._messages = [event_message(event, wall_offset_ns) for event in self._log.recent[-_MAX_EVENTS:]]
+        return self._messages
+
+
+def event_message(event: Event, wall_offset_ns: int) -> RobotEvent:
+    """Return an event as clients see it."""
+    several = event.count >= 2
+    since = event.time if event.since is None else event.since
+    return RobotEvent(
+        time=(event.time + wall_offset_ns) / 1e9,
+        kind=event.kind,
+        node=event.node or None,
+        level=_LEVELS[event.level],
+        text=event.sentence,
+        count=event.count if several else 1,
+        since=(since + wall_offset_ns) / 1e9 if several else None,
+        details=event.details,
+        controller=event.controller or None,
+    )
 
 
 class NodeReadings:

@@ -6,7 +6,6 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from canopen_control.controllers.base import finite
-from canopen_control.master.event_log import Level
 from canopen_control.master.pdo_layout import layout_of
 from canopen_control.rpc.messages.layout import Layout
 from canopen_control.rpc.messages.robot import BusPlace, NodeIdentity, NodeListing, NodePlace
@@ -16,7 +15,6 @@ from canopen_control.rpc.messages.state import (
     CycleTimes,
     JointReading,
     NodeReading,
-    RobotEvent,
     StateSample,
     Status,
     TrackingReading,
@@ -28,13 +26,8 @@ from canopen_control.version import __version__, build
 
 if TYPE_CHECKING:
     from canopen_control.hardware.joint import JointDrive
-    from canopen_control.master.event_log import Event
     from canopen_control.master.remote_node import RemoteNode
     from canopen_control.runtime.core import RobotCore
-
-
-_MAX_EVENTS = 50
-_LEVELS = {level: level.name.lower() for level in Level}
 
 
 class Readings(NamedTuple):
@@ -78,7 +71,7 @@ def status_message(robot: RobotCore, readings: Readings | None = None) -> Status
         failure=robot.failure,
         missing_programs=dict(robot.missing_programs),
         commander=robot.commander,
-        events=[event_message(robot, event) for event in robot.events.recent[-_MAX_EVENTS:]],
+        events=robot.recent_events.at(robot.wall_offset_ns),
     )
 
 
@@ -157,23 +150,6 @@ def layout_message(robot: RobotCore) -> Layout:
             name: layout_of(bus.config, bus.channel, linear_axes(bus.config, description))
             for name, bus in robot.buses.items()
         }
-    )
-
-
-def event_message(robot: RobotCore, event: Event) -> RobotEvent:
-    """Return an event as clients see it."""
-    several = event.count >= 2
-    since = event.time if event.since is None else event.since
-    return RobotEvent(
-        time=(event.time + robot.wall_offset_ns) / 1e9,
-        kind=event.kind,
-        node=event.node or None,
-        level=_LEVELS[event.level],
-        text=event.sentence,
-        count=event.count if several else 1,
-        since=(since + robot.wall_offset_ns) / 1e9 if several else None,
-        details=event.details,
-        controller=event.controller or None,
     )
 
 

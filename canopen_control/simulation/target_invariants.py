@@ -57,6 +57,7 @@ class _Followed:
         self.view = view
         self.low = self.high = 0.0
         self.at = 0  # time of the last check, 0: none since its enable
+        self.followed_at = 0  # time at which it last followed targets, undisturbed since its enable
         self.told = False
         self.wrong = ""  # the currently violated rule, of those valid in every mode
         self._limits_of: tuple[VirtualDrive | None, int] = None, -1
@@ -170,6 +171,7 @@ class TargetInvariants:
             if drive is None or not view.plan.axes or not self._may_judge(view, now):
                 axis.rest()
                 continue
+            axis.followed_at = now
             self._judge_shaft(axis, drive, now)
         if now > self._others_until:
             self._judge_targets(now)
@@ -313,7 +315,7 @@ class TargetInvariants:
             for joint, scale in self._scales.get(view.node_id, ()):
                 target = view.targets.get(o.TARGET_VELOCITY)
                 commands = self._commanded.get(joint)
-                if target is None or not commands or not self._may_judge(view, now):
+                if target is None or not commands or axis.followed_at != now:
                     self._wrong.discard(joint)
                     continue
                 recent = _recent(commands, now)

@@ -178,10 +178,24 @@ class WireView:
         can_id, length, data = RECORD.unpack(record)
         pdo = self._pdos.get(can_id)
         if pdo is not None:
-            self._take(pdo, int.from_bytes(data[:length], "little"), 8 * length, now)
+            view, to_node, needed, fields = pdo
+            if 8 * length < needed:  # the receiver drops a short PDO (CiA 301, 7.2.2.5)
+                return
+            bits = int.from_bytes(data, "little")  # no field reaches beyond `needed`
+            take = view.told if to_node else view.tells
+            for index, at, mask, signed in fields:
+                value = bits >> at & mask
+                if signed and value > mask >> 1:
+                    value -= mask + 1
+                take(index, value, now)
         elif can_id == 0x80:
             self.sync_at = now
-        elif (view := self._alive.get(can_id)) is not None:
+        else:
+            self._hear_service(can_id, data, length, label, now)
+
+    def _hear_service(self, can_id: int, data: bytes, length: int, label: str, now: int) -> None:
+        """Record a frame of error control, SDO or EMCY."""
+        if (view := self._alive.get(can_id)) is not None:
             view.alive(data[0] if length else 0x7F, now)
         elif can_id == self._master and label == MASTER:
             self.master_at = now
@@ -191,25 +205,6 @@ class WireView:
                 view.told(index, int.from_bytes(data[4:6], "little"), now)
         elif (view := self._emcys.get(can_id)) is not None and label != "stranger" and length == 8 and any(data[:2]):
             view.emcy_at = now
-
-    def _take(
-        self,
-        pdo: tuple[ObservedNode, bool, int, tuple[tuple[int, int, int, bool], ...]],
-        bits: int,
-        length: int,
-        now: int,
-    ) -> None:
-        view, to_node, length_needed, fields = pdo
-        if length < length_needed:  # the receiver drops a short PDO (CiA 301, 7.2.2.5)
-            return
-        for index, at, mask, signed in fields:
-            value = bits >> at & mask
-            if signed and value > mask >> 1:
-                value -= mask + 1
-            if to_node:
-                view.told(index, value, now)
-            else:
-                view.tells(index, value, now)
 
 
 def watched_joints(setup: RobotSetup) -> Iterator[tuple[str, NodeConfig]]:

@@ -354,6 +354,8 @@ class DriveLimits:
         self.following_error = 0.0
         self._bound: float | None = None  # where the present demand ends because of a limit
         self._side = 0
+        self._most_of: tuple[object, ...] = ()  # what the greatest velocity was computed from
+        self._most = 0.0
 
     def reset(self) -> None:
         """Forget what was hit: the power is off."""
@@ -378,8 +380,13 @@ class DriveLimits:
 
     def velocity(self, target: float) -> float:
         """Return `target` within 0x607F and what the drive can do."""
-        most = min(self._objects.speed(o.MAX_PROFILE_VELOCITY) or INFINITE, self._objects.model.max_velocity)
-        return max(-most, min(most, target))
+        objects = self._objects
+        inputs = objects.store.version, objects.units.speed, objects.model
+        if inputs != self._most_of:
+            self._most_of = inputs
+            self._most = min(objects.speed(o.MAX_PROFILE_VELOCITY) or INFINITE, objects.model.max_velocity)
+        most = self._most
+        return target if -most <= target <= most else most if target > most else -most
 
     def target_velocity(self) -> float:
         """Return 0x60FF plus 0x60B1 in counts/s, within these limits."""

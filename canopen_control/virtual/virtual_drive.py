@@ -56,8 +56,10 @@ if TYPE_CHECKING:
 
 def clamp(value: float, bits: int = 32) -> int:
     """Return the nearest whole number of a signed type."""
-    edge = 1 << bits - 1
-    return max(-edge, min(edge - 1, round(value)))
+    edge, number = 1 << bits - 1, round(value)
+    if -edge <= number < edge:
+        return number
+    return edge - 1 if number > 0 else -edge
 
 
 class Statusword:
@@ -122,11 +124,13 @@ class AxisReadings:
     def position(self) -> int:
         """Return 0x6064."""
         units = self.units
-        return wrap32((self.mover.plant.position - units.zero) * self.sign / units.position)
+        value = (self.mover.plant.position - units.zero) / units.position
+        return wrap32(-value if self.inverted.value else value)
 
     def velocity(self) -> int:
         """Return 0x606C."""
-        return clamp(self.modes.active.measured_velocity() * self.sign / self.units.velocity)
+        value = self.modes.active.measured_velocity() / self.units.velocity
+        return clamp(-value if self.inverted.value else value)
 
     def rpm(self, velocity: float) -> int:
         """Return a velocity in counts/s in the unit of the velocity mode."""

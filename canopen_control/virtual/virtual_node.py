@@ -25,7 +25,6 @@ from canopen_control.cia301.lss import (
     LssSlave,
 )
 from canopen_control.cia301.nmt import NmtCommand, NmtResetRequested, NmtSlave, NmtState, NmtStateChanged
-from canopen_control.cia301.outbox import drain_all
 from canopen_control.cia301.sdo_codec import ANSWER_BASE, REQUEST_BASE
 from canopen_control.cia301.sdo_server import SdoServer
 from canopen_control.cia301.sync import SyncConsumer, SyncEventKind
@@ -137,7 +136,13 @@ class FrameRoutes:
         if self._nmt.state is NmtState.STOPPED:
             return
         self._advance_drives(now)
-        self._sync.receive(frame, now)
+        sync = self._sync
+        if not frame.data and frame.can_id == sync.cob_id and sync.receive_plain(now):
+            self._outbox.clear_error(SYNC_LENGTH_ERROR)
+            if self._nmt.state is NmtState.OPERATIONAL:
+                self._pdos.sync(None, now)
+            return
+        sync.receive(frame, now)
         events = self._sync.events()
         if len(events) > 1 and any(event.kind is SyncEventKind.LENGTH_ERROR for event in events):
             self._outbox.emergency(SYNC_LENGTH_ERROR, ErrorRegister.COMMUNICATION)
@@ -425,9 +430,16 @@ class VirtualNode:
         if self.pdos.outgoing is not self._process_data:
             self._process_data = self.pdos.outgoing
             self._before_answers = self._first + self._process_data
-        frames = drain_all(self._before_answers)
+        frames: list[CanFrame] = []
+        for waiting in self._before_answers:
+            if waiting:
+                frames += waiting
+                waiting.clear()
         frames += self.sdo.frames()
-        frames += drain_all(self._last)
+        for waiting in self._last:
+            if waiting:
+                frames += waiting
+                waiting.clear()
         return frames if self.filter is None else self.filter.outgoing(frames, self.clock.now)
 
     def events(self) -> list[object]:
@@ -466,7 +478,7 @@ class VirtualNode:
     def advance_drives(self, now: int) -> None:
         """Bring all axes to `now`."""
         for drive in self.drives.values():
-            drive.advance(now)
+            drive.mover.advance(now)
 
     def _parts(self) -> Iterable[VirtualDrive | DeviceFunction]:
         """Return what lives and stops with the node: its axes, or the function of a device that is no drive."""

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from canopen_control.cia301.outbox import Outbox, drain_all
+from canopen_control.cia301.outbox import Outbox
 
 
 def test_items_come_out_in_order_and_once():
@@ -22,12 +22,3 @@ def test_clearing_counts_nothing():
     box.put(1)
     box.clear()
     assert (box.drain(), box.lost) == ([], 0)
-
-
-def test_what_waits_in_several_boxes_comes_out_in_their_order_and_once():
-    first, second = Outbox[int](), Outbox[int]()
-    second.put(1)
-    first.put(2)
-    first.put(3)
-    waiting = (first.waiting, second.waiting)
-    assert (drain_all(waiting), drain_all(waiting)) == ([2, 3, 1], [])

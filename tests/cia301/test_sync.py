@@ -144,3 +144,16 @@ def test_a_missing_sync_is_told_after_one_and_a_half_periods():
     assert [event.kind for event in consumer.events()] == [KIND.SYNC, KIND.MISSED, KIND.RESOLVED, KIND.SYNC]
     consumer.reset()
     assert consumer.next_deadline() is None
+
+
+def test_a_plain_sync_counts_without_an_event_and_any_other_is_left_to_receive():
+    consumer = SyncConsumer(period_ns=20)
+    assert consumer.receive_plain(0)
+    assert (consumer.count, consumer.next_deadline(), consumer.events()) == (1, 30, [])
+    assert not consumer.receive_plain(30)  # too late: it resolves a timeout
+    consumer.tick(30)
+    assert not consumer.receive_plain(40)
+    consumer.receive(frame("080#"), 40)
+    assert consumer.receive_plain(50)
+    assert not SyncConsumer(overflow=10).receive_plain(0)
+    assert consumer.count == 3

@@ -29,7 +29,8 @@ from canopen_control.monitor.sources import (
 from canopen_control.rpc.messages.layout import BusLayout, NodeLayout
 from canopen_control.rpc.messages.robot import LoadController, Stop
 from canopen_control.rpc.wire import plain
-from canopen_control.runtime.status import event_message, state_sample
+from canopen_control.runtime.node_readings import event_message
+from canopen_control.runtime.status import state_sample
 from canopen_control.trace.decoder import Decoder
 from canopen_control.trace.network_description import NetworkDescription, NodeDescription, network_of_eds
 
@@ -100,7 +101,7 @@ def test_drives_that_are_off_are_a_warning_with_what_to_call(bench):
 
 
 def test_events_are_lines_with_their_level(bench):
-    lines = [log_line(event_message(bench.robot, event)) for event in bench.events]
+    lines = [log_line(event_message(event, bench.robot.wall_offset_ns)) for event in bench.events]
     assert "robby runs: joint_state_broadcaster, robby_forward_controller" in [line.text for line in lines]
     assert all(line.time > 0 for line in lines)
     assert log_line(event_of({"time": 1.0, "kind": "x", "level": "error", "text": "t"})).tone is Tone.BAD

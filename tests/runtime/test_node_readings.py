@@ -12,7 +12,8 @@ from support.robots import RIGHT, Bench
 
 from canopen_control.errors import CanopenError
 from canopen_control.hardware.axis_statechart import Action
-from canopen_control.runtime.node_readings import NodeReadings
+from canopen_control.master.event_log import Event, EventLog
+from canopen_control.runtime.node_readings import EventReadings, NodeReadings
 
 
 def read_anew(robot):
@@ -67,3 +68,15 @@ def test_whatever_happens_they_are_what_is_read_anew():
         met |= {(node.nmt_state, node.axes[0].state, node.axes[0].error) for node in told.values()}
     assert len(met) > 6, met
     bench.close()
+
+
+def test_events_are_made_into_messages_once_until_one_is_added():
+    log = EventLog()
+    recent = EventReadings(log)
+    log.add(Event(1_000_000_000, "fault", "left", "it is in fault"))
+    first = recent.at(0)
+    assert [(event.text, event.time) for event in first] == [("it is in fault", 1.0)]
+    assert recent.at(0) is first
+    log.add(Event(2_000_000_000, "fault", "left", "it is in fault"))
+    assert [(event.count, event.time) for event in recent.at(0)] == [(2, 2.0)]
+    assert recent.at(500_000_000)[0].time == 2.5

@@ -3,6 +3,7 @@
 from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample, Status
 from canopen_control.rpc.wire import convert, plain
 from canopen_control.runtime import status
+from canopen_control.runtime.node_readings import event_message
 
 
 def _named(document):
@@ -39,7 +40,7 @@ def state_dict(robot):
 
 
 def event_dict(robot, event):
-    return plain(status.event_message(robot, event))
+    return plain(event_message(event, robot.wall_offset_ns))
 
 
 def nodes_dict(robot):

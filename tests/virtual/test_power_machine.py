@@ -177,3 +177,10 @@ def test_other_controlwords_that_do_nothing_are_told_too():
         "controlword 0x000F ignored: its power stage has no supply",
         "controlword 0x0080 ignored: the cause of fault 0x4310 is still there",
     ]
+
+
+def test_the_greatest_velocity_follows_its_object():
+    bench = Bench(servo(x607F=500))
+    assert bench.drive.limits.velocity(900.0) == 500.0
+    bench.write(0x607F, 700)
+    assert bench.drive.limits.velocity(900.0) == 700.0

@@ -15,7 +15,8 @@ from canopen_control.rpc.messages.robot import ROBOT, Asked
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.rpc.messages.trajectory import SetTrajectory
 from canopen_control.rpc.wire import Raw, text_of
-from canopen_control.runtime.status import event_message, layout_message, state_sample, status_message
+from canopen_control.runtime.node_readings import event_message
+from canopen_control.runtime.status import layout_message, state_sample, status_message
 from canopen_control.simulation.recorded_scenario import RecordedRobot, scenario_of_recording
 from canopen_control.simulation.robot_under_test import SimulationObserver
 from canopen_control.trace.flight_file import (
@@ -82,7 +83,7 @@ class SimulationRecorder(SimulationObserver):
 
     def event(self, event: Event) -> None:
         """Record an event."""
-        self._events.append(event_message(self._robot.core, event))
+        self._events.append(event_message(event, self._robot.core.wall_offset_ns))
 
     def asked(self, now: int, act: ScenarioEvent) -> None:
         """Record what a client asks for."""
