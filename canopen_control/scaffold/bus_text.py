@@ -25,7 +25,7 @@ from canopen_control.scaffold.drive_choice import POSITION
 from canopen_control.scaffold.new_robot import FASTEST_MEASURED
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
 
     from canopen_control.scaffold.drive_choice import AxisChoice, DriveChoice
     from canopen_control.scaffold.new_robot import NewJoint, NewNode, NewRobot
@@ -118,15 +118,15 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
         return [*lines, *_watched(node), *_kept(robot, node), f"# {what}its PDOs stay as it has them"]
     return [
         *lines,
-        *_motion(node, node.drive),
-        *_known(robot, node),
+        *(motion := _motion(node, node.drive)),
+        *_known(robot, node, {line.partition("#")[0].strip() for line in motion}),
         *_writes(robot, node, node.drive),
         *_pdos(node.drive),
     ]
 
 
-def _known(robot: NewRobot, node: NewNode) -> list[str]:
-    """Return the keys that a drive of a known manufacturer needs, with their sources.
+def _known(robot: NewRobot, node: NewNode, present: Collection[str]) -> list[str]:
+    """Return the keys that a drive of a known manufacturer needs and that are not `present`, with their sources.
 
     They are comments, or where the manufacturer was named keys, but for a mode beside the one that the EDS chose.
     """
@@ -137,8 +137,8 @@ def _known(robot: NewRobot, node: NewNode) -> list[str]:
     lines = ["", f"# {drive.title}: `canopen-control drive --like {drive.name}` behaves as such a drive does."]
     for key, text in proposals(drive, robot.sync_us, (), (), commanded):
         named = node.device.like is not None
-        if named and key.key == "sdo":
-            continue  # stands in that list
+        if text in present or (named and key.key == "sdo"):  # that one stands in its list
+            continue
         comment = "" if named and not key.key.endswith("_mode") else "# "
         lines += [f"# {drive.name.upper()}: {key.why} ({key.source}):", f"{comment}{text}"]
     return lines

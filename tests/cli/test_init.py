@@ -265,6 +265,12 @@ def test_a_robot_is_made_of_the_drives_on_a_bus(stage):
     assert stage.call("check", "found", "--strict").wait() == 0
 
 
+def test_a_mode_that_stands_in_the_file_is_not_proposed_again(tmp_path):
+    words = ["--eds", "generic_cia402.eds", "--node-id", "2", "--like", "vfd"]
+    assert main(["init", str(tmp_path / "fan"), *words]) == 0
+    assert (tmp_path / "fan" / "bus.yml").read_text().count("velocity_mode: 2") == 1
+
+
 def test_drives_of_a_manufacturer_that_is_named_have_the_keys_that_they_need(tmp_path, capsys):
     words = ["--eds", "generic_cia402.eds", "--node-id", "2"]
     assert main(["init", str(tmp_path / "ours"), *words, "--like", "elmo"]) == 0
