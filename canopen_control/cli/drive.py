@@ -225,7 +225,10 @@ def parse_node_ids(text: str) -> list[int]:
             raise ConfigError(f"--node-id {text!r}: write 3, or 2,3, or 1-64")
         first, last = int(match[1]), int(match[2] or match[1])
         if not 1 <= first <= last <= _LAST_NODE_ID:
-            raise ConfigError(f"--node-id {text!r}: node ids are 1 to {_LAST_NODE_ID}, rising")
+            hint = (
+                f"; {_NO_NODE_ID} stands alone: a process for each drive without an id" if _NO_NODE_ID in text else ""
+            )
+            raise ConfigError(f"--node-id {text!r}: node ids are 1 to {_LAST_NODE_ID}, rising{hint}")
         node_ids += range(first, last + 1)
     if len(set(node_ids)) != len(node_ids):
         raise ConfigError(f"--node-id {text!r}: a node id is named twice")

@@ -2,15 +2,21 @@
 
 First exactly one slave must be in configuration mode: `switch configuration` with its four identity numbers, or without
 them if it is the only slave on the bus; or `fast-scan`, which finds one without a node id. `node-id`, `bit-timing`,
-`store` and `inquire` then address it, and `switch waiting` ends this. A new node id applies after `nmt reset-comm` or
-at the next power-on. `activate` changes the bit rate of all slaves in configuration mode; change the bit rate of this
-computer's interface too.
+`store` and `inquire` then address it, and `switch waiting` ends this.
+
+When a new node id counts: a slave without an id uses it after `switch waiting`, one that has an id after `nmt
+reset-comm`. When a new bit rate counts: after `activate`, for all slaves in configuration mode; change the bit rate of
+this computer's interface too. Both are lost at the next power-on without `store`.
+
+`find` asks for slaves without a node id in two ways, each for 0.1 s: by the service for that, and by the first request
+of a fast scan, because some slaves answer that one only. It changes no slave.
 
 Exit codes: 0 good; 1 no slave answered or it refused; 2 wrong usage.
 """
 
 from __future__ import annotations
 
+import argparse
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.lss import (
@@ -28,8 +34,9 @@ from canopen_control.errors import ConfigError, RemoteProtocolError
 from canopen_control.master.direct import DirectBus
 
 if TYPE_CHECKING:
-    import argparse
     from collections.abc import Callable
+
+    from canopen_control.cia301.lss import LssMaster, LssRequest
 
 
 EXAMPLE = """canopen-control lss fast-scan --can can0
@@ -44,6 +51,7 @@ EXAMPLE = """canopen-control lss fast-scan --can can0
 PARTS = LssIdentity._fields
 NODE_ID = "node-id"
 AUTO = "auto"
+FIND_S = 0.1  # for each request of `find`: slow slaves too, and a user who waits
 _U32 = 0xFFFFFFFF
 
 
@@ -57,11 +65,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     switch.add_argument("mode", choices=[mode.name.lower() for mode in LssMode])
     inquire = actions.add_parser("inquire", help="ask the slave in configuration for its identity and node id")
     inquire.add_argument("part", nargs="?", choices=(*PARTS, NODE_ID), help="print only this part")
-    node_id = actions.add_parser("node-id", help="give the slave in configuration a node id")
+    node_id = actions.add_parser("node-id", help="give the slave in configuration a node id; `store` keeps it")
     node_id.add_argument("node_id", type=_number, metavar="N", help="1 to 127, or 255 for none")
     timing = actions.add_parser("bit-timing", help="give the slave in configuration a bit rate")
     timing.add_argument("bitrate", metavar="BITRATE", help=f"bit/s: {_rates()}, or {AUTO}")
-    store = actions.add_parser("store", help="store node id and bit rate in the slave in configuration")
+    store = actions.add_parser("store", help="keep node id and bit rate of the slave in configuration")
     activate = actions.add_parser("activate", help="let all slaves in configuration change to their new bit rate")
     activate.add_argument(
         "delay_ms", type=_number, metavar="DELAY_MS", help="delay before the change, and silence after it"
@@ -75,12 +83,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         scan.add_argument(
             f"--{part}", type=_number, metavar="N", help="known part of the identity, only confirmed: saves time"
         )
+    parser.add_argument("--can", metavar="CHANNEL", help="can0, local:NAME, ...; also after the action")
     for action in (switch, inquire, node_id, timing, store, activate, scan, find):
-        action.add_argument("--can", required=True, metavar="CHANNEL", help="can0, local:NAME, ...")
+        action.add_argument("--can", default=argparse.SUPPRESS, metavar="CHANNEL", help="can0, local:NAME, ...")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
+    if args.can is None:
+        raise ConfigError(f"name the bus: canopen-control lss {args.action} --can CHANNEL")
     owner = robot_on(args.can)
     if owner is not None:
         raise ConfigError(
@@ -134,7 +145,10 @@ def _node_id(args: argparse.Namespace, bus: DirectBus) -> int:
     if not 1 <= args.node_id <= 127 and args.node_id != UNCONFIGURED:
         raise ConfigError(f"node id {args.node_id}: it is 1 to 127, or {UNCONFIGURED} for none")
     bus.lss(lambda master: master.configure_node_id(args.node_id))
-    text = f"node id {args.node_id}: accepted; keep it with `lss store`, use it after `nmt reset-comm` or a restart"
+    text = (
+        f"node id {args.node_id}: accepted; it counts after `lss switch waiting` for a slave that has none, after "
+        "`nmt reset-comm` for one that has; `lss store` keeps it for the next power-on"
+    )
     print_result(args, {"node_id": args.node_id}, text)
     return 0
 
@@ -168,18 +182,29 @@ def _activate(args: argparse.Namespace, bus: DirectBus) -> int:
 def _fast_scan(args: argparse.Namespace, bus: DirectBus) -> int:
     identity = bus.lss(lambda master: master.fast_scan(**{part: getattr(args, part) for part in PARTS}))
     if identity is None:
-        raise RemoteProtocolError(0, f"LSS: no slave without a node id answers on {args.can}")
+        raise RemoteProtocolError(0, _none_answers(args, "to a fast scan"))
     assert isinstance(identity, LssIdentity)
     print_result(args, identity._asdict(), f"{_identity(identity)}: in configuration")
     return 0
 
 
 def _find(args: argparse.Namespace, bus: DirectBus) -> int:
-    there = bus.lss(lambda master: master.identify_non_configured())
-    if not there:
-        raise RemoteProtocolError(0, f"LSS: no slave without a node id answers on {args.can}")
-    print_result(args, {"unconfigured": True}, "there are slaves without a node id; `lss fast-scan` finds one of them")
-    return 0
+    services: tuple[tuple[str, Callable[[LssMaster], LssRequest]], ...] = (
+        ("identify non-configured", lambda master: master.identify_non_configured()),
+        ("fast scan", lambda master: master.open_fast_scan()),
+    )
+    for name, ask in services:
+        if bus.lss(ask, scan_s=FIND_S):
+            text = f"there are slaves without a node id (they answer to {name}); find one of them: canopen-control lss"
+            print_result(args, {"unconfigured": True, "service": name}, f"{text} fast-scan --can {args.can}")
+            return 0
+    tried = " or ".join(name for name, _ in services)
+    raise RemoteProtocolError(0, _none_answers(args, f"to {tried} within {FIND_S:g} s each"))
+
+
+def _none_answers(args: argparse.Namespace, asked: str) -> str:
+    advice = f"for a slave that has one: canopen-control lss switch configuration --can {args.can}"
+    return f"LSS: no slave without a node id answers on {args.can} {asked}; {advice}"
 
 
 def _identity(identity: LssIdentity) -> str:

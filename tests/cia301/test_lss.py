@@ -235,6 +235,7 @@ def questions(master: LssMaster) -> list:
         ),
         (lambda m: m.identify_non_configured(), ["identify non-configured"]),
         (lambda m: m.fast_scan(), ["fastscan start (bitchecked 0x80)"]),
+        (lambda m: m.open_fast_scan(), ["fastscan start (bitchecked 0x80)"]),
     ],
 )
 def test_the_questions_are_the_vectors(verb, names):
@@ -297,6 +298,17 @@ def test_scanning_finds_every_slave_one_after_the_other(identities):
         found.append(scan.result)
     assert sorted(found) == sorted(identities)
     assert sorted(slave.node_id for slave in slaves) == list(range(1, len(slaves) + 1))
+
+
+def test_opening_a_fast_scan_only_asks():
+    slaves, master = [LssSlave(IDENTITY), LssSlave(IDENTITY._replace(serial=2)), LssSlave(IDENTITY, 3)], LssMaster()
+    request = master.open_fast_scan()
+    run(master, *slaves)
+    assert request.result is True
+    assert {slave.mode for slave in slaves} == {LssMode.WAITING}
+    request = master.open_fast_scan()
+    run(master, slaves[2])
+    assert request.result is False
 
 
 def test_known_parts_are_only_confirmed():

@@ -38,6 +38,11 @@ def test_other_node_ids_are_refused_with_what_to_write(text):
         parse_node_ids(text)
 
 
+def test_drives_without_a_node_id_are_processes_of_their_own():
+    with pytest.raises(ConfigError, match="255 stands alone: a process for each drive without an id"):
+        parse_node_ids("255,255")
+
+
 def drive(*arguments):
     command = [sys.executable, "-m", "canopen_control", "drive", *arguments]
     return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

@@ -98,8 +98,8 @@ def test_a_slave_that_refuses_is_an_error(slaves, capsys):
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (["find"], 1, "no slave without a node id answers on memory:empty"),
-        (["fast-scan"], 1, "no slave without a node id answers on memory:empty"),
+        (["find"], 1, "answers on memory:empty to identify non-configured or fast scan within 0.1 s each; for a slave"),
+        (["fast-scan"], 1, "no slave without a node id answers on memory:empty to a fast scan; for a slave that has"),
         (["inquire", "vendor"], 1, "no answer; is a slave there, and in configuration?"),
         (["node-id", "200"], 2, "node id 200: it is 1 to 127, or 255 for none"),
         (["node-id", "x"], 2, "is no whole number of at most 32 bits, decimal or 0x"),
@@ -122,6 +122,35 @@ def test_what_does_not_work_is_one_sentence(private_folders, arguments, code, sa
         result = stop.code
     error = capsys.readouterr().err
     assert (result, said in error) == (code, True), error
+
+
+def test_find_tries_a_fast_scan_too_and_its_advice_works(slaves, monkeypatch, capsys):
+    assert lss("find") == 0
+    assert "(they answer to identify non-configured)" in capsys.readouterr().out
+    monkeypatch.setattr(LssSlave, "_SERVICES", {**LssSlave._SERVICES, 0x4C: lambda *_: None})  # as some slaves do
+    assert lss("find", "--json") == 0
+    assert json.loads(capsys.readouterr().out) == {"unconfigured": True, "service": "fast scan"}
+    assert lss("find") == 0
+    said = capsys.readouterr().out
+    assert "(they answer to fast scan); find one of them: " in said
+    assert slaves.new.mode is LssMode.WAITING
+    known = ["--vendor", "0x286", "--product", "0x4F6", "--revision", "0x3001A", "--serial", "77"]
+    assert main([*said.split("canopen-control ")[1].split(), *known]) == 0
+    assert slaves.new.mode is LssMode.CONFIGURATION
+
+
+def test_the_bus_may_stand_before_the_action_and_must_be_named(slaves, capsys):
+    assert main(["lss", *ON_BUS, "find"]) == 0
+    assert main(["lss", "find"]) == 2
+    assert "name the bus: canopen-control lss find --can CHANNEL" in capsys.readouterr().err
+
+
+def test_the_help_says_when_a_new_node_id_counts(capsys):
+    with pytest.raises(SystemExit):
+        main(["lss", "--help"])
+    said = " ".join(capsys.readouterr().out.split())
+    for words in ("after `switch waiting`", "after `nmt reset-comm`", "after `activate`", "without `store`"):
+        assert words in said
 
 
 def test_the_bus_of_a_running_robot_is_left_alone(monkeypatch, private_folders, capsys):
