@@ -24,11 +24,12 @@ from canopen_control.cli.support.arguments import number, whole_number
 from canopen_control.cli.support.output import Progress, json_text
 from canopen_control.cli.support.target import LABEL, find_eds, parse_node_id, robot_on
 from canopen_control.conformance.check import CheckTouch
-from canopen_control.conformance.checked_node import CheckedNode, MotionBounds
+from canopen_control.conformance.checked_node import CheckedNode, MotionBounds, NotApplicable
 from canopen_control.conformance.html_report import html_page
 from canopen_control.conformance.report import changed_verdicts, junit, report_lines
 from canopen_control.conformance.run import choose, run_checks
-from canopen_control.errors import BusError, ConfigError
+from canopen_control.errors import BusError, ConfigError, RemoteProtocolError
+from canopen_control.frame import Service, service_of
 from canopen_control.host.reactor import Reactor
 from canopen_control.od.eds import read_eds
 
@@ -44,6 +45,7 @@ EXAMPLE = """canopen-control conform 5 --can can0 --eds drive.eds
 LEVELS = ("301", "305", "402", "all")
 _bound = whole_number("whole number above 0", range(1, 1 << 31))
 HEARTBEAT_S = 1.2  # a heartbeat of a second shows the NMT state
+_OF_MASTERS = {Service.NMT: "NMT command", Service.SYNC: "SYNC", Service.SDO_CLIENT: "SDO request"}
 _QUESTIONS = {
     CheckTouch.CONFIGURE: "write parameters of the node, start, stop and reset it",
     CheckTouch.MOTION: "switch on the power stage and turn the shaft, which must be free to move",
@@ -101,7 +103,7 @@ def run(args: argparse.Namespace) -> int:
                 reactor, port, node_id, eds, timeout_s=args.timeout, bounds=MotionBounds(args.distance, args.speed)
             )
             if len(touches) > 1:
-                _refuse_operational(node)
+                _refuse_master(node)
             with Progress(f"checking node {node_id}", "checks", rate=True) as progress:
                 report = run_checks(node, checks, progress.at)
         except BusError as error:
@@ -118,13 +120,31 @@ def _refuse_robot(channel: str, node_id: int) -> None:
         raise ConfigError(f"node {node_id} on {channel} belongs to the running robot {owner[0]}; shut it down first")
 
 
-def _refuse_operational(node: CheckedNode) -> None:
-    """Refuse a node that a master may be using: its NMT state is that of the next heartbeat."""
-    if node.heartbeat(HEARTBEAT_S) is NmtState.OPERATIONAL:
+def _refuse_master(node: CheckedNode) -> None:
+    """Refuse a bus with a master: its NMT commands, SDO requests or SYNC are seen; or the node is OPERATIONAL."""
+    frames = [frame for _, frame in node.listen(HEARTBEAT_S)]
+    seen = {service_of(frame.can_id): None for frame in frames}
+    signs = [
+        _OF_MASTERS[one[0]] + (f" to node {one[1]}" if one[1] else "")
+        for one in seen
+        if one is not None and one[0] in _OF_MASTERS
+    ]
+    if signs and not (signs == ["SYNC"] and _produces_sync(node)):
+        raise ConfigError(
+            f"a master is active on {node.port.channel} ({', '.join(signs)}); stop it before the node is written to"
+        )
+    if node.state is NmtState.OPERATIONAL:
         raise ConfigError(
             f"node {node.node_id} is OPERATIONAL: a master may be using it; stop that master, then send "
             f"`canopen-control nmt preop {node.node_id} --can {node.port.channel}`"
         )
+
+
+def _produces_sync(node: CheckedNode) -> bool:
+    try:
+        return bool(node.number(0x1005) >> 30 & 1)
+    except (NotApplicable, RemoteProtocolError):
+        return False
 
 
 def _agree(touch: CheckTouch, node_id: int, *, yes: bool) -> None:
@@ -156,7 +176,13 @@ def _write_file(name: str, data: bytes) -> None:
 
 
 def _write(args: argparse.Namespace, report: ConformanceReport, old: dict[str, str] | None, issues: list[str]) -> None:
+    """Print the report before its files, so that a full disk loses none of it."""
     changes = [] if old is None else changed_verdicts(report, old)
+    if args.json:
+        print(json_text({**asdict(report), "changes": changes}))
+    else:
+        for line in (*report_lines(report), *changes):
+            print(line)
     if args.junit is not None:
         _write_file(args.junit, junit(report))
     if args.html is not None:
@@ -164,8 +190,3 @@ def _write(args: argparse.Namespace, report: ConformanceReport, old: dict[str, s
 
         does = {quirk.name: quirk.does for quirk in QUIRKS.values()}
         _write_file(args.html, html_page(report, does, issues).encode())
-    if args.json:
-        print(json_text({**asdict(report), "changes": changes}))
-        return
-    for line in (*report_lines(report), *changes):
-        print(line)

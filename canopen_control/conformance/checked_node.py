@@ -6,7 +6,7 @@ report, up to `KEPT` per check.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from contextlib import contextmanager, suppress
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
@@ -29,6 +29,8 @@ REQUEST, ANSWER, EMERGENCY, SYNC = 0x600, 0x580, 0x80, 0x80  # CiA 301, 7.3.3
 ABORT = 0x80  # command specifier of an SDO abort
 KEPT = 20  # maximum number of frames of a check in the report
 MS = 1_000_000
+NS_PER_S = 1_000_000_000
+MAX_NODE_ID = 127
 
 
 class CheckFailed(Exception):
@@ -71,6 +73,9 @@ class CheckedNode:
         self.state: NmtState | None = None  # as in the last heartbeat
         self.notes: list[str] = []  # of the current check
         self.log: deque[str] = deque(maxlen=KEPT)
+        self.heard: dict[int, int] = {}  # node ids with a boot-up or heartbeat, and the time of the last one in ns
+        self.rates: dict[int, int] = {}  # identifier to the most frames within a second
+        self._second, self._counts = 0, Counter[int]()
         self._client = SdoClient(node_id, timeout_ns=round(timeout_s * 1e9))
         self._frames: deque[tuple[int, CanFrame]] = deque(maxlen=100_000)
         self._lost: BusClosed | None = None
@@ -145,10 +150,21 @@ class CheckedNode:
         """Reset the node; return the time to its boot-up message in s, None if there is none."""
         self.nmt(command)
         begin = self.reactor.now()
-        frame = self.wait_for(ERROR_CONTROL_COB_ID + self.node_id, seconds)
-        return None if frame is None or frame.data != b"\0" else (self.reactor.now() - begin) / 1e9
+        can_id = ERROR_CONTROL_COB_ID + self.node_id  # a heartbeat from before the reset may still arrive
+
+        def booted() -> bool:
+            return any(frame.can_id == can_id and frame.data == b"\0" for _, frame in self._frames)
+
+        self.reactor.run_until(lambda: self._lost is not None or booted(), round(seconds * 1e9))
+        self._check_bus()
+        return (self.reactor.now() - begin) / 1e9 if booted() else None
 
     # -- SDO
+
+    def answers(self, seconds: float) -> int:
+        """Return the number of answers to one request within some time."""
+        self.send(REQUEST + self.node_id, bytes((0x40, 0x00, 0x10, 0, 0, 0, 0, 0)))
+        return sum(frame.can_id == ANSWER + self.node_id for _, frame in self.listen(seconds))
 
     def ask(self, request: bytes) -> bytes | None:
         """Send eight raw bytes to the SDO server; return its answer, None if there is none in time."""
@@ -241,7 +257,18 @@ class CheckedNode:
             self._client.receive(frame, now)
             if frame.can_id == ERROR_CONTROL_COB_ID + self.node_id and frame.data:
                 self.state = state_of_byte(frame.data[0])
+            if 0 < frame.can_id - ERROR_CONTROL_COB_ID <= MAX_NODE_ID:
+                self.heard[frame.can_id - ERROR_CONTROL_COB_ID] = now
+            self._count(frame.can_id, now)
             self._note("<", frame)
+
+    def _count(self, can_id: int, now: int) -> None:
+        if now // NS_PER_S != self._second:
+            self._second = now // NS_PER_S
+            self._counts.clear()
+        self._counts[can_id] = count = self._counts[can_id] + 1
+        if count > self.rates.get(can_id, 0):
+            self.rates[can_id] = count
 
     def _note(self, direction: str, frame: CanFrame) -> None:
         seconds = self.reactor.now() / 1e9

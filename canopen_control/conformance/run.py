@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from canopen_control.conformance.check import Check, CheckLevel, CheckTouch
-from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
+from canopen_control.conformance.checked_node import ANSWER, REQUEST, CheckFailed, NotApplicable
 from canopen_control.conformance.drive_checks import DRIVE_CHECKS
 from canopen_control.conformance.message_checks import MESSAGE_CHECKS
 from canopen_control.conformance.motion_checks import MOTION_CHECKS
@@ -44,6 +44,13 @@ _MOVING = (0x6040, 0x6042, 0x6060, 0x6071, 0x607A, 0x60FF)
 _NOT_PARAMETERS = frozenset((0x1001, 0x1003, 0x1010, 0x1011, *range(0x1F50, 0x1F60), *_MOVING))
 _OF_TIMES = ("7.5.2.37", "7.2.8.2", "7.2.5.2")  # clauses of PDOs, heartbeats and SYNC, whose checks measure times
 _REPETITIONS = 2
+_IDENTITY = (
+    ("device type", 0x1000, 0),
+    ("vendor", 0x1018, 1),
+    ("product", 0x1018, 2),
+    ("revision", 0x1018, 3),
+    ("serial", 0x1018, 4),
+)
 _SILENCES = 3  # consecutive checks without an answer, after which the device counts as gone
 
 
@@ -98,19 +105,21 @@ def run_checks(
     `progress` is called with the number of completed checks and of all.
     """
     identity = _identity(node)
+    _refuse_confusion(node)
     before = _parameters(node)
     results: list[CheckResult] = []
-    silences = 0
+    silences, reason = 0, ""
     for number, check in enumerate(checks):
         progress(number, len(checks))
         if silences >= _SILENCES:
-            results.append(_result(check, ERROR, actual="not made: the device stopped answering"))
+            reason = reason or _reason_of_silence(node, identity)
+            results.append(_result(check, ERROR, actual=f"not made: {reason}"))
             continue
         result, silent = _run(node, check)
         results.append(result)
         silences = silences + 1 if silent else 0
     writes = any(check.touch is not CheckTouch.READ for check in checks)
-    results.append(_compare(node, before, restore=writes))
+    results += _flood(node), _compare(node, before, restore=writes)
     return ConformanceReport(node.node_id, identity, results)
 
 
@@ -127,12 +136,85 @@ def _identity(node: CheckedNode) -> dict[str, str]:
             raise
         device_type = b""
     identity = {"device type": device_type[::-1].hex().upper()}
-    for name, subindex in (("vendor", 1), ("product", 2), ("revision", 3), ("serial", 4)):
+    for name, index, subindex in _IDENTITY[1:]:
         try:
-            identity[name] = node.read(0x1018, subindex)[::-1].hex().upper()
+            identity[name] = node.read(index, subindex)[::-1].hex().upper()
         except RemoteProtocolError:
             continue
     return identity
+
+
+def _refuse_confusion(node: CheckedNode) -> None:
+    """Raise ConfigError where two nodes answer, or where the EDS is that of another device."""
+    if all(node.answers(0.05) > 1 for _ in range(3)):  # a bus can deliver a single frame twice
+        raise ConfigError(
+            f"two nodes on {node.port.channel} answer as node {node.node_id}; disconnect one of them, and give it "
+            "another node id"
+        )
+    if node.eds is None:
+        return
+    for name, subindex in (("vendor", 1), ("product", 2)):
+        entry = node.eds.od.get(0x1018, subindex)
+        due = 0 if entry is None or not isinstance(entry.default, int) else entry.default
+        try:
+            shown = int.from_bytes(node.read(0x1018, subindex), "little")
+        except RemoteProtocolError:
+            continue
+        if due and shown and shown != due:
+            raise ConfigError(
+                f"{node.eds.path} describes another device: its {name} is 0x{due:08X}, that of node {node.node_id} is "
+                f"0x{shown:08X}; give the EDS of this device with --eds"
+            )
+
+
+_FLOOD = 2000  # frames of one identifier per second; a bus of 1 Mbit/s holds about 8000
+_LATE_S = 5.0  # time in which a device that answers late may answer
+
+
+def _reason_of_silence(node: CheckedNode, identity: Mapping[str, str]) -> str:
+    """Return why the device does not answer: it is late, it has another node id, the bus is full, or it is gone."""
+    node.listen(1.0)  # answers to earlier requests
+    asked = node.reactor.now()
+    if node.exchange(REQUEST + node.node_id, _upload(0x1000, 0), ANSWER + node.node_id, _LATE_S) is not None:
+        seconds = (node.reactor.now() - asked) / 1e9
+        if seconds > node.timeout_s:
+            more = f"give --timeout {2 * seconds:.1f}"
+            return f"the device answers after {seconds:.1f} s, later than {node.timeout_s:g} s; {more}"
+        return "the device stopped answering for a time; run it again"
+    flood = _floods(node)
+    for other in sorted(set(node.heard) - {node.node_id}):
+        if _identity_of(node, other) == identity:
+            return f"the device changed its node id: node {other} has its identity now"
+    return f"the device stopped answering; {flood}" if flood else "the device stopped answering"
+
+
+def _upload(index: int, subindex: int) -> bytes:
+    return bytes((0x40, index & 0xFF, index >> 8, subindex, 0, 0, 0, 0))
+
+
+def _identity_of(node: CheckedNode, other: int) -> dict[str, str]:
+    """Return the identity of another node, as far as it answers."""
+    identity = {}
+    for name, index, subindex in _IDENTITY:
+        data = node.exchange(REQUEST + other, _upload(index, subindex), ANSWER + other)
+        if data is not None and data[0] & 0xE2 == 0x42:
+            identity[name] = data[4:8][::-1].hex().upper()
+    return identity
+
+
+def _floods(node: CheckedNode) -> str:
+    """Return the identifiers that came too often, "" if none did."""
+    answers = ANSWER + node.node_id
+    often = {can_id: rate for can_id, rate in node.rates.items() if rate >= _FLOOD and can_id != answers}
+    return ", ".join(f"0x{can_id & 0x1FFFFFFF:03X} came {rate} times in a second" for can_id, rate in often.items())
+
+
+def _flood(node: CheckedNode) -> CheckResult:
+    check = Check("Z02", "301", "7.2.2", "no identifier fills the bus", CheckLevel.SHOULD, CheckTouch.READ, _nothing)
+    text = _floods(node)
+    if text:
+        return _result(check, FAILED, text, f"fewer than {_FLOOD} per second")
+    return _result(check, PASSED)
 
 
 def _run(node: CheckedNode, check: Check) -> tuple[CheckResult, bool]:

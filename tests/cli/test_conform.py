@@ -1,12 +1,15 @@
 """The verb conform, as its user sees it."""
 
 import json
+import threading
 from xml.etree import ElementTree as Xml
 
 import pytest
 from support.onbus import TMCM, OnBus
 
+from canopen_control.bus.channel import open_port
 from canopen_control.cli.main import main
+from canopen_control.frame import CanFrame, pack_records
 
 CAN = ["--can", "memory:conform"]
 
@@ -45,3 +48,29 @@ def test_what_cannot_be_tested_is_one_sentence_and_exit_code_2(bus, capsys, tmp_
     (tmp_path / "no.json").write_text("[1]")
     assert main(["conform", "5", *CAN, "--against", str(tmp_path / "no.json")]) == 2
     assert "is no report of `conform --json`" in capsys.readouterr().err
+
+
+def test_a_full_disk_is_one_sentence_after_the_report(bus, capsys):
+    assert main(["conform", "5", *CAN, "--timeout", "0.05", "--level", "305", "--junit", "/dev/full"]) == 2
+    captured = capsys.readouterr()
+    assert "node 5: " in captured.out
+    assert captured.err.strip().splitlines()[-1].endswith("/dev/full cannot be written: No space left on device")
+
+
+def test_a_master_on_the_bus_is_named_and_nothing_is_written(bus, capsys):
+    ended = threading.Event()
+
+    def sync():
+        port = open_port("memory:conform")
+        while not ended.wait(0.05):
+            port.send(pack_records([CanFrame(0x80, b"")]))
+        port.close()
+
+    thread = threading.Thread(target=sync)
+    thread.start()
+    try:
+        assert main(["conform", "5", *CAN, "--timeout", "0.05", "--configure", "--yes"]) == 2
+    finally:
+        ended.set()
+        thread.join()
+    assert "a master is active on memory:conform (SYNC); stop it" in capsys.readouterr().err
