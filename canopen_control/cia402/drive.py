@@ -716,7 +716,8 @@ class DriveMachine:
         self._mode_bits = 0
         self._reset = FaultReset(fault_reset_timeout_ns)
         self._deadline = _NEVER
-        self._due = _AT_ONCE  # when there is something to decide, even if the drive says nothing new
+        self.due = _AT_ONCE
+        """Time at which `update` has something to decide, even if the drive says nothing new."""
 
     # What somebody wants. All of it may be said again, and does nothing then.
 
@@ -762,19 +763,19 @@ class DriveMachine:
         """Set or clear the halt bit (0x605D) of an enabled drive; it remains until it is cleared."""
         if on is not self.halted:
             self.halted = on
-            self._due = _AT_ONCE
+            self.due = _AT_ONCE
 
     def hold(self, on: bool = True) -> None:
         """Wait before OPERATION_ENABLED, or go on: axes that are released in one cycle are enabled in one cycle."""
         if on is not self.held:
             self.held = on
-            self._due = _AT_ONCE
+            self.due = _AT_ONCE
 
     def fault_reset(self) -> None:
         """Reset a fault by one edge of bit 7; without a fault nothing is sent. It never enables the drive."""
         if self.state is None or self.fault:
             self._reset.start()
-            self._due = _AT_ONCE
+            self.due = _AT_ONCE
 
     def set_mode(self, mode: int) -> None:
         """Request a mode of operation; OPERATION_ENABLED, and every motion, waits until 0x6061 shows it.
@@ -784,7 +785,7 @@ class DriveMachine:
         """
         request = self.mode_request
         if request.ask(mode):
-            self._due = _AT_ONCE
+            self.due = _AT_ONCE
             self._switches = self._switching_state is not State.OPERATION_ENABLED
         if not self._switches or self._may_switch:
             request.sent = request.mode
@@ -808,7 +809,7 @@ class DriveMachine:
             raise LocalProtocolError(f"{self.name}: 0x{bits:04X} are not bits of a mode (0x{MODE_SPECIFIC_BITS:04X})")
         if bits != self._mode_bits:
             self._mode_bits = bits
-            self._due = _AT_ONCE
+            self.due = _AT_ONCE
 
     # What is.
 
@@ -889,14 +890,14 @@ class DriveMachine:
         Call it once per cycle; it never raises. A statusword that becomes None again means that the drive is gone.
         """
         mode = self.mode_request
-        if mode_display == mode.display and now < self._due:
+        if mode_display == mode.display and now < self.due:
             last = self.statusword
             if statusword == last:
                 return self.controlword
             if statusword is not None and last is not None and not (statusword ^ last) & _WATCHED:
                 self.statusword = statusword
                 return self.controlword
-        self._due = _NEVER
+        self.due = _NEVER
         self.evaluations += 1
         if statusword is None:
             self._without_statusword(now)
@@ -911,13 +912,13 @@ class DriveMachine:
         self._intent.begin(command, self.state, now)
         self.controlword = self._word(command, now)
         self._deadline = min(step.deadline, mode.deadline, self._reset.deadline)
-        self._due = min(self._due, self._deadline)
+        self.due = min(self.due, self._deadline)
         return self.controlword
 
     def _fire(self, trigger: EnableTrigger) -> None:
         """Apply the row of a trigger; a new goal takes effect at once."""
         if self._intent.fire(trigger):
-            self._due = _AT_ONCE
+            self.due = _AT_ONCE
 
     def _seen(self) -> str:
         return "" if self.statusword is None else f" (statusword 0x{self.statusword:04X})"
@@ -956,7 +957,7 @@ class DriveMachine:
     def _count_undefined(self, statusword: int, now: int) -> None:
         self.undefined += 1
         self._undefined_run += 1
-        self._due = _AT_ONCE  # the same word again counts again
+        self.due = _AT_ONCE  # the same word again counts again
         if self._undefined_run == self._undefined_limit:
             self._events.append(StatuswordUndefined(now, statusword, self._undefined_run))
             if self.goal is DriveGoal.ENABLED:
@@ -1022,7 +1023,7 @@ class DriveMachine:
         may_enable = self.mode_request.may_enable and not self.held
         command = self._intent.choose(self.state, self.statusword, self.standstill, may_enable)
         if self._switches or (self.state is State.QUICK_STOP_ACTIVE and self._intent.waits):
-            self._due = _AT_ONCE  # `standstill` is no input of update
+            self.due = _AT_ONCE  # `standstill` is no input of update
         return command
 
     def _word(self, command: Command | None, now: int) -> int:
@@ -1032,7 +1033,7 @@ class DriveMachine:
             if event is not None:
                 self._events.append(event)
             if self._reset.rising:
-                self._due = _AT_ONCE
+                self.due = _AT_ONCE
             return self._reset.bit
         enabled = self.enabled
         if not (enabled and self.mode_request.confirmed):

@@ -47,7 +47,8 @@ class Odometry(PlanarPose):
         self._separation, self._left_radius, self._right_radius = separation, left_radius, right_radius
         self._linear, self._angular = RollingMean(window), RollingMean(window)
         self.started = False
-        self._time = 0
+        self._time = self._still = 0  # _still: steps in a row in which no wheel turned
+        self._window = window
         self._left = self._right = 0.0
 
     @property
@@ -92,6 +93,9 @@ class Odometry(PlanarPose):
         way_left, way_right = left * self._left_radius, right * self._right_radius
         step_left, step_right = way_left - self._left, way_right - self._right
         self._left, self._right = way_left, way_right
+        if step_left == 0.0 == step_right and self._still > self._window:
+            self._time = now  # pose and averages stay as they are
+            return True
         return self._step(step_left, step_right, dt, now)
 
     def update_velocity(self, left: float, right: float, now: int) -> bool:
@@ -110,7 +114,7 @@ class Odometry(PlanarPose):
             self.begin(0.0, 0.0, now)
             return False
         dt = (now - self._time) / NS
-        self._time = now
+        self._time, self._still = now, 0
         for window, value in ((self._linear, linear), (self._angular, angular)):
             window.clear()
             window.add(value)
@@ -121,6 +125,7 @@ class Odometry(PlanarPose):
         linear, angular = (left + right) * 0.5, (right - left) / self._separation
         self.drive(linear, angular)
         self._time = now
+        self._still = self._still + 1 if left == 0.0 == right else 0
         self._linear.add(linear / dt)
         self._angular.add(angular / dt)
         return True
@@ -141,6 +146,7 @@ class DiffDriveController(MobileBase):
     """
 
     zero_is_never: ClassVar[bool] = True
+    by_twist_alone: ClassVar[bool] = True
     waits_for_a_twist: ClassVar[bool] = True
     settable: ClassVar[tuple[str, ...]] = (
         "cmd_vel_timeout", "enable_odom_tf", "publish_limited_velocity", "linear.x.*", "angular.z.*",

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 
 _FREE: Final = RateLimiter(VelocityLimits())
+_STEPS: Final = 2  # that the limits of acceleration and jerk look back
 
 
 class LimitedTwist:
@@ -50,11 +51,13 @@ class LimitedTwist:
         self.wanted, self.limited = [math.nan] * count, [0.0] * count
         self._previous, self._before = [0.0] * count, [0.0] * count
         self._limiters = [_FREE] * count
+        self._quiet = 0  # steps in a row in which nothing was wanted and nothing was left
 
     def set_limits(self, controller: str, limits: Sequence[TwistAxisLimits]) -> None:
         """Limit each axis from now on; RobotConfigError, and nothing changed, where a minimum is above its maximum."""
         axes = zip(self._axes, limits, strict=True)
         self._limiters = [_limiter(controller, axis, each.limits()) for axis, each in axes]
+        self._quiet = 0
 
     @property
     def known(self) -> bool:
@@ -66,6 +69,11 @@ class LimitedTwist:
         """Whether the limits have left nothing that moves."""
         return not any(self.limited)
 
+    @property
+    def rests(self) -> bool:
+        """Whether standstill is wanted, and was in the last steps: limiting it leaves standstill."""
+        return self._quiet > _STEPS and not any(self.wanted)
+
     def limit(self, period: float) -> None:
         """Limit what is wanted against the last two steps; `period` in s."""
         limited, wanted, previous, before = self.limited, self.wanted, self._previous, self._before
@@ -76,9 +84,11 @@ class LimitedTwist:
         """Let the limited twist be the one before the next."""
         self._before[:] = self._previous
         self._previous[:] = self.limited
+        self._quiet = 0 if any(self.wanted) or any(self.limited) else self._quiet + 1
 
     def forget(self) -> None:
         """Have no twist, and stand still before the next."""
+        self._quiet = 0
         fill(self.wanted, math.nan)
         fill(self._previous, 0.0)
         fill(self._before, 0.0)
@@ -184,6 +194,8 @@ class MobileBase(Controller):
     timeout_key: ClassVar[str] = "cmd_vel_timeout"
     zero_is_never: ClassVar[bool] = False
     """Whether a timeout of 0 lets a twist last; else it is one for a single update, as upstream has it."""
+    by_twist_alone: ClassVar[bool] = False
+    """Whether its commands are velocities that depend on nothing but the twist."""
     waits_for_a_twist: ClassVar[bool] = False
     """Whether it neither follows its wheels nor publishes before the first twist."""
 
@@ -412,11 +424,14 @@ class MobileBase(Controller):
         self._take_reference(now)
         if not self._twist.known:
             return OK if self.waits_for_a_twist else self._rest(now)
-        self._twist.limit(period)
+        rests = self._twist.rests
+        if not rests:
+            self._twist.limit(period)
         if not self.follow(now):
             return self._without_feedback()
-        self._twist.step()
-        self._write()
+        if not rests:
+            self._twist.step()
+        self._write(rests=rests)
         self._publish(now)
         return OK
 
@@ -485,10 +500,13 @@ class MobileBase(Controller):
             self.stamp = now
             self.take_down()
 
-    def _write(self) -> None:
-        """Write the commands of the limited twist, all or, where one does not fit its drive, none."""
+    def _write(self, *, rests: bool) -> None:
+        """Write the commands of the limited twist, all or, where one does not fit its drive, none.
+
+        `rests`: standstill, whose limits need not be computed.
+        """
         self._writing = True
-        if self.braking and self._twist.stands:
+        if (rests and self.by_twist_alone) or (self.braking and self._twist.stands):
             zero_targets(self.commands)
             return
         self.work_out(self.limited)

@@ -320,7 +320,10 @@ class JointDrive(JointParts):
         status.update(now)
         word, before = status.word, machine.statusword
         machine.standstill = self.feedback.standing
-        control = machine.update(word, status.display, now)
+        if word == before and status.display == machine.mode_request.display and now < machine.due:
+            control = machine.controlword  # as `update`, without the call
+        else:
+            control = machine.update(word, status.display, now)
         if machine.evaluations != self._evaluations or word != before:
             self._evaluations = machine.evaluations
             if power.following and not machine.may_move:
@@ -363,7 +366,8 @@ class JointDrive(JointParts):
             self._brake(period)
         else:
             targets.hold()
-        targets.write_mode()
+        if targets.has_outputs:
+            targets.write_outputs()
 
     def supervise(self) -> None:
         """Check what need not be checked in every cycle; called ten times a second."""

@@ -80,6 +80,8 @@ class JointTargets:
         self._outputs = self.commands.get(DIGITAL_OUTPUTS)
         if self._outputs is not None:
             self._outputs.lowest, self._outputs.highest = float(INT32_MIN), float(UINT32_MAX)
+        self.has_outputs = axis.mode is not None or self._outputs is not None
+        """Whether an RPDO carries the mode or digital outputs."""
         self._command: CommandInterface | None = None
         self._held: int | None = None  # the position at which all targets are held; None: they are not
 
@@ -222,7 +224,7 @@ class JointTargets:
         if current.bits or current.handshakes:
             self._machine.mode_bits = current.bits
 
-    def write_mode(self) -> None:
+    def write_outputs(self) -> None:
         """Send the mode, and the digital outputs."""
         output, mode = self._axis.mode, self._request.sent
         if output is not None and mode is not None and mode != output.value:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from itertools import pairwise
 from typing import Any
 
@@ -106,6 +107,45 @@ def test_velocities_are_means_over_the_window_fewer_until_it_is_full():
     odometry.set_pose(1.0, 2.0, 3.0)
     odometry.update_velocity(7.0, 7.0, 4 * S)
     assert odometry.linear == 7.0
+
+
+def test_wheels_that_stand_leave_the_pose_and_the_next_step_is_measured_from_the_last_time():
+    odometry = Odometry(0.24, 0.035, 0.035, 3)
+    drive(odometry, [(0.5, 0.2, 10), (0.0, 0.0, 10)])
+    pose, now = (odometry.x, odometry.y, odometry.heading), 2 * S
+    angles = odometry._left / 0.035, odometry._right / 0.035
+    odometry.begin(*angles, now)
+    for _ in range(20):
+        now += S // 50
+        assert odometry.update_position(*angles, now)
+    assert (odometry.x, odometry.y, odometry.heading) == pose
+    assert (odometry.linear, odometry.angular) == (0.0, 0.0)
+    odometry.update_position(angles[0] + 1.0, angles[1] + 1.0, now + S // 50)
+    assert odometry.linear == pytest.approx(0.035 * 50 / 3)
+
+
+@pytest.mark.sources
+def test_a_base_that_stands_calls_fewer_functions_than_one_that_moves():
+    hardware = Hardware("l/velocity", "r/velocity", states=("l/position", "r/position"), name="base")
+    for each in hardware.state_interfaces:
+        each.value = 0.0
+    control = manager(hardware)
+    made = add(control, "base", DIFF_DRIVE, **WHEELS)
+    control.switch(["base"], now=0)
+    control.command("base", [0.0, 0.0], 0)
+    called = []
+
+    def hear(_frame, event, _argument):
+        if event == "call":
+            called[-1] += 1
+
+    for cycle in range(1, 40):
+        called.append(0)
+        sys.setprofile(hear)
+        made.update(cycle * S // 100, 0.01)
+        sys.setprofile(None)
+    assert called[-1] <= called[1] - 9
+    assert [each.value for each in hardware.command_interfaces] == [0.0, 0.0]
 
 
 def test_a_step_too_short_to_measure_is_put_off_to_the_next():

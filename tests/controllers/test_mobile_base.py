@@ -74,6 +74,28 @@ def test_each_axis_goes_from_where_it_was_and_from_standstill_after_it_was_forgo
     assert twist.limited[0] == pytest.approx(0.1)
 
 
+def test_standstill_rests_after_three_steps_until_something_is_wanted_or_the_limits_change():
+    twist = LimitedTwist(AXES)
+    limits = [TwistAxisLimits(max_acceleration=1.0), TwistAxisLimits()]
+    twist.set_limits("base", limits)
+    fill(twist.wanted, 1.0)
+    twist.limit(0.1)
+    twist.step()
+    fill(twist.wanted, 0.0)
+    rests = []
+    for _ in range(5):
+        rests.append(twist.rests)
+        twist.limit(0.1)
+        twist.step()
+    assert rests == [False, False, False, True, True]
+    twist.wanted[0] = 1.0
+    assert not twist.rests
+    fill(twist.wanted, 0.0)
+    assert twist.rests
+    twist.set_limits("base", limits)
+    assert not twist.rests
+
+
 def test_limits_that_exclude_each_other_are_told_with_controller_and_axis_and_change_nothing():
     twist = LimitedTwist(AXES)
     wrong = [TwistAxisLimits(max_velocity=0.5), TwistAxisLimits(max_velocity=1.0, min_velocity=2.0)]
