@@ -1,4 +1,4 @@
-"""Check a device against CiA 301 and 402, and report what it does not keep.
+"""Check a device against CiA 301, 302, 305 and 402, and its EDS against CiA 306, and report what it does not keep.
 
 Without --configure, --store and --motion the checks change no value; some send requests that a device has to refuse.
 With --configure they write parameters, and start, stop and reset the node; with --store they store parameters; with
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 EXAMPLE = """canopen-control conform 5 --can can0 --eds drive.eds
          canopen-control conform 5 --can can0 --eds drive.eds --configure --yes --html conform.html"""
 
-LEVELS = ("301", "305", "402", "all")
+LEVELS = ("301", "302", "305", "306", "402", "all")
 _bound = whole_number("whole number above 0", range(1, 1 << 31))
 HEARTBEAT_S = 1.2  # a heartbeat of a second shows the NMT state
 _OF_MASTERS = {Service.NMT: "NMT command", Service.SYNC: "SYNC", Service.SDO_CLIENT: "SDO request"}

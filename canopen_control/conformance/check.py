@@ -35,7 +35,7 @@ class CheckTouch(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One check: `run` raises CheckFailed or NotApplicable; `group` is the document: 301, 305, 306 or 402."""
+    """One check: `run` raises CheckFailed or NotApplicable; `group` is the document: 301, 302, 305, 306 or 402."""
 
     id: str
     group: str
@@ -70,7 +70,7 @@ class CheckList(list[Check]):
         return append
 
 
-_DOCUMENT = re.compile(r"^(CiA )?(301|305|402)(-2)?, ")
+_DOCUMENT = re.compile(r"^(CiA )?(301|302|305|306|402)(-[123])?, ")
 _NAMED = re.compile(r"0x[0-9A-F]{4}|\d+(?:\.\d+)*")
 
 

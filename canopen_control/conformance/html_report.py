@@ -171,6 +171,11 @@ _MEANINGS = (
     ("7.3.5", "A wrong configuration can put the device on an identifier that others need: check it before."),
     ("7.4.7", "The EDS is not that of the device: get the right one before you configure anything."),
     ("7.5", "A tool that identifies the device by its objects will not recognise it."),
+    (
+        "302",
+        "A master that starts, configures or updates the device by CiA 302 may fail: try it before you rely on it.",
+    ),
+    ("306", "A tool that configures the device by its EDS may write wrong values, or map the wrong objects."),
     ("305", "A master that gives node ids by LSS will not find the device, or find the wrong one."),
     ("0x605A", "An emergency stop by quick stop will not end as configured: use the hardware stop, and test it."),
     ("0x6060", "A master that changes modes while it drives will have to wait, or be refused."),
@@ -278,7 +283,7 @@ def _clauses(results: Iterable[CheckResult]) -> str:
         worst = min(members, key=lambda one: (_ORDER.index(one.verdict), one.level != "must"))
         word = "recommendation not kept" if _class(worst) == "should" else worst.verdict
         ids = ", ".join(f'<span class="{_class(one)}">{escape(one.id)}</span>' for one in members)
-        name = clause.removeprefix(f"{group}-2, ").removeprefix(f"{group}, ")
+        name = clause.partition(", ")[2] if clause.startswith(group) else clause
         rows.append(
             f'<tr><td>CiA {group}</td><td>{escape(name)}</td><td class="{_class(worst)}">{word}</td><td>{ids}</td>'
         )

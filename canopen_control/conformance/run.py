@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 from canopen_control.conformance.check import Check, CheckLevel, CheckTouch
 from canopen_control.conformance.checked_node import ANSWER, REQUEST, CheckFailed, NotApplicable
 from canopen_control.conformance.drive_checks import DRIVE_CHECKS
+from canopen_control.conformance.eds_checks import EDS_CHECKS
+from canopen_control.conformance.manager_checks import MANAGER_CHECKS
 from canopen_control.conformance.message_checks import MESSAGE_CHECKS
 from canopen_control.conformance.motion_checks import MOTION_CHECKS
 from canopen_control.conformance.nmt_checks import LSS_CHECKS, NMT_CHECKS
@@ -28,12 +30,14 @@ if TYPE_CHECKING:
 
 
 CHECKS: tuple[Check, ...] = (
+    *EDS_CHECKS,
     *SDO_CHECKS,
     *BLOCK_CHECKS,
     *NMT_CHECKS,
     *MESSAGE_CHECKS,
     *PDO_CHECKS,
     *LSS_CHECKS,
+    *MANAGER_CHECKS,
     *DRIVE_CHECKS,
     *MOTION_CHECKS,
 )
