@@ -18,6 +18,8 @@ public one is known. What a quirk is and whether it exists is judged by the virt
 
 from __future__ import annotations
 
+import functools
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
 
 _FOLDER: Final = "personalities"
 _MOST = 0xFFFFFFFF
+_VENDOR: Final = re.compile(r"^ *- \{vendor: (\w+)", re.MULTILINE)  # as the bundled files have it
 
 
 class PersonalityError(ConfigError):
@@ -161,11 +164,19 @@ def _check(file: PersonalityFile, _problems: Problems) -> None:
             line.here.error("source: empty; write a repository with a number, a manual with a page, or unsourced")
 
 
+@functools.cache
+def _vendors_of(name: str) -> frozenset[int]:
+    """Return the vendor ids that a bundled file names, without reading it as YAML: a start asks for each node."""
+    text = (data_path("eds", _FOLDER) / f"{name}.yaml").read_text(encoding="utf-8")
+    return frozenset(int(number, 0) for number in _VENDOR.findall(text))
+
+
 def personality_of(vendor: int | None, product: int | None) -> Personality | None:
     """Return the bundled personality of an identity (0x1018:01 and :02), None where none is known.
 
     One that names the product goes before one of all products of its vendor.
     """
-    fitting = [each for each in map(read_personality, personality_names()) if each.fits(vendor, product)]
+    names = [name for name in personality_names() if vendor in _vendors_of(name)]
+    fitting = [each for each in map(read_personality, names) if each.fits(vendor, product)]
     named = [each for each in fitting if any(product in identity.products for identity in each.identity)]
     return next(iter([*named, *fitting]), None)

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.check.drive_rules import DRIVE_RULES
-from canopen_control.check.launch_rules import check_launch
 from canopen_control.check.timing_rules import CheckedRobot, Finding
 from canopen_control.cia402 import objects
 from canopen_control.controllers.command_timeout import DEFAULT_LIFE_S, ENDLESS
@@ -229,6 +228,8 @@ def find(
     robot = CheckedRobot(files, bus, control, description, controllers, mock, real, started, chosen)
     found = list(_configure(robot))
     if launch is not None:
+        from canopen_control.check.launch_rules import check_launch  # most robots are run without
+
         found += check_launch(launch, robot)
     if description is not None:
         found += [each for text in description.notes for each in findings_of(text, description.path, 0, Severity.NOTE)]

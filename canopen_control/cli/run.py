@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.arguments import add_duration, add_new_name, whole_number
 from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.host.quick_dataclasses import quick_dataclasses
 from canopen_control.runtime.observer import RobotObserver
 from canopen_control.runtime.realtime import DEFAULT_PRIORITY, HIGHEST_PRIORITY
 
@@ -255,7 +256,10 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
         raise ConfigError(f"{where}: {_NO_DEMO}")
     _require_parts(args, setup)
     from canopen_control.cli.support.output import Announcer
-    from canopen_control.runtime.run_session import RunOptions, RunSession
+
+    with quick_dataclasses():
+        from canopen_control.check import checker  # noqa: F401 - for the warnings
+        from canopen_control.runtime.run_session import RunOptions, RunSession
 
     options = RunOptions(
         physics=args.physics,
@@ -301,12 +305,14 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
 
 def _share_imports(options: RunOptions) -> None:
     """Import what drives, hub and recorder need, once, and let them be forks of this process."""
-    from canopen_control.bus import hub  # noqa: F401 - for the forks
     from canopen_control.host.fork import allow
 
-    if options.drives:
-        from canopen_control.cli import drive  # noqa: F401 - for the forks
-        from canopen_control.virtual import device, launch, process  # noqa: F401 - for the forks
+    with quick_dataclasses():
+        from canopen_control.bus import hub  # noqa: F401 - for the forks
+
+        if options.drives:
+            from canopen_control.cli import drive  # noqa: F401 - for the forks
+            from canopen_control.virtual import device, launch, process  # noqa: F401 - for the forks
     allow()
 
 
@@ -426,8 +432,8 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
         check_name(args.name)
     mappings = files.mappings(mock=args.mock)
     with nullcontext() if files.bus_alone else DescriptionReader(files.description, mappings=mappings) as reader:
-        from canopen_control.runtime.setup import read_robot  # takes as long as xacro does, on another processor
-
+        with quick_dataclasses():  # takes as long as xacro does, on another processor
+            from canopen_control.runtime.setup import read_robot
         setup = read_robot(
             files,
             name=args.name,

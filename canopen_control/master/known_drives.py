@@ -29,9 +29,11 @@ def known_drive(vendor: int, product: int, words: str) -> Personality | None:
     if vendor and (found := personality_of(vendor, product)) is not None:
         return found
     names = re.split(r"[^0-9a-z]+", words.lower())
-    for each in map(read_personality, personality_names()):
-        if any(word.startswith(each.name) for word in names) and not (vendor and each.identity):
-            return each
+    for name in personality_names():
+        if any(word.startswith(name) for word in names):
+            drive = read_personality(name)
+            if not (vendor and drive.identity):
+                return drive
     return None
 
 

@@ -12,7 +12,6 @@ import re
 import xml.parsers.expat
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
-from xml.sax.saxutils import quoteattr
 
 from canopen_control.errors import EdsError
 from canopen_control.od.dcf import object_sections
@@ -402,11 +401,15 @@ def _block(tag: str, lines: Iterable[str], attributes: Mapping[str, object] | No
 
 
 def _attributes(values: Mapping[str, object]) -> str:
+    from xml.sax.saxutils import quoteattr  # imports urllib.request, and that ssl: every start reads EDS files
+
     texts = {name: str(value).lower() if isinstance(value, bool) else value for name, value in values.items()}
     return "".join(f" {name}={quoteattr(str(value))}" for name, value in texts.items() if value is not None)
 
 
 def _escaped(text: str) -> str:
+    from xml.sax.saxutils import quoteattr  # as above
+
     return quoteattr(text)[1:-1].replace("&quot;", '"')
 
 

@@ -1,0 +1,63 @@
+"""Dataclasses whose methods are made when they are first used, for the imports of a start.
+
+The standard decorator compiles up to eight methods for each class, which is two fifths of the time that the imports of
+`run` take; most of them are never called. Python from 3.13 on compiles those of a class at once, and is left alone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from types import FunctionType
+
+
+class _Method:
+    """Method of a dataclass that replaces itself by the function when it is looked up or called."""
+
+    __slots__ = ("__name__", "_make")
+
+    def __init__(self, name: str, make: Callable[[], FunctionType]) -> None:
+        self.__name__ = name
+        self._make = make
+
+    def __get__(self, instance: object, owner: type) -> object:
+        function = self._make()
+        for each in owner.__mro__:
+            if each.__dict__.get(self.__name__) is self:
+                function.__qualname__ = f"{each.__qualname__}.{self.__name__}"
+                setattr(each, self.__name__, function)
+        return function if instance is None else function.__get__(instance, owner)
+
+    def __call__(self, *arguments: object) -> object:
+        """Call the function where another one encloses it: that of `repr`, against recursion."""
+        function = self._make()
+        self._make = lambda: function
+        return function(*arguments)
+
+
+@contextlib.contextmanager
+def quick_dataclasses() -> Iterator[None]:
+    """Let dataclasses that are defined meanwhile make their methods on first use; those of compiled modules do not.
+
+    To be used around imports of this package only.
+    """
+    create: Callable[..., FunctionType] | None = getattr(dataclasses, "_create_fn", None)
+    if create is None:
+        yield
+        return
+
+    def later(name: str, *arguments: object, globals: dict[str, object], **options: object) -> FunctionType | _Method:  # noqa: A002 - its name there
+        def make() -> FunctionType:
+            return create(name, *arguments, globals=globals, **options)
+
+        return _Method(name, make) if str(globals.get("__file__", "")).endswith(".py") else make()
+
+    dataclasses._create_fn = later  # type: ignore[attr-defined]  # noqa: SLF001 - no public way
+    try:
+        yield
+    finally:
+        dataclasses._create_fn = create  # type: ignore[attr-defined]  # noqa: SLF001 - as above

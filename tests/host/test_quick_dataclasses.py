@@ -1,0 +1,107 @@
+"""Dataclasses whose methods are made on first use are dataclasses in every other respect."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import pickle
+import sys
+from types import ModuleType
+
+import pytest
+
+from canopen_control.host.quick_dataclasses import _Method, quick_dataclasses
+
+SOURCE = """
+from dataclasses import dataclass, field
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    'A point.'
+    x: int
+    y: float = 0.5
+    names: list = field(default_factory=list, compare=False)
+
+@dataclass(order=True)
+class Base:
+    'A base.'
+    number: int
+    def __post_init__(self):
+        self.doubled = 2 * self.number
+
+@dataclass
+class Derived(Base):
+    'Derived.'
+    other: str = "a"
+"""
+
+
+@pytest.fixture(params=[True, False], ids=["quick", "standard"])
+def module(request, monkeypatch):
+    made = ModuleType("quick_module")
+    made.__file__ = "quick_module.py"
+    monkeypatch.setitem(sys.modules, made.__name__, made)
+    if request.param:
+        with quick_dataclasses():
+            exec(SOURCE, made.__dict__)
+    else:
+        exec(SOURCE, made.__dict__)
+    return made
+
+
+def test_they_behave_as_the_standard_ones(module):
+    one, same, other = module.Point(1), module.Point(1, 0.5, ["z"]), module.Point(2, y=3.0)
+    assert one == same != other
+    assert hash(one) == hash(same)
+    assert repr(other) == "Point(x=2, y=3.0, names=[])"
+    with pytest.raises(dataclasses.FrozenInstanceError, match="cannot assign to field 'x'"):
+        one.x = 3
+    with pytest.raises(dataclasses.FrozenInstanceError, match="cannot delete field 'x'"):
+        del one.x
+    with pytest.raises(TypeError, match=r"Point\.__init__\(\) missing 1 required positional argument: 'x'"):
+        module.Point()
+    assert dataclasses.replace(one, x=4) == module.Point(4)
+    assert dataclasses.asdict(other) == {"x": 2, "y": 3.0, "names": []}
+    assert pickle.loads(pickle.dumps(other)) == other
+    assert str(inspect.signature(module.Point)) == "(x: 'int', y: 'float' = 0.5, names: 'list' = <factory>) -> None"
+    assert module.Point.__eq__.__qualname__ == "Point.__eq__"
+    match other:
+        case module.Point(x, y):
+            assert (x, y) == (2, 3.0)
+
+
+def test_they_are_ordered_and_inherit(module):
+    derived = module.Derived(3)
+    assert (derived.doubled, derived.other) == (6, "a")
+    assert module.Base(1) < module.Base(2) <= module.Base(2)
+    assert not module.Base(1) > module.Base(2)
+    assert derived != module.Base(3)
+    assert module.Derived(3) == derived
+    assert repr(derived) == "Derived(number=3, other='a')"
+    assert module.Base.__hash__ is None
+
+
+@pytest.mark.skipif(sys.version_info >= (3, 13), reason="Python makes the methods of a class at once")
+def test_a_method_is_made_when_it_is_first_used():
+    made = ModuleType("quick_module")
+    made.__file__ = "quick_module.py"
+    sys.modules[made.__name__] = made
+    with quick_dataclasses():
+        exec(SOURCE, made.__dict__)
+    del sys.modules[made.__name__]
+    methods = vars(made.Point)
+    assert isinstance(methods["__eq__"], _Method)
+    assert isinstance(methods["__init__"], _Method)
+    made.Point(1)
+    assert isinstance(methods["__eq__"], _Method)
+    assert inspect.isfunction(vars(made.Point)["__init__"])
+    assert dataclasses._create_fn.__module__ == "dataclasses"
+
+
+def test_compiled_modules_and_other_times_have_the_standard_ones(monkeypatch):
+    made = ModuleType("quick_module")
+    made.__file__ = "quick_module.cpython-311-x86_64-linux-gnu.so"
+    monkeypatch.setitem(sys.modules, made.__name__, made)
+    with quick_dataclasses():
+        exec(SOURCE, made.__dict__)
+    assert inspect.isfunction(vars(made.Point)["__eq__"])
