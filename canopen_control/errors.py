@@ -160,8 +160,8 @@ class BusNotOpen(InterfaceNotFound):
     """Access to a ``local:`` bus that is not open by a caller that only listens or queries; `others` are open."""
 
     def __init__(self, name: str, others: Sequence[str] = ()) -> None:
-        there = f"open now: {', '.join(others)}" if others else "no local bus is open now"
-        super().__init__(name, f"{there}; canopen-control run and drive make one")
+        names = f"open now: {', '.join(others)}" if others else "no local bus is open now"
+        super().__init__(name, f"{names}; canopen-control run and drive make one")
         self.args = (f"bus {name}: no program has it open; {self.hint}",)
 
 
@@ -359,11 +359,11 @@ def nearest(name: str, known: Iterable[str]) -> str:
     names = [str(name_of_known) for name_of_known in known]
     words = _words(name)
 
-    def ratio(other: str) -> float:
-        theirs = _words(other)
+    def ratio(candidate: str) -> float:
+        theirs = _words(candidate)
         if any(pair <= set(words) ^ set(theirs) for pair in _OPPOSITES):
             return 0.0
-        orders = (name, other), (" ".join(sorted(words)), " ".join(sorted(theirs)))
+        orders = (name, candidate), (" ".join(sorted(words)), " ".join(sorted(theirs)))
         return max(difflib.SequenceMatcher(None, *order).ratio() for order in orders)
 
     best = max(names, key=ratio, default="")

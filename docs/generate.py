@@ -411,8 +411,8 @@ _DRIVE_INTENT = """## Below it: what is wanted of the drive
 The chart commands the drive's state machine (`canopen_control/cia402/drive.py`) to enable, to disable, to stop. What is
 wanted, together with what is still on its way to the drive, is one of these intents; the table is
 `canopen_control/cia402/drive.py`. Only an enable leads to the goal ENABLED. Two orders are independent of it and
-change no intent: `hold` keeps a drive before OPERATION_ENABLED until its group may rise, `halt` sends bit 8 to an
-enabled one.
+change no intent: `hold_in_switched_on` keeps a drive before OPERATION_ENABLED until its group can be enabled, `halt`
+sends bit 8 to an enabled one.
 """
 
 _MODE_REQUEST = """## Below it: the mode of operation

@@ -17,7 +17,7 @@ from canopen_control.errors import (
     RemoteProtocolError,
     UnknownName,
 )
-from canopen_control.rpc.messages.robot import Tell
+from canopen_control.rpc.messages.robot import PublishEvent
 
 FORWARD = "robby_forward_controller"
 BASE = "robby_base_controller"
@@ -195,7 +195,7 @@ def test_what_is_wrong_with_an_object_is_a_sentence_of_its_kind(robot):
 def test_events_come_as_they_happen_to_everyone_who_asked(robot):
     first, second = robot.events(timeout=5.0), robot.events(timeout=0.1)
     with RobotClient.connect("library") as client, first, second:
-        client.ask(Tell(kind="greeting", text="hello"))
+        client.ask(PublishEvent(kind="greeting", text="hello"))
         event = next(event for event in first if event.kind == "greeting")
         assert (event.text, event.level, event.node) == ("hello", "info", None)
         assert "greeting" in [event.kind for event in second]

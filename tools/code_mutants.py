@@ -216,9 +216,9 @@ self.reactor.call_later(300_000_000, begin)
         "the STOP latch is released when any client leaves",
         Change(
             "runtime.core",
-            "RobotCore.let_go",
-            "self.manager.running.let_go(holder, why)",
-            'self.manager.running.let_go(holder, why)\nself.latch.release("who left", self.reactor.now())',
+            "RobotCore.client_disconnected",
+            "self.manager.running.client_disconnected(holder, why)",
+            'self.manager.running.client_disconnected(holder, why)\nself.latch.release("who left", self.reactor.now())',
         ),
         (_scenario("robby", "robby_latch"),),
         "runtime/test_core",
@@ -410,7 +410,7 @@ if not (index % 2 and self.life.live):
         "the end of the first client takes the command of the second one away",
         Change(
             "controllers.switcher",
-            "UpdateLoop.let_go",
+            "UpdateLoop.client_disconnected",
             "controller.life.holder is holder",
             "controller.life.live",
         ),
@@ -473,8 +473,8 @@ if not (index % 2 and self.life.live):
         Change(
             "master.plan_pdos",
             "_plan_live",
-            "_write(builder, wanted, 1, wanted.cob_id, wanted.reason)",
-            '_write(builder, wanted, 1, wanted.cob_id & (~0x7FF if wanted.kind == "tpdo" else -1), wanted.reason)',
+            "_write(builder, planned, 1, planned.cob_id, planned.reason)",
+            '_write(builder, planned, 1, planned.cob_id & (~0x7FF if planned.kind == "tpdo" else -1), planned.reason)',
         ),
         (_scenario("robby", "robby_fault"),),
         "master/test_plan_pdos",

@@ -98,7 +98,7 @@ def _processes(proc: Path) -> list[int]:
 
 def _sockets_of(pid: int, proc: Path) -> Iterator[Listener]:
     folder = proc / str(pid) / "fd"
-    seen = set()
+    inodes = set()
     try:
         descriptors = sorted(folder.iterdir(), key=lambda entry: int(entry.name))
     except OSError:
@@ -106,9 +106,9 @@ def _sockets_of(pid: int, proc: Path) -> Iterator[Listener]:
     for entry in descriptors:
         with contextlib.suppress(OSError):
             match = _INODE.fullmatch(os.readlink(entry))
-            if match is None or match[1] in seen:
+            if match is None or match[1] in inodes:
                 continue
-            seen.add(match[1])
+            inodes.add(match[1])
             protocol = os.getxattr(entry, "system.sockprotoname").rstrip(b"\0").decode()
             if protocol.startswith("CAN"):
                 yield _listener(pid, int(entry.name), match[1], protocol, proc)

@@ -152,8 +152,8 @@ def _for_python_can(spec: ChannelSpec) -> ChannelSpec:
     served = _SERVED.fullmatch(spec.name) if spec.interface == _SOCKETCAND else None
     if served is None:
         return spec
-    where = {"host": served["host"], "port": served["port"] or _SOCKETCAND_PORT}
-    return replace(spec, name=served["channel"], options=tuple({**where, **dict(spec.options)}.items()))
+    settings = {"host": served["host"], "port": served["port"] or _SOCKETCAND_PORT}
+    return replace(spec, name=served["channel"], options=tuple({**settings, **dict(spec.options)}.items()))
 
 
 def name_and_channel(text: str) -> tuple[str, str]:

@@ -193,9 +193,9 @@ def _disturbance(classes: int, data: bytes) -> str:
     if not classes & PROTOCOL:
         return text
     violations = ", ".join(name for bit, name in _VIOLATIONS.items() if data[2] & bit)
-    where = _PLACES.get(data[3], "")
+    place = _PLACES.get(data[3], "")
     text = f"bus error: {violations or 'a frame was disturbed'}"
     text += " while sending" if data[2] & _WHILE_SENDING else ""
-    text += f", at: {where}" if where else ""
+    text += f", at: {place}" if place else ""
     unheard = data[3] == _ACKNOWLEDGE_SLOT and data[2] & _WHILE_SENDING
     return f"{text}; {_NOBODY}" if unheard and not classes & NO_ACKNOWLEDGE else text

@@ -131,21 +131,21 @@ class FrameRouter:
         self.dropped += count
 
     def _with_faults(self, member: RouterPort, records: bytes, now: int) -> None:
-        kept = self.faults.survivors(member.label, records)
-        self.dropped += (len(records) - len(kept)) // RECORD_SIZE
+        survivors = self.faults.survivors(member.label, records)
+        self.dropped += (len(records) - len(survivors)) // RECORD_SIZE
         # never before frames already under way: the frames of one sender stay in order when its delay is reduced
         due = max(now + self.faults.delay_of(member.label), self._last_due.get(member.number, 0))
-        if not kept:
+        if not survivors:
             return
         if due <= now:
-            self._transmit(member.number, kept, now)
+            self._transmit(member.number, survivors, now)
             return
         if len(self._delayed) >= DELAY_LIMIT:
-            self._lose(member, kept)
+            self._lose(member, survivors)
             return
         self._last_due[member.number] = due
         self._serial += 1
-        heapq.heappush(self._delayed, (due, self._serial, member.number, kept))
+        heapq.heappush(self._delayed, (due, self._serial, member.number, survivors))
 
     def _transmit(self, sender: int, records: bytes, now: int) -> None:
         if self.wire is None:

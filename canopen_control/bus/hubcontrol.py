@@ -70,14 +70,14 @@ class HubControl:
 
     def _answer_faults(self) -> None:
         exchange, label = self._exchange, self._label
-        self._does(hub.Cut, lambda asked: exchange.cut(label(asked.label)))
-        self._does(hub.Uncut, lambda asked: exchange.cut(label(asked.label), mend=True))
-        self._does(hub.ForceBusOff, lambda asked: exchange.bus_off(label(asked.label)))
-        self._does(hub.Restart, lambda asked: exchange.bus_off(label(asked.label), restart=True))
-        self._does(hub.SendErrorFrame, lambda asked: exchange.report(self._anybody(asked.label), _frame(asked)))
+        self._does(hub.Cut, lambda request: exchange.cut(label(request.label)))
+        self._does(hub.Uncut, lambda request: exchange.cut(label(request.label), mend=True))
+        self._does(hub.ForceBusOff, lambda request: exchange.bus_off(label(request.label)))
+        self._does(hub.Restart, lambda request: exchange.bus_off(label(request.label), restart=True))
+        self._does(hub.SendErrorFrame, lambda request: exchange.report(self._anybody(request.label), _frame(request)))
         self._does(hub.DropFrames, self._drop)
         self._does(hub.DelayFrames, self._delay)
-        self._does(hub.SetBitrate, lambda asked: exchange.pace(asked.bitrate, self._now()))
+        self._does(hub.SetBitrate, lambda request: exchange.pace(request.bitrate, self._now()))
         self._does(hub.ClearFaults, lambda _asked: exchange.clear_faults())
 
     def _does(self, kind: type[R], do: Callable[[R], object]) -> None:
@@ -117,7 +117,7 @@ class HubControl:
             load=exchange.load(now),
             frames=exchange.frames,
             dropped=exchange.dropped,
-            members=[_member(each) for each in exchange.members.values()],
+            members=[_member(member) for member in exchange.members.values()],
             cut=sorted(faults.cut),
             bus_off=sorted(faults.bus_off),
             delays_ms={label: delay / _NS_PER_MS for label, delay in faults.delays.items()},

@@ -122,7 +122,7 @@ class LocalPort:
         """
         if self.gives_stamps and self._chunks is None:
             self._chunks = [_NOTHING]
-            self._tell(pack_stamp_request(echo=echo))
+            self._report(pack_stamp_request(echo=echo))
 
     @property
     def gives_stamps(self) -> bool:
@@ -174,9 +174,9 @@ class LocalPort:
     def set_filter(self, can_ids: Iterable[int]) -> None:
         """Subscribe to these identifiers: the hub omits chunks without any of them; others may still arrive."""
         if self._abilities & TAKES_SUBSCRIPTION:
-            self._tell(pack_subscription(can_ids))
+            self._report(pack_subscription(can_ids))
 
-    def _tell(self, records: bytes) -> None:
+    def _report(self, records: bytes) -> None:
         """Send control records, which are not frames."""
         with contextlib.suppress(BusClosed):  # the next receive or send reports it
             self.send(records)
@@ -269,7 +269,7 @@ def join_local(name: str, label: str = "") -> LocalPort:
 
 def _not_open(name: str) -> BusNotOpen:
     """Return the error for a ``local:`` bus that is not open; it lists the open ones."""
-    return BusNotOpen(f"local:{name}", [f"local:{other}" for other in list_sockets("bus")])
+    return BusNotOpen(f"local:{name}", [f"local:{socket_name}" for socket_name in list_sockets("bus")])
 
 
 def _start_hub(name: str) -> None:

@@ -73,7 +73,7 @@ def _flush(port: Port, seconds: float) -> None:
     end = time.monotonic() + seconds
     while port.wants_write:
         port.flush()
-        left = end - time.monotonic()
-        if left <= 0.0:
+        remaining = end - time.monotonic()
+        if remaining <= 0.0:
             return
-        select.select([], [port.fileno()], [], min(left, _TRY_S))
+        select.select([], [port.fileno()], [], min(remaining, _TRY_S))

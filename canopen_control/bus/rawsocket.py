@@ -125,9 +125,9 @@ def stamp_of(ancillary: Ancillary) -> int | None:
     return int(seconds * 1_000_000_000 + nanoseconds)
 
 
-def _find(ancillary: Ancillary, wanted: int, size: int) -> bytes | None:
+def _find(ancillary: Ancillary, index: int, size: int) -> bytes | None:
     for level, kind, data in ancillary:
-        if level == socket.SOL_SOCKET and kind == wanted and len(data) >= size:
+        if level == socket.SOL_SOCKET and kind == index and len(data) >= size:
             return data
     return None
 

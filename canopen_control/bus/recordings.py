@@ -408,7 +408,7 @@ class RecordingWriter:
         self._text = self._messages = None
         with contextlib.suppress(OSError, AttributeError):
             file.close()
-        self.written = sum(1 for each in Recording(self.path))
+        self.written = sum(1 for _frame in Recording(self.path))
         raise failed(self.path, error, f"{self.written} frames are in it") from error
 
 

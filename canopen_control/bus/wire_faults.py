@@ -69,13 +69,13 @@ class WireFaults:
         """Return the records that no rule drops."""
         if not self.drops:
             return records
-        kept = b"".join(
+        remaining = b"".join(
             records[at : at + RECORD_SIZE]
             for at in range(0, len(records), RECORD_SIZE)
             if not self._lost(label, RECORD.unpack_from(records, at)[0])
         )
         self.drops = [rule for rule in self.drops if not rule.spent]
-        return kept
+        return remaining
 
     def _lost(self, label: str, can_id: int) -> bool:
         return any(rule.takes(label, can_id) for rule in self.drops)

@@ -239,14 +239,14 @@ class SquarePath:
         """
         if self._start is None:
             self._start, self._since = pose, now
-        seen = relative(pose, self._start)
-        self._check(seen, now)
+        moved = relative(pose, self._start)
+        self._check(moved, now)
         if self._phase in _MOVES:
-            command = self._along(seen) if self._phase is _Phase.SIDE else self._around(seen)
+            command = self._along(moved) if self._phase is _Phase.SIDE else self._around(moved)
             if command is not None:
                 return command
             self._enter(_NEXT[self._phase], now)
-        elif self._stands(seen, now):
+        elif self._stands(moved, now):
             self._enter(_NEXT[self._phase], now)
         return 0.0, 0.0
 
@@ -257,56 +257,60 @@ class SquarePath:
             phase = _Phase.DONE
         self._phase, self._since, self._stood = phase, now, None
 
-    def _stands(self, seen: Planar, now: float) -> bool:
+    def _stands(self, moved: Planar, now: float) -> bool:
         if self._stood is not None:
             (x, y, heading), since = self._stood
-            if math.hypot(seen[0] - x, seen[1] - y) <= _STANDS[0] and abs(seen[2] - heading) <= _STANDS[1]:
+            if math.hypot(moved[0] - x, moved[1] - y) <= _STANDS[0] and abs(moved[2] - heading) <= _STANDS[1]:
                 return now - since >= self.pace.settle
-        self._stood = seen, now
+        self._stood = moved, now
         return False
 
-    def _along(self, seen: Planar) -> tuple[float, float] | None:
+    def _along(self, moved: Planar) -> tuple[float, float] | None:
         """Return the twist along the current side, None at its end."""
-        ahead, aside, turned = self._from_corner(seen)
-        left = self.side - ahead
-        if left <= _NEAR:
+        ahead, aside, turned = self._from_corner(moved)
+        remaining = self.side - ahead
+        if remaining <= _NEAR:
             return None
-        speed = min(self.pace.speed, math.sqrt(2.0 * self.pace.ramp * left) + _CREEP[0], left * 4.0 + _CREEP[0])
+        speed = min(
+            self.pace.speed, math.sqrt(2.0 * self.pace.ramp * remaining) + _CREEP[0], remaining * 4.0 + _CREEP[0]
+        )
         steer = -_STEER[0] * turned - _STEER[1] * math.atan(aside / 0.1)
         return speed, max(-_MOST_STEER, min(_MOST_STEER, steer))
 
-    def _around(self, seen: Planar) -> tuple[float, float] | None:
+    def _around(self, moved: Planar) -> tuple[float, float] | None:
         """Return the twist of the current turn, None at its end."""
         sign = self.direction.value
-        left = (self.corner + 1) * _TURN - sign * seen[2]
-        if left <= _STRAIGHT:
+        remaining = (self.corner + 1) * _TURN - sign * moved[2]
+        if remaining <= _STRAIGHT:
             return None
-        speed = min(self.pace.turn, math.sqrt(2.0 * self.pace.turn_ramp * left) + _CREEP[1], left * 4.0 + _CREEP[1])
+        speed = min(
+            self.pace.turn, math.sqrt(2.0 * self.pace.turn_ramp * remaining) + _CREEP[1], remaining * 4.0 + _CREEP[1]
+        )
         return 0.0, sign * speed
 
-    def _from_corner(self, seen: Planar) -> Planar:
+    def _from_corner(self, moved: Planar) -> Planar:
         """Return the pose relative to the corner at which the side begins, along the side."""
         corners = ((0.0, 0.0), (self.side, 0.0), (self.side, self.side), (0.0, self.side))
         x, y = corners[self.corner % _CORNERS]
         sign = self.direction.value
         heading = self.corner * _TURN
         cosine, sine = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[self.corner % _CORNERS]
-        along, aside = seen[0] - x, sign * seen[1] - y  # mirrored to counter-clockwise
-        return cosine * along + sine * aside, sign * (cosine * aside - sine * along), seen[2] - sign * heading
+        along, aside = moved[0] - x, sign * moved[1] - y  # mirrored to counter-clockwise
+        return cosine * along + sine * aside, sign * (cosine * aside - sine * along), moved[2] - sign * heading
 
-    def _check(self, seen: Planar, now: float) -> None:
+    def _check(self, moved: Planar, now: float) -> None:
         """Raise ControlError if the base deviates, or takes too long."""
-        x, y = seen[0], self.direction.value * seen[1]
+        x, y = moved[0], self.direction.value * moved[1]
         off = max(-x, x - self.side, -y, y - self.side)
         if not off <= max(0.2, _OFF * self.side):  # nan too
             raise ControlError(
-                f"the base has left the square of {self.side:g} m: odometry is at {seen[0]:.2f}, {seen[1]:.2f} m from "
-                "its start; does anybody else drive it?"
+                f"the base has left the square of {self.side:g} m: odometry is at {moved[0]:.2f}, {moved[1]:.2f} m "
+                "from its start; does another client drive it?"
             )
         if now - self._since > self._patience():
             problem = "does not come to rest" if self._phase not in _MOVES else "does not move as it is commanded"
-            where = f"{self._phase.value} {min(self.corner + 1, _CORNERS)} of the square"
-            raise ControlError(f"the base {problem}: {now - self._since:.0f} s at {where}; see canopen-control status")
+            place = f"{self._phase.value} {min(self.corner + 1, _CORNERS)} of the square"
+            raise ControlError(f"the base {problem}: {now - self._since:.0f} s at {place}; see canopen-control status")
 
     def _patience(self) -> float:
         pace = self.pace

@@ -89,14 +89,14 @@ def start_warnings(setup: RobotSetup) -> list[str]:
     if setup.files.bus_alone:
         return []
     buses, control, description = dict(setup.buses), setup.controllers, setup.description
-    found = rules.find(setup.files, _one_bus(buses), control, description, mock=setup.mock, real=setup.on_drives)
+    findings = rules.find(setup.files, _one_bus(buses), control, description, mock=setup.mock, real=setup.on_drives)
     for config in buses.values():
-        found += check_timing(config, control, description)
+        findings += check_timing(config, control, description)
         for note in config.notes:  # those with a place are warnings
-            told = rules.findings_of(note, config.path, 0, Severity.WARNING)
-            found += [each for each in told if each.line]
-    warnings = [each for each in sorted_findings(found) if each.severity is Severity.WARNING]
-    return [str(replace(each, source="")) for each in warnings]
+            notes = rules.findings_of(note, config.path, 0, Severity.WARNING)
+            findings += [each for each in notes if each.line]
+    warnings = [finding for finding in sorted_findings(findings) if finding.severity is Severity.WARNING]
+    return [str(replace(warning, source="")) for warning in warnings]
 
 
 class _Checker:
@@ -207,7 +207,9 @@ class _Checker:
             try:
                 robot = RobotCore(setup, reactor)
                 if not setup.mock:
-                    self.stops = tuple(stop_time(each) for each in axis_facts(setup, command_lives(robot.manager)))
+                    self.stops = tuple(
+                        stop_time(axis_fact) for axis_fact in axis_facts(setup, command_lives(robot.manager))
+                    )
                 robot.close()
             finally:
                 reactor.close()
@@ -278,6 +280,6 @@ def _judged(config: BusConfig, budget: Budget, control: ControllersFile | None) 
     if window and budget.shortest_period_ns > window * 1000:
         text = f"the synchronous PDOs take {shortest:.2f} ms, sync_window is {window / 1000:g} ms"
         yield Finding(config.path, 0, Severity.WARNING, text, "widen the window, or map less")
-    for what in budget.unbounded:
-        text = f"{what} is sent on events and has no inhibit_time: counted once per cycle, it may come more often"
+    for name in budget.unbounded:
+        text = f"{name} is sent on events and has no inhibit_time: counted once per cycle, it may come more often"
         yield Finding(config.path, 0, Severity.NOTE, text, "give it an inhibit_time, or transmission 1")

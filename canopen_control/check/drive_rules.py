@@ -82,9 +82,9 @@ def _measured(robot: CheckedRobot) -> Iterator[Finding]:
                 text = f"joint {joint.name} asks for its {interface}, and no TPDO of {name} carries 0x{index:04X}"
                 derived = interface == VELOCITY and objects.axis_index(MEASURED[POSITION], int(axis)) in carried
                 end = "it is made of its positions, later and coarser" if derived else "it has none"
-                there = _shown(bus.dictionaries[name], index)
+                counts = _shown(bus.dictionaries[name], index)
                 file = bus.nodes[name].identity.dcf
-                fix = f"map 0x{index:04X} in {bus.path}" if there else f"{file} has none that can be mapped"
+                fix = f"map 0x{index:04X} in {bus.path}" if counts else f"{file} has none that can be mapped"
                 severity = Severity.NOTE if derived else Severity.WARNING
                 yield Finding(description.path, joint.place.line, severity, f"{text}: {end}", fix)
     for name, controller in robot.configured.items() if silent else ():
@@ -106,9 +106,9 @@ def _known(robot: CheckedRobot) -> Iterator[Finding]:
         if (drive := known_drive(identity.vendor_id, identity.product_code, words)) is None:
             continue
         section = bus.sections[name]
-        given = {str(key) for key in section.keys()}  # noqa: SIM118 - a Node is no mapping
+        keys = {str(key) for key in section.keys()}  # noqa: SIM118 - a Node is no mapping
         written = {entry.index for entry in node.boot.sdo}
-        for key, text in proposals(drive, bus.master.sync_period, given, written, _commanded(robot, name)):
+        for key, text in proposals(drive, bus.master.sync_period, keys, written, _commanded(robot, name)):
             yield Finding(
                 section.path,
                 section.line,

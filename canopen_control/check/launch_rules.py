@@ -47,7 +47,7 @@ class _Launch:
 
     def text(self, element: Element, name: str) -> str:
         """Return an attribute with the defaults of `$(arg)` in it."""
-        return _ARG.sub(lambda found: self.arguments.get(found[1], found[0]), element.attributes.get(name, ""))
+        return _ARG.sub(lambda match: self.arguments.get(match[1], match[0]), element.attributes.get(name, ""))
 
     def add(self, element: Element, severity: Severity, text: str, fix: str) -> None:
         """Add a finding at an element."""
@@ -95,32 +95,32 @@ def _check_python(launch: _Launch, path: Path) -> None:
     """Tell what a launch file in Python declares, starts and names, and what is wrong with it."""
     try:
         file = read_launch(path)
-        found = read_python(path.read_text(encoding="utf-8"), launch.path)
+        content = read_python(path.read_text(encoding="utf-8"), launch.path)
     except RobotConfigError as error:
         launch.findings += findings_at(error, launch.path)
         return
-    if not found.generates:
+    if not content.generates:
         text = "it has no function generate_launch_description, for which ros2 launch looks"
         launch.findings.append(Finding(launch.path, 1, Severity.WARNING, text))
-    for name, default in found.arguments.items():
+    for name, default in content.arguments.items():
         value = f"default {default!r}" if default is not None else "no default that is written there"
         text = f"argument {name}: {value}"
-        launch.findings.append(Finding(launch.path, found.argument_lines[name], Severity.NOTE, text))
-    for node in found.nodes:
+        launch.findings.append(Finding(launch.path, content.argument_lines[name], Severity.NOTE, text))
+    for node in content.nodes:
         _python_node(launch, node)
-    for each in found.texts:
+    for each in content.texts:
         if each.text is not None:
             _python_files(launch, file, each.text, each.line)
-    for line, what in dict.fromkeys(found.computed):
-        text = f"{what} is computed, and not known without running the file"
-        fix = "give it by --bus, --controllers or --description" if " file " in what else _GIVE
+    for line, expression in dict.fromkeys(content.computed):
+        text = f"{expression} is computed, and not known without running the file"
+        fix = "give it by --bus, --controllers or --description" if " file " in expression else _GIVE
         launch.findings.append(Finding(launch.path, line, Severity.NOTE, text, fix))
 
 
 def findings_at(error: RobotConfigError, path: str) -> list[Finding]:
     """Return an error of a file as a finding at its line."""
-    found = re.fullmatch(r"(\d+): (.*)", str(error).removeprefix(f"{path}:").lstrip(), re.DOTALL)
-    line, text = (int(found[1]), found[2]) if found else (1, str(error).removeprefix(f"{path}: "))
+    match = re.fullmatch(r"(\d+): (.*)", str(error).removeprefix(f"{path}:").lstrip(), re.DOTALL)
+    line, text = (int(match[1]), match[2]) if match else (1, str(error).removeprefix(f"{path}: "))
     return [Finding(path, line, Severity.ERROR, text)]
 
 
@@ -128,15 +128,15 @@ def _python_node(launch: _Launch, node: LaunchNode) -> None:
     if node.name and not _NODE_NAME.fullmatch(node.name) and "$(" not in node.name:
         text = f"node name {node.name!r} is not legal: letters, digits and _ only"
         launch.findings.append(Finding(launch.path, node.line, Severity.ERROR, text))
-    what = "/".join(each for each in (node.package, node.plugin or node.executable) if each) or "a node"
-    known = [each for each in node.arguments if each.text is not None]
+    title = "/".join(part for part in (node.package, node.plugin or node.executable) if part) or "a node"
+    arguments = [argument for argument in node.arguments if argument.text is not None]
     if node.package == "controller_manager" and node.executable in SPAWNERS:
         launch.spawns = True
-        names, namespace = _spawned([each.text for each in known if each.text], _joined("", node.namespace or ""))
+        names, namespace = _spawned([part.text for part in arguments if part.text], _joined("", node.namespace or ""))
         for name in names:
             _wanted(launch, name, namespace, node.line)
-        what = f"{what} of {', '.join(names) or 'controllers that are computed'}"
-    launch.findings.append(Finding(launch.path, node.line, Severity.NOTE, f"starts {what}"))
+        title = f"{title} of {', '.join(names) or 'controllers that are computed'}"
+    launch.findings.append(Finding(launch.path, node.line, Severity.NOTE, f"starts {title}"))
 
 
 def _python_files(launch: _Launch, file: LaunchFile, text: str, line: int) -> None:
@@ -206,11 +206,11 @@ def _spawner(launch: _Launch, element: Element, namespace: str) -> None:
 def _spawned(words: Sequence[str], namespace: str) -> tuple[list[str], str]:
     """Return the controllers of a spawner's arguments, and the namespace it works in."""
     names: list[str] = []
-    left = iter(words)
-    for word in left:
+    words_left = iter(words)
+    for word in words_left:
         option, equals, value = word.partition("=")
         if option in _WITH_VALUE and not equals:
-            value = next(left, "")
+            value = next(words_left, "")
         if option in ("--namespace", "-n"):
             namespace = _joined("", f"/{value.strip('/')}")
         elif not word.startswith("-") and "$(" not in word:
@@ -235,11 +235,11 @@ def _transmissions(launch: _Launch) -> Iterator[Finding]:
     description, robot = launch.robot.description, launch.robot
     if description is None or not launch.spawns or any(not tag.transmissions for tag in description.hardware):
         return
-    known = {each.joint for tag in description.hardware for each in tag.transmissions}
+    joints = {transmission.joint for tag in description.hardware for transmission in tag.transmissions}
     for name in robot.launch_namespaces:
         controller = robot.configured.get(name)
         for joint in controller.joints if controller is not None and not controller.is_broadcaster else ():
-            if joint in description.joints and joint not in known:
+            if joint in description.joints and joint not in joints:
                 text = f"joint {joint!r} has no <transmission>, so {name} finds no interface of it"
                 fix = "add a <transmission> with a SimpleTransmission, its joint and its actuator"
                 yield Finding(description.path, description.joints[joint].place.line, Severity.ERROR, text, fix)

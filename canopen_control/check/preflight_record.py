@@ -117,7 +117,7 @@ class SpeedCap:
         self.unlimited: list[str] = []
         self._before, self._limit = before, limit
         self._capped: list[_Position | _Effort | _Target] = []
-        states = {each.name: each for each in registry.state_interfaces}
+        states = {state_interface.name: state_interface for state_interface in registry.state_interfaces}
         for command in registry.command_interfaces:
             if command.joint in joints and command.interface == TARGET:
                 self._cap_target(command, states)
@@ -131,7 +131,7 @@ class SpeedCap:
                 self._capped.append(make(command, state, limit))
 
     def _cap_target(self, command: CommandInterface, states: Mapping[str, StateInterface]) -> None:
-        here, speed = (states.get(f"{command.joint}/{each}") for each in (POSITION, VELOCITY))
+        here, speed = (states.get(f"{command.joint}/{interface}") for interface in (POSITION, VELOCITY))
         if here is None or speed is None:
             self.unlimited.append(command.name)
         else:
@@ -152,10 +152,10 @@ class SpeedCap:
 
     def enforce(self, period: float) -> str | None:
         """Change commands that are too fast; `period` in s. Return what the other limiter tells."""
-        told = None if self._before is None else self._before.enforce(period)
-        for each in self._capped:
-            each.enforce(period)
-        return told
+        limited = None if self._before is None else self._before.enforce(period)
+        for cap in self._capped:
+            cap.enforce(period)
+        return limited
 
 
 SLOW = 1.0  # rad/s, or m/s of a prismatic joint, without a pass
@@ -200,20 +200,20 @@ def read_serials(setup: RobotSetup) -> dict[str, int | None]:
 
     Raises BusError where a channel cannot be opened.
     """
-    found: dict[str, int | None] = {}
+    serials: dict[str, int | None] = {}
     for name, bus in setup.buses.items():
         with DirectBus.open(setup.channels[name], label="preflight", timeout_s=_ANSWER_S, join=False) as direct:
             answers = direct.read_many((node.node_id, *_SERIAL) for node in bus.nodes.values())
         for node in bus.nodes.values():
             answer = answers[node.node_id, *_SERIAL]
-            found[node.name] = _serial(answer)
-    return found
+            serials[node.name] = _serial(answer)
+    return serials
 
 
 def _serial(answer: bytes | CanopenError) -> int | None:
     if isinstance(answer, bytes):
-        whole = fitted(answer, DataType.UNSIGNED32)
-        return None if whole is None else int.from_bytes(whole, "little")
+        value = fitted(answer, DataType.UNSIGNED32)
+        return None if value is None else int.from_bytes(value, "little")
     return 0 if isinstance(answer, SdoAbort) else None
 
 
@@ -237,10 +237,10 @@ def save_record(setup: RobotSetup, serials: Mapping[str, int], joints: Iterable[
 def find_record(setup: RobotSetup) -> PreflightRecord | None:
     """Return the last pass of a robot of this name; None if there is none, or none that can be read."""
     try:
-        held = json.loads(_file(setup).read_text())
-        serials = {str(name): int(serial) for name, serial in held["serials"].items()}
-        joints = tuple(str(joint) for joint in held["joints"])
-        return PreflightRecord(str(held["config"]), serials, float(held["time"]), str(held["channel"]), joints)
+        content = json.loads(_file(setup).read_text())
+        serials = {str(name): int(serial) for name, serial in content["serials"].items()}
+        joints = tuple(str(joint) for joint in content["joints"])
+        return PreflightRecord(str(content["config"]), serials, float(content["time"]), str(content["channel"]), joints)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
 
@@ -269,8 +269,8 @@ def slow_reason(setup: RobotSetup) -> SlowReason | None:
     why = explain(setup, passed, {} if passed is None else read_serials(setup))
     if why is not None or passed is None:
         return SlowReason(why or "", joints)
-    left = tuple(joint for joint in joints if joint not in passed.joints)
-    return SlowReason(f"the pre-flight could not turn {', '.join(left)}", left) if left else None
+    missing = tuple(joint for joint in joints if joint not in passed.joints)
+    return SlowReason(f"the pre-flight could not turn {', '.join(missing)}", missing) if missing else None
 
 
 def _turns(setup: RobotSetup, joint: ControlJoint) -> bool:
@@ -283,10 +283,10 @@ def _turns(setup: RobotSetup, joint: ControlJoint) -> bool:
 def limit_speed(robot: RobotCore, joints: Collection[str], limit: float = SLOW) -> list[str]:
     """Cap the speed of joints, by whatever they are commanded; return the commands that cannot be capped."""
     cap = SpeedCap(robot.registry, joints, limit, robot.manager.limiter)
-    geared = (each for tag in robot.setup.description.hardware for each in tag.transmissions)
+    geared = (transmission for tag in robot.setup.description.hardware for transmission in tag.transmissions)
     cap.bound(
         [drive for drive in robot.joints.values() if drive.joint in joints],
-        {each.joint: float(each.reduction) for each in geared},
+        {capped.joint: float(capped.reduction) for capped in geared},
     )
     robot.manager.limiter = cap
     return cap.unlimited

@@ -102,9 +102,9 @@ def _frames(robot: CheckedRobot) -> Iterator[Finding]:
 
 def _root(parents: dict[str, Joint], link: str) -> str:
     """Return the root of the tree a link hangs in."""
-    seen: set[str] = set()
-    while link in parents and link not in seen:
-        seen.add(link)
+    visited: set[str] = set()
+    while link in parents and link not in visited:
+        visited.add(link)
         link = parents[link].parent
     return link
 
@@ -151,8 +151,8 @@ def _sides(robot: CheckedRobot) -> Iterator[Finding]:
 
 def _middle(geometry: WheelGeometry, joints: Sequence[str]) -> float | None:
     places = [geometry.place(name) for name in joints]
-    known = [place[1][1] for place in places if place is not None]
-    return sum(known) / len(known) if known and len(known) == len(places) else None
+    positions = [place[1][1] for place in places if place is not None]
+    return sum(positions) / len(positions) if positions and len(positions) == len(places) else None
 
 
 def _scales(robot: CheckedRobot) -> Iterator[Finding]:
@@ -190,7 +190,7 @@ def _drive(robot: CheckedRobot, joint: str) -> tuple[NodeConfig, bool] | None:
     if robot.bus is None or robot.description is None:
         return None
     for tag in robot.description.hardware:
-        ratios = {each.joint: each.reduction for each in tag.transmissions}
+        ratios = {transmission.joint: transmission.reduction for transmission in tag.transmissions}
         for part in tag.joints:
             node = robot.bus.nodes.get(part.parameters.get("device_name", ""))
             if part.name == joint and node is not None:
@@ -226,39 +226,41 @@ def find(
     started = _started(files, control, description, controllers)
     chosen = bool(controllers or files.spawned)
     robot = CheckedRobot(files, bus, control, description, controllers, mock, real, started, chosen)
-    found = list(_configure(robot))
+    findings = list(_configure(robot))
     if launch is not None:
         from canopen_control.check.launch_rules import check_launch  # most robots are run without
 
-        found += check_launch(launch, robot)
+        findings += check_launch(launch, robot)
     if description is not None:
-        found += [each for text in description.notes for each in findings_of(text, description.path, 0, Severity.NOTE)]
+        findings += [
+            finding for text in description.notes for finding in findings_of(text, description.path, 0, Severity.NOTE)
+        ]
     for rule in (*RULES, *WHEEL_RULES):
-        found += rule(robot)
-    return found
+        findings += rule(robot)
+    return findings
 
 
 def _started(
-    files: RobotFiles, control: ControllersFile | None, description: UrdfDescription | None, asked: Sequence[str]
+    files: RobotFiles, control: ControllersFile | None, description: UrdfDescription | None, names: Sequence[str]
 ) -> frozenset[str] | None:
     """Return the controllers that a run would activate, None where that cannot be known."""
     if control is None or description is None:
         return None
     try:
-        return frozenset(started_controllers(files, control, description, asked))
+        return frozenset(started_controllers(files, control, description, names))
     except ConfigError:  # told by the rules, and by the building that follows them
         return None
 
 
 def findings_of(text: str, path: str, line: int, severity: Severity) -> Iterator[Finding]:
     """Return one finding for each sentence of an error or warning; those without a place have the one given."""
-    for each in text.splitlines():
-        placed = _PLACED.fullmatch(each)
+    for row in text.splitlines():
+        placed = _PLACED.fullmatch(row)
         if placed is not None:
             column = int(placed["column"] or 0)
             yield Finding(placed["path"], int(placed["line"]), severity, placed["text"], column=column)
-        elif each.strip() and not each.startswith("    ") and not _COUNT.fullmatch(each):
-            yield Finding(path, line, severity, _unplaced(each, path))
+        elif row.strip() and not row.startswith("    ") and not _COUNT.fullmatch(row):
+            yield Finding(path, line, severity, _unplaced(row, path))
 
 
 def _unplaced(text: str, path: str) -> str:
@@ -292,8 +294,11 @@ def _configure(robot: CheckedRobot) -> Iterator[Finding]:
             yield from findings_of(str(error), config.path, config.line, robot.severity(name))
         except CanopenError as error:
             yield Finding(config.path, config.line, robot.severity(name), str(error))
-    told = [*control.warnings, *(text for each in control.controllers.values() for text in each.params.warnings)]
-    for text in dict.fromkeys(told):
+    warnings = [
+        *control.warnings,
+        *(text for controller in control.controllers.values() for text in controller.params.warnings),
+    ]
+    for text in dict.fromkeys(warnings):
         severity = Severity.NOTE if any(word in text for word in _TRANSLATED) else Severity.WARNING
         yield from findings_of(text, control.path, 0, severity)
 
@@ -303,10 +308,10 @@ def _shared_names(robot: CheckedRobot) -> Iterator[Finding]:
     control = robot.control
     if control is None or len(robot.configured) < len(control.controllers):
         return
-    known = set(keys_of(ManagerParams)).union(*(each.params.known for each in control.controllers.values()))
+    keys = set(keys_of(ManagerParams)).union(*(controller.params.known for controller in control.controllers.values()))
     for name, key in control.shared.items():
-        close = difflib.get_close_matches(name, known, 1, 0.8)
-        if name not in known and close:
+        close = difflib.get_close_matches(name, keys, 1, 0.8)
+        if name not in keys and close:
             text = f"no controller has a parameter {name!r}"
             yield Finding(control.path, key.line, Severity.WARNING, text, f"did you mean {close[0]!r}?")
 
@@ -338,11 +343,12 @@ def _namespaces(robot: CheckedRobot) -> Iterator[Finding]:
     if control is None:
         return
     for name, config in control.controllers.items():
-        wanted = robot.launch_namespaces.get(name, control.namespace)
-        if not is_within(config.namespace, wanted):
-            here, there = config.namespace or "/", wanted or "/"
-            text = f"{name} stands in the namespace {here!r}, its controller_manager in {there!r}"
-            fix = f"name the block {(wanted + '/' + name) if wanted else name!r}, else ROS does not find its parameters"
+        expected = robot.launch_namespaces.get(name, control.namespace)
+        if not is_within(config.namespace, expected):
+            here, other = config.namespace or "/", expected or "/"
+            text = f"{name} stands in the namespace {here!r}, its controller_manager in {other!r}"
+            block = f"{expected}/{name}" if expected else repr(name)
+            fix = f"name the block {block}, else ROS does not find its parameters"
             yield Finding(control.path, config.block_line, Severity.WARNING, text, fix)
 
 
@@ -382,16 +388,18 @@ def _joints(robot: CheckedRobot) -> Iterator[Finding]:
 def _why_not(
     joint: str, kind: str, parts: dict[str, list[ControlJoint]], description: UrdfDescription
 ) -> tuple[str, str]:
-    where = description.path
+    source = description.path
     if joint not in parts and joint not in description.joints:
-        return f"joint {joint!r} is not in {where}{nearest(joint, parts)}", "use the description's name"
+        return f"joint {joint!r} is not in {source}{nearest(joint, parts)}", "use the description's name"
     if joint not in parts:
         tag = "<transmission>" if description.ros1 else "<ros2_control>"
-        return f"joint {joint!r} has no place in the {tag} of {where}", f"add it to {tag}, or nothing drives it"
-    known = [interface for part in parts[joint] for interface in part.command_interfaces]  # of all tags it stands in
-    if kind not in known:
-        has = ", ".join(known) or "none"
-        fix = f'add <command_interface name="{kind}"/> at {where}:{parts[joint][0].place.line}'
+        return f"joint {joint!r} has no place in the {tag} of {source}", f"add it to {tag}, or nothing drives it"
+    interfaces = [
+        interface for part in parts[joint] for interface in part.command_interfaces
+    ]  # of all tags it stands in
+    if kind not in interfaces:
+        has = ", ".join(interfaces) or "none"
+        fix = f'add <command_interface name="{kind}"/> at {source}:{parts[joint][0].place.line}'
         return f"joint {joint!r} has no command interface {kind!r}; it has {has}", fix
     return "", ""
 
@@ -428,7 +436,7 @@ def _is_unreadable(robot: CheckedRobot, joint: ControlJoint) -> bool:
     """Whether the keys of a joint's node have a mistake, or may have, where the joint names a node id."""
     unreadable = {} if robot.bus is None else robot.bus.unreadable
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id")
-    return name in unreadable or (name is None and any(str(each) in (node_id, "0") for each in unreadable.values()))
+    return name in unreadable or (name is None and any(str(unread) in (node_id, "0") for unread in unreadable.values()))
 
 
 def _device(robot: CheckedRobot, tag: Ros2ControlSystem, joint: ControlJoint) -> Iterator[Finding]:
@@ -439,13 +447,13 @@ def _device(robot: CheckedRobot, tag: Ros2ControlSystem, joint: ControlJoint) ->
     if _is_unreadable(robot, joint):
         return  # the mistake in its keys is told
     if name is not None and name not in nodes:
-        what = f"actuator {name!r}" if robot.description.ros1 else f"device_name {name!r}"
-        text = f"joint {joint.name}: {what} is no node of {robot.bus.path}{nearest(name, nodes)}"
+        title = f"actuator {name!r}" if robot.description.ros1 else f"device_name {name!r}"
+        text = f"joint {joint.name}: {title} is no node of {robot.bus.path}{nearest(name, nodes)}"
         yield Finding(path, joint.place.line, Severity.ERROR, text, "use a name that stands under nodes:")
     elif name is None and node_id is None:
         text = f"joint {joint.name} of {tag.name}: no device_name; the nodes of {robot.bus.path} are {', '.join(nodes)}"
         yield Finding(path, joint.place.line, Severity.ERROR, text, 'add <param name="device_name">NODE</param>')
-    elif name is None and node_id not in [str(each.node_id) for each in nodes.values()]:
+    elif name is None and node_id not in [str(node.node_id) for node in nodes.values()]:
         text = f"joint {joint.name}: no node of {robot.bus.path} has node_id {node_id}"
         yield Finding(path, joint.place.line, Severity.ERROR, text, "use the node_id of a node")
 
@@ -575,9 +583,9 @@ def _timeouts(robot: CheckedRobot) -> Iterator[Finding]:
         config = robot.config(name)
         for key in ("cmd_vel_timeout", "reference_timeout", "command_timeout"):
             timeout = getattr(getattr(controller, "params", None), key, None)
-            given = config.params.flat.get(key)
-            if timeout is None and given is not None and isinstance(given.value, int | float):
-                timeout = given.value
+            setting = config.params.flat.get(key)
+            if timeout is None and setting is not None and isinstance(setting.value, int | float):
+                timeout = setting.value
             if timeout and 0.0 < timeout < 2 * COMMAND_PERIOD_S:
                 text = f"{name}: {key} {timeout:g} s is below two command periods; the robot stutters"
                 fix = f"give {2 * COMMAND_PERIOD_S:g} s or more: teleop and `twist` send every {COMMAND_PERIOD_S:g} s"

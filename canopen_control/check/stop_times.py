@@ -101,14 +101,14 @@ class StopTime:
     def words(self) -> str:
         """The longest stop in one line."""
         facts, case = self.facts, self.longest
-        where = f"stop of {facts.joint} ({facts.node})"
+        title = f"stop of {facts.joint} ({facts.node})"
         if math.isinf(facts.speed) and case.bound:
             noticed = f"{case.cause} {case.detection_s:.3f} s"
-            return f"{where}: {noticed}, then {case.by} from a speed that the files do not limit"
+            return f"{title}: {noticed}, then {case.by} from a speed that the files do not limit"
         if math.isinf(case.total_s):
-            return f"{where}: nothing bounds it when {case.cause}: {case.by}"
+            return f"{title}: nothing bounds it when {case.cause}: {case.by}"
         total = f"{case.total_s:.3f} s at most from {facts.speed:.0f} units/s"
-        return f"{where}: {total}: {case.cause} {case.detection_s:.3f} s, {case.by} {case.ramp_s:.3f} s"
+        return f"{title}: {total}: {case.cause} {case.detection_s:.3f} s, {case.by} {case.ramp_s:.3f} s"
 
 
 def stop_time(facts: AxisFacts) -> StopTime:
@@ -203,7 +203,7 @@ def axis_facts(setup: RobotSetup, lives: Mapping[str, Mapping[str, float]] | Non
 
 def command_lives(manager: ControllerManager) -> dict[str, dict[str, float]]:
     """Return how long a command holds, by joint and loaded controller, in s; those without an end are left out."""
-    found: dict[str, dict[str, float]] = {}
+    timeouts: dict[str, dict[str, float]] = {}
     for name in manager.states:
         controller = manager.get(name)
         try:
@@ -211,9 +211,9 @@ def command_lives(manager: ControllerManager) -> dict[str, dict[str, float]]:
         except CanopenError:
             continue
         if controller.life.limit_ns:
-            for joint in {each.partition("/")[0] for each in interfaces}:
-                found.setdefault(joint, {})[name] = controller.life.limit_ns / 1e9
-    return found
+            for joint in {interface.partition("/")[0] for interface in interfaces}:
+                timeouts.setdefault(joint, {})[name] = controller.life.limit_ns / 1e9
+    return timeouts
 
 
 def _facts(
@@ -221,7 +221,9 @@ def _facts(
 ) -> AxisFacts:
     number, cycle_s = axis_number(joint), setup.cycle_ns / 1e9
     value = _Values(config, node.name)
-    objects = {index: found for index in _ASKED if (found := value(o.axis_index(index, number))) is not None}
+    objects = {
+        index: number_read for index in _ASKED if (number_read := value(o.axis_index(index, number))) is not None
+    }
     limits = setup.description.joints[joint.name].limits if joint.name in setup.description.joints else None
     most = math.inf if limits is None else limits.velocity * abs(node.units.of_axis(number)["vel_to_dev"])
     profile = value(o.axis_index(o.MAX_PROFILE_VELOCITY, number))
@@ -248,9 +250,9 @@ def _data_s(config: BusConfig, name: str, cycle_s: float) -> float:
     """Return after which time TPDOs that come with SYNC are missed; 0 where none does, or there is no SYNC."""
     if not config.master.sync_period:
         return 0.0
-    every = [each.transmission_type for each in config.plans[name].tpdos]
+    every = [tpdo.transmission_type for tpdo in config.plans[name].tpdos]
     missed = config.nodes[name].supervision.missed_syncs
-    return max((missed * each * cycle_s for each in every if each in CYCLIC_SYNCHRONOUS), default=0.0)
+    return max((missed * factor * cycle_s for factor in every if factor in CYCLIC_SYNCHRONOUS), default=0.0)
 
 
 class _Values:
@@ -258,7 +260,7 @@ class _Values:
 
     def __init__(self, config: BusConfig, name: str) -> None:
         self._od = config.dictionaries[name]
-        self._written = {(each.index, each.subindex): each.data for each in config.plans[name].writes}
+        self._written = {(write.index, write.subindex): write.data for write in config.plans[name].writes}
 
     def __call__(self, index: int, subindex: int = 0) -> int | None:
         """Return a value, None where there is none."""

@@ -55,7 +55,7 @@ class Finding:
     source: str = ""  # the line itself, with a caret below the place, for people
 
     def __str__(self) -> str:
-        place = ":".join([self.path, *(str(each) for each in (self.line, self.column) if each)])
+        place = ":".join([self.path, *(str(number) for number in (self.line, self.column) if number)])
         fix = f"; {self.fix}" if self.fix else ""
         source = f"\n{self.source}" if self.source else ""
         return f"{place}: {self.severity.value}: {self.text}{fix}{source}"
@@ -64,7 +64,7 @@ class Finding:
 def sorted_findings(findings: list[Finding]) -> list[Finding]:
     """Return them by file and line, the worst of a line first, each once."""
     once = dict.fromkeys(findings)
-    return sorted(once, key=lambda each: (each.path, each.line, _ORDER.index(each.severity), each.text))
+    return sorted(once, key=lambda finding: (finding.path, finding.line, _ORDER.index(finding.severity), finding.text))
 
 
 @dataclass
@@ -135,7 +135,7 @@ def cycle_ns(config: BusConfig, control: ControllersFile | None) -> int:
 
 def _never_in_time(config: BusConfig, period_ns: int) -> Iterator[Finding]:
     """Look for deadlines of RPDOs (0x1400:05) that the cycle cannot keep with margin, wherever they are given."""
-    given = _Found(config, "rpdo.{}.event_deadline"), _Found(config, "rpdo.{}.event_timer")
+    settings = _Found(config, "rpdo.{}.event_deadline"), _Found(config, "rpdo.{}.event_timer")
     for name, plan in config.plans.items():
         node = config.nodes[name]
         for layout in plan.rpdos:
@@ -148,9 +148,9 @@ def _never_in_time(config: BusConfig, period_ns: int) -> Iterator[Finding]:
                 "one that comes late raises EMCY 0x8250"
             )
             fix = f"set event_deadline: {math.ceil(3 * period_ns / 1e6)} or more, or 0 for none"
-            given[pdo is not None and pdo.event_timer is not None].add(node, layout, text, fix)
-    for found in given:
-        yield from found.findings()
+            settings[pdo is not None and pdo.event_timer is not None].add(node, layout, text, fix)
+    for setting in settings:
+        yield from setting.findings()
 
 
 def _in_the_middle(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
@@ -183,7 +183,7 @@ def _repeated(config: BusConfig, control: ControllersFile | None, axes: list[Cyc
 
 def _on_arrival(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
     """Look for set-points that act when they come instead of with SYNC."""
-    found = _Found(config, "rpdo.{}.transmission")
+    setting = _Found(config, "rpdo.{}.transmission")
     for axis in axes:
         for layout in config.plans[axis.node.name].rpdos:
             carries = any(mapped.index == axis.target for mapped in layout.objects)
@@ -194,30 +194,30 @@ def _on_arrival(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
                     "arrives, and not with SYNC"
                 )
                 fix = f"set rpdo: {layout.number}: transmission: 1, or the motor has the computer's jitter"
-                found.add(axis.node, layout, text, fix)
-    yield from found.findings()
+                setting.add(axis.node, layout, text, fix)
+    yield from setting.findings()
 
 
 def _held_back(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
     """Look for feedback that comes by events, and more seldom than SYNC."""
-    found, period_us = _Found(config, "tpdo.{}.inhibit_time"), config.master.sync_period
+    setting, period_us = _Found(config, "tpdo.{}.inhibit_time"), config.master.sync_period
     for axis in axes:
         node = axis.node
         for layout in config.plans[node.name].tpdos:
             feedback = any(objects.axis_of(mapped.index)[0] in _FEEDBACK for mapped in layout.objects)
             if not feedback or layout.transmission_type not in _ON_ARRIVAL:
                 continue
-            given = node.boot.tpdo.get(layout.number)
+            override = node.boot.tpdo.get(layout.number)
             entry = config.dictionaries[node.name].get(0x1800 + layout.number - 1, 3)
             default = entry.value if entry is not None and isinstance(entry.value, int) else 0
-            inhibit = given.inhibit_time if given is not None and given.inhibit_time is not None else default
+            inhibit = override.inhibit_time if override is not None and override.inhibit_time is not None else default
             if inhibit * 100 > period_us:
                 text = (
                     f"TPDO {layout.number} of {node.name}{{more}} comes every {inhibit / 10:g} ms at most (inhibit "
                     f"time), SYNC every {period_us / 1000:g} ms: feedback is older than a period"
                 )
-                found.add(node, layout, text, f"set tpdo: {layout.number}: transmission: 1, or inhibit_time: 0")
-    yield from found.findings()
+                setting.add(node, layout, text, f"set tpdo: {layout.number}: transmission: 1, or inhibit_time: 0")
+    yield from setting.findings()
 
 
 class _Found:
@@ -236,5 +236,5 @@ class _Found:
         """Yield one for each place."""
         for place, text, fix, names in self._by_place.values():
             more = f" and of {len(names) - 1} more" if len(names) > 1 else ""
-            told = text.replace("{more}", more)
-            yield Finding(place.path, place.line, Severity.WARNING, told, fix, column=place.column)
+            sentence = text.replace("{more}", more)
+            yield Finding(place.path, place.line, Severity.WARNING, sentence, fix, column=place.column)

@@ -94,10 +94,10 @@ class GuardingMaster:
         value = frame.data[0]
         if value == 0:
             node.toggle, node.state = 0, NmtState.INITIALISING
-            self._tell(GuardingEventKind.BOOT_UP, node_id, node)
+            self._report(GuardingEventKind.BOOT_UP, node_id, node)
         # CiA 301, 7.2.8.3.1: an answer with the toggle bit of the previous one is not valid
         elif value >> 7 != node.toggle and node.seen:
-            self._tell(GuardingEventKind.TOGGLE_ERROR, node_id, node)
+            self._report(GuardingEventKind.TOGGLE_ERROR, node_id, node)
         else:
             self._answered(node_id, node, value >> 7, state_of_byte(value), now)
 
@@ -131,21 +131,21 @@ class GuardingMaster:
     def _check(self, node_id: int, node: _Guarded, now: int) -> None:
         if not node.missed and now >= node.deadline_ns:
             node.missed = True
-            self._tell(GuardingEventKind.MISSED, node_id, node)
+            self._report(GuardingEventKind.MISSED, node_id, node)
 
     def _answered(self, node_id: int, node: _Guarded, toggle: int, state: NmtState | None, now: int) -> None:
         previous, node.state = node.state, state
         node.toggle = toggle ^ 1
         node.deadline_ns = now + node.life_ns
         if not node.seen:
-            self._tell(GuardingEventKind.STARTED, node_id, node)
+            self._report(GuardingEventKind.STARTED, node_id, node)
         elif node.missed:
-            self._tell(GuardingEventKind.RESOLVED, node_id, node)
+            self._report(GuardingEventKind.RESOLVED, node_id, node)
         if node.seen and previous is not state:
-            self._tell(GuardingEventKind.CHANGED, node_id, node)
+            self._report(GuardingEventKind.CHANGED, node_id, node)
         node.seen, node.missed = True, False
 
-    def _tell(self, kind: GuardingEventKind, node_id: int, node: _Guarded) -> None:
+    def _report(self, kind: GuardingEventKind, node_id: int, node: _Guarded) -> None:
         self._events.put(GuardingEvent(kind, node_id, node.state))
 
 

@@ -159,7 +159,7 @@ class LssMaster:
 
     def switch_global(self, mode: LssMode) -> LssRequest:
         """Switch all slaves to `mode`; unconfirmed."""
-        return self._submit(f"switch all to {mode.name}", _tell(lss_frame(LssCommand.SWITCH_GLOBAL, mode)))
+        return self._submit(f"switch all to {mode.name}", _report(lss_frame(LssCommand.SWITCH_GLOBAL, mode)))
 
     def switch_selective(self, identity: LssIdentity) -> LssRequest:
         """Switch the slave with this identity to configuration."""
@@ -188,7 +188,7 @@ class LssMaster:
         if not 0 <= delay_ms <= 0xFFFF:
             msg = f"LSS: a delay of {delay_ms} ms is not 0 to 65535"
             raise LocalProtocolError(msg)
-        return self._submit("activate bit timing", _tell(lss_frame(LssCommand.ACTIVATE_BIT_TIMING, delay_ms)))
+        return self._submit("activate bit timing", _report(lss_frame(LssCommand.ACTIVATE_BIT_TIMING, delay_ms)))
 
     def store(self) -> LssRequest:
         """Store node id and bit timing in the slave in configuration."""
@@ -311,7 +311,7 @@ class LssMaster:
         self.tick(now)
 
 
-def _tell(frame: CanFrame) -> _Service:
+def _report(frame: CanFrame) -> _Service:
     yield _Ask([frame], None)
     return None
 

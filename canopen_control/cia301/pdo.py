@@ -247,7 +247,7 @@ class PdoCodec:
         try:
             return self.struct.pack(*values)
         except (struct.error, OverflowError) as error:
-            raise self._misfit(values, error) from None
+            raise self._packing_error(values, error) from None
 
     def unpack(self, data: bytes | bytearray | memoryview) -> tuple[Value, ...]:
         """Return one value per object from the first `length` bytes; LocalProtocolError if there are fewer."""
@@ -261,16 +261,16 @@ class PdoCodec:
 
     def _image(self, values: Sequence[Value]) -> int:
         if len(values) != len(self._fields):
-            raise self._misfit(values, None)
+            raise self._packing_error(values, None)
         image = 0
         for field, value in zip(self._fields, values, strict=True):
             try:
                 image |= _raw_of(field, value) << field.shift
             except (struct.error, OverflowError) as error:
-                raise self._misfit(values, error) from None
+                raise self._packing_error(values, error) from None
         return image
 
-    def _misfit(self, values: Sequence[Value], error: Exception | None) -> LocalProtocolError:
+    def _packing_error(self, values: Sequence[Value], error: Exception | None) -> LocalProtocolError:
         if len(values) != len(self.objects):
             return LocalProtocolError(f"the mapping has {len(self.objects)} objects, not {len(values)}")
         names = ", ".join(field.name for field in self._fields)

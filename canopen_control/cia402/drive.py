@@ -164,8 +164,8 @@ class StepTimer:
         """Return the event of a step after its timeout; without a transition `goal` was requested."""
         command = self.command
         transition = transition_of(state, command) if state is not None and command is not None else None
-        wanted, number = (transition.target, transition.number) if transition is not None else (goal, None)
-        return TransitionTimedOut(now, state, wanted, command, number, statusword, gave_up)
+        target, number = (transition.target, transition.number) if transition is not None else (goal, None)
+        return TransitionTimedOut(now, state, target, command, number, statusword, gave_up)
 
 
 class StopStage(Enum):
@@ -403,7 +403,7 @@ class DriveRequest:
         """Evaluate a statusword of the drive in its quick stop."""
         self._stop_exit.look(statusword)
 
-    def fell(self, previous: State, drive: State) -> bool:
+    def lost_enable(self, previous: State, drive: State) -> bool:
         """Process a change of state; return whether a drive that was to be enabled has lost this state."""
         if self.goal is not DriveGoal.ENABLED or LADDER[drive] >= LADDER[previous]:
             return False
@@ -668,7 +668,7 @@ class DriveMachine:
     SWITCHED_ON. A statusword without a meaning leaves the state as it was for `undefined_limit` updates. After an
     enable that overtook a disable the drive counts as enabled again when it did not move for `settle_ns`.
 
-    To be read: `state` (None: unknown), `statusword`, the orders `halted` and `held`, `controlword`,
+    To be read: `state` (None: unknown), `statusword`, the orders `halted` and `held_in_switched_on`, `controlword`,
     `undefined` (the number of undefined statuswords), `evaluations` (updates that had something to decide: while it
     stays the same, so does everything else). `ignore_remote` is for drives that leave bit 9 alone. `standstill` may be
     set by who knows that the motor stands; it shortens the wait for the end of a quick stop, nothing else.
@@ -698,7 +698,7 @@ class DriveMachine:
         self.statusword: int | None = None
         self.controlword = 0
         self.halted = False
-        self.held = False
+        self.held_in_switched_on = False
         self.standstill = False
         self.undefined = 0
         self.evaluations = 0
@@ -765,10 +765,10 @@ class DriveMachine:
             self.halted = on
             self.due = _AT_ONCE
 
-    def hold(self, on: bool = True) -> None:
+    def hold_in_switched_on(self, on: bool = True) -> None:
         """Wait before OPERATION_ENABLED, or go on: axes that are released in one cycle are enabled in one cycle."""
-        if on is not self.held:
-            self.held = on
+        if on is not self.held_in_switched_on:
+            self.held_in_switched_on = on
             self.due = _AT_ONCE
 
     def fault_reset(self) -> None:
@@ -834,7 +834,7 @@ class DriveMachine:
 
     @property
     def waiting(self) -> bool:
-        """Whether only `hold` keeps the drive from being enabled by the next controlword."""
+        """Whether only `hold_in_switched_on` keeps the drive from being enabled by the next controlword."""
         ready = self.state is State.SWITCHED_ON or self.state is State.QUICK_STOP_ACTIVE
         return ready and self.goal is DriveGoal.ENABLED and self.mode_request.may_enable
 
@@ -973,7 +973,7 @@ class DriveMachine:
         self._reset.cancel()
         if previous in FAULT_STATES:
             self._events.append(FaultCleared(now, statusword))
-        elif previous is not None and self._intent.fell(previous, state):
+        elif previous is not None and self._intent.lost_enable(previous, state):
             self._lose(now, state)
 
     def _enter(self, state: State | None, now: int) -> None:
@@ -1020,7 +1020,7 @@ class DriveMachine:
             self._fire(EnableTrigger.LOST if event.gave_up else EnableTrigger.ARRIVED)
 
     def _choose(self) -> Command | None:
-        may_enable = self.mode_request.may_enable and not self.held
+        may_enable = self.mode_request.may_enable and not self.held_in_switched_on
         command = self._intent.choose(self.state, self.statusword, self.standstill, may_enable)
         if self._switches or (self.state is State.QUICK_STOP_ACTIVE and self._intent.waits):
             self.due = _AT_ONCE  # `standstill` is no input of update

@@ -112,14 +112,14 @@ class TransitionTimedOut:
     @property
     def text(self) -> str:
         """Sentence for users."""
-        asked = "" if self.command is None else f", asked by {self.command.name}"
+        cause = "" if self.command is None else f", asked by {self.command.name}"
         end = "; not enabled" if self.gave_up else ""
         if self.gave_up and self.transition is not None:
             end += f"; `transition_timeouts_ms: {{{self.transition}: 20000}}` in bus.yml gives it more time"
         if self.transition == _QUICK_STOP:
             end += "; 0x605A may switch its quick stop off (0, or a value of the manufacturer's): write 2 under `sdo:`"
         return (
-            f"did not leave {_name(self.state)} for {self.wanted.name} in time{asked} ({_word(self.statusword)}){end}"
+            f"did not leave {_name(self.state)} for {self.wanted.name} in time{cause} ({_word(self.statusword)}){end}"
         )
 
 

@@ -88,15 +88,18 @@ def gain_places(od: ObjectDictionary, axis: int = 0) -> dict[LoopGain, tuple[int
 
 def gain_objects(od: ObjectDictionary, axis: int = 0) -> dict[LoopGain, GainObject]:
     """Return the gain objects of an axis with known scales; empty if there are none."""
-    known = _KNOWN.get((_identity(od, 1), _identity(od, 2)), {})
+    by_gain = _KNOWN.get((_identity(od, 1), _identity(od, 2)), {})
     shifted = {
-        gain: GainObject(axis_index(each.index, axis), each.subindex, each.scale) for gain, each in known.items()
+        gain: GainObject(axis_index(gain_object.index, axis), gain_object.subindex, gain_object.scale)
+        for gain, gain_object in by_gain.items()
     }
-    return {gain: each for gain, each in shifted.items() if (each.index, each.subindex) in od}
+    return {
+        gain: gain_object for gain, gain_object in shifted.items() if (gain_object.index, gain_object.subindex) in od
+    }
 
 
 def _identity(od: ObjectDictionary, subindex: int) -> int:
     entry = od.get(0x1018, subindex)
     value = None if entry is None else entry.default
-    told = {1: od.device.vendor_number, 2: od.device.product_number}[subindex]
-    return value if isinstance(value, int) else told or 0
+    number = {1: od.device.vendor_number, 2: od.device.product_number}[subindex]
+    return value if isinstance(value, int) else number or 0

@@ -91,11 +91,11 @@ def mode_for_interface(interface: str, supported: Iterable[int]) -> OperationMod
     UnsupportedMode if the drive has none for it, or if the interface is unknown.
     """
     present = tuple(supported)
-    wanted = INTERFACE_MODES.get(interface, ())
-    for mode in wanted:
+    modes = INTERFACE_MODES.get(interface, ())
+    for mode in modes:
         if mode in present:
             return mode
-    named = " or ".join(mode.name for mode in wanted) or "any mode"
+    named = " or ".join(mode.name for mode in modes) or "any mode"
     raise UnsupportedMode(f"{named} for interface {interface!r}", tuple(map(mode_name, present)))
 
 

@@ -178,7 +178,7 @@ def axis_count(indices: Container[int]) -> int:
     An axis counts if it and all lower ones have a controlword.
     """
     present = (axis_index(CONTROLWORD, axis) in indices for axis in range(AXES))
-    return next((axis for axis, there in enumerate(present) if not there), AXES)
+    return next((axis for axis, is_present in enumerate(present) if not is_present), AXES)
 
 
 def object_name(index: int) -> str | None:

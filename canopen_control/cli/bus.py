@@ -102,7 +102,7 @@ def status_of_interfaces(links: Sequence[CanInterface]) -> dict[str, InterfaceSt
 
 def _interface_status(link: CanInterface, traffic: Traffic | None) -> InterfaceStatus:
     listeners = find_listeners(link.name)
-    named = sum(each.interface is not None and each.identifiers != 0 for each in listeners)
+    named = sum(listener.interface is not None and listener.identifiers != 0 for listener in listeners)
     return InterfaceStatus(link, traffic, listeners, max(0, count_hearing(link.name) - named))
 
 
@@ -118,13 +118,13 @@ def render_interface(status: InterfaceStatus) -> list[str]:
     words += [] if traffic is None or traffic.load is None else [f"load {100 * traffic.load:.0f} %"]
     lines = [f"{link.name}: {', '.join(words)}"]
     for counters in (link.counters, link.traffic):
-        seen = [f"{name} {number}" for name, number in counters.items() if number]
-        lines += [f"  {', '.join(seen)}"] if seen else []
+        counts = [f"{name} {number}" for name, number in counters.items() if number]
+        lines += [f"  {', '.join(counts)}"] if counts else []
     return lines + [f"  {line}" for line in _listeners(status)]
 
 
 def _listeners(status: InterfaceStatus) -> list[str]:
-    lines = [_listener(each) for each in status.listeners]
+    lines = [_listener(listener) for listener in status.listeners]
     more = status.unnamed_listeners
     return lines + ([f"{more} more, of other users: type it with sudo to see them named"] if more else [])
 
@@ -145,8 +145,8 @@ def _does(listener: Listener) -> list[str]:
         return [f"has a socket of {listener.protocol}"]
     identifiers = listener.identifiers
     words = [_HEARS.get(identifiers, f"hears {identifiers} identifiers")]
-    where = {None: "on an interface that only root can see", "": "of all interfaces"}.get(listener.interface)
-    return words + ([where] if where else [])
+    scope = {None: "on an interface that only root can see", "": "of all interfaces"}.get(listener.interface)
+    return words + ([scope] if scope else [])
 
 
 _HEARS = {None: "hears some identifiers", -1: "hears everything", 0: "only sends", 1: "hears one identifier"}
@@ -226,8 +226,8 @@ def _list(args: argparse.Namespace) -> int:
     local = [f"local:{name}" for name in list_sockets("bus")]
     adapters = _adapters()
     if args.json:
-        found = {"interfaces": plain(interfaces), "local": local, "python_can": adapters}
-        print(json_text(found))
+        document = {"interfaces": plain(interfaces), "local": local, "python_can": adapters}
+        print(json_text(document))
         return 0
     names = [f"{link.name} ({'up' if link.is_up else 'down'})" for link in interfaces]
     print(f"CAN interfaces:      {', '.join(names) or 'none'}")
@@ -257,15 +257,15 @@ def _adapters() -> list[str]:
 def _status(args: argparse.Namespace) -> int:
     if args.channel is None:
         specs = [ChannelSpec(ChannelKind.LOCAL, name) for name in list_sockets("bus")]
-        found: dict[str, Status] = {str(spec): _status_of(spec) for spec in specs}
-        found |= status_of_interfaces(_links())
+        states: dict[str, Status] = {str(spec): _status_of(spec) for spec in specs}
+        states |= status_of_interfaces(_links())
     else:
         spec = parse_channel(args.channel)
-        found = {str(spec): _status_of(spec)}
+        states = {str(spec): _status_of(spec)}
     if args.json:
-        print(json_text({channel: _document(status) for channel, status in found.items()}))
+        print(json_text({channel: _document(status) for channel, status in states.items()}))
         return 0
-    lines = [line for channel, status in found.items() for line in _render(channel, status)]
+    lines = [line for channel, status in states.items() for line in _render(channel, status)]
     print("\n".join(lines) or "no local bus is open, and there is no CAN interface")
     return 0
 
@@ -368,14 +368,14 @@ def _label(spec: ChannelSpec, word: str) -> str:
     """Return the label of whom a user means; ConfigError with those there are."""
     status = ask_hub(spec.name, hub.GetHubStatus())
     labels = [member.label for member in status.members]
-    known = {*labels, *status.cut, *status.bus_off, *status.delays_ms}  # who is cut may be gone as well
+    present = {*labels, *status.cut, *status.bus_off, *status.delays_ms}  # who is cut may be gone as well
     nodes = known_nodes(str(spec))
     node = find_node(word, nodes)
     meant = [word, _DRIVE.format(word if node is None else node.node_id)]
-    found = next((label for label in meant if label in known), None)
+    found = next((label for label in meant if label in present), None)
     if found is None:
-        there = ", ".join(_named(label, nodes) for label in labels) or "none"
-        raise ConfigError(f"no member called {word!r} on {spec}; there are: {there}")
+        choices = ", ".join(_named(label, nodes) for label in labels) or "none"
+        raise ConfigError(f"no member called {word!r} on {spec}; there are: {choices}")
     return found
 
 

@@ -105,7 +105,7 @@ def _calibrate(args: argparse.Namespace, link: BaseLink, robot: str) -> int:
     with json_alone(args):
         _announce(plan, link.controller, robot)
         outcome = calibrate(link, ends, plan, _say, copy.write)
-        _tell(outcome, link.controller, copy)
+        _report(outcome, link.controller, copy)
     done = {
         "controller": link.controller,
         "largest_error_before": outcome.first.largest,
@@ -129,7 +129,7 @@ def _announce(plan: CalibrationPlan, controller: str, robot: str) -> None:
     _say("STOP: canopen-control stop, or Ctrl-C here")
 
 
-def _tell(outcome: CalibrationResult, controller: str, copy: _YamlCopy) -> None:
+def _report(outcome: CalibrationResult, controller: str, copy: _YamlCopy) -> None:
     """Print what was gained, and what to do with it."""
     if outcome.first is outcome.last:
         _say(f"nothing to correct: the largest error is {1e3 * outcome.first.largest:.1f} mm")
@@ -184,9 +184,9 @@ class _YamlCopy:
         from canopen_control.errors import ConfigError
 
         assert self.path is not None
-        given = given_in(self.path, self._controller, FACTORS)
+        factors = given_in(self.path, self._controller, FACTORS)
         for name, runs in zip(FACTORS, link.wheel_values().factors, strict=True):
-            says = 1.0 if given[name] is None else given[name]
+            says = 1.0 if factors[name] is None else factors[name]
             if says != runs:
                 raise ConfigError(
                     f"{self.path} says {name} {says:g} and the robot that runs has {runs:g}; calibrate with the file "
@@ -206,8 +206,8 @@ class _YamlCopy:
             return
         changes = write_corrected(self.path, self._copy, self._controller, values)
         _say(f"{self._copy}, a copy of {self.path}:")
-        for each in changes:
-            _say(f"  {each}")
+        for change in changes:
+            _say(f"  {change}")
 
 
 def _controllers_file(args: argparse.Namespace) -> Path:

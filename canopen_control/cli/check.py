@@ -123,18 +123,20 @@ def _document(name: str, report: CheckReport) -> CheckDocument:
     return CheckDocument(
         name,
         [
-            FindingDocument(each.path, each.line, each.column, each.severity.value, each.text, each.fix)
-            for each in report.findings
+            FindingDocument(
+                finding.path, finding.line, finding.column, finding.severity.value, finding.text, finding.fix
+            )
+            for finding in report.findings
         ],
         {bus: _budget(budget) for bus, budget in report.budgets.items()},
         report.sync,
-        [_stop(each) for each in report.stops],
+        [_stop(stop) for stop in report.stops],
     )
 
 
 def _stop(stop: StopTime) -> StopDocument:
     facts = stop.facts
-    cases = [StopCaseDocument(each.cause, each.detection_s, _finite(each.ramp_s), each.by) for each in stop.cases]
+    cases = [StopCaseDocument(case.cause, case.detection_s, _finite(case.ramp_s), case.by) for case in stop.cases]
     return StopDocument(facts.joint, facts.node, facts.node_id, _finite(facts.speed), _finite(stop.longest_s), cases)
 
 
@@ -151,7 +153,7 @@ def _budget(budget: Budget) -> BudgetDocument:
         load=budget.load,
         shortest_period_s=budget.shortest_period_ns / 1e9,
         fits=budget.fits,
-        frames=[FrameShare(each.name, each.cob_id, each.length, each.per_cycle) for each in budget.shares],
+        frames=[FrameShare(share.name, share.cob_id, share.length, share.per_cycle) for share in budget.shares],
     )
 
 
@@ -163,8 +165,8 @@ def _lines(name: str, report: CheckReport) -> list[str]:
     lines += [f"bus {bus}: {words}" for bus, words in report.sync.items()]
     lines += [stop.words for stop in report.stops]
     counts = [(report.count(severity), severity.value) for severity in Severity]
-    said = ", ".join(f"{count} {word}{'s' if count > 1 else ''}" for count, word in counts if count)
-    return [*lines, f"{name}: {said or 'nothing is wrong'}"]
+    summary = ", ".join(f"{count} {word}{'s' if count > 1 else ''}" for count, word in counts if count)
+    return [*lines, f"{name}: {summary or 'nothing is wrong'}"]
 
 
 def _budget_line(bus: str, budget: Budget) -> str:

@@ -56,8 +56,8 @@ def run(args: argparse.Namespace) -> int:
     last = values_at_the_end(controllers, args.controller, values)
     meant = target_interface(controllers, args.controller)
     moving, zeros = (
-        CommandController(controller=args.controller, values=each, source="command", dead_man=dead_man, interface=meant)
-        for each in (values, last or [])
+        CommandController(controller=args.controller, values=row, source="command", dead_man=dead_man, interface=meant)
+        for row in (values, last or [])
     )
     return send(args, moving, zeros if last is not None else None)
 

@@ -91,8 +91,16 @@ def _list(args: argparse.Namespace, robot: RobotClient) -> int:
         print(json_text(controllers))
         return 0
     table = Table(("controller", "type", "state", "commands", "joints"))
-    for each in controllers:
-        table.add((each.name, each.type, each.state, _commands(each), ", ".join(each.joints) or "-"))
+    for controller in controllers:
+        table.add(
+            (
+                controller.name,
+                controller.type,
+                controller.state,
+                _commands(controller),
+                ", ".join(controller.joints) or "-",
+            )
+        )
     print("\n".join(table.lines()) if controllers else "no controller is loaded; canopen-control controller load NAME")
     return 0
 
@@ -116,9 +124,9 @@ def _hardware(args: argparse.Namespace, robot: RobotClient) -> int:
     if args.json:
         print(json_text(components))
         return 0
-    for each in components:
-        print(f"{each.name}: {each.state}, {each.type}, {each.plugin}, {each.rate} Hz")
-        for kind, interfaces in (("command", each.command_interfaces), ("state", each.state_interfaces)):
+    for component in components:
+        print(f"{component.name}: {component.state}, {component.type}, {component.plugin}, {component.rate} Hz")
+        for kind, interfaces in (("command", component.command_interfaces), ("state", component.state_interfaces)):
             for interface in interfaces:
                 print(f"  {kind:<8} {interface.name}{_words(interface)}")
     return 0
@@ -160,7 +168,7 @@ def _switch(args: argparse.Namespace, robot: RobotClient) -> int:
 
 
 def _states(robot: RobotClient) -> dict[str, str]:
-    return {each.name: each.state for each in robot.ask(ListControllers())}
+    return {controller.name: controller.state for controller in robot.ask(ListControllers())}
 
 
 _STEP_REQUESTS: dict[str, Callable[..., Request[Done]]] = {

@@ -27,6 +27,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb: robby, unless a robot, a launch file or files of one are named."""
-    if all(each is None for each in (args.config, args.launch, args.bus, args.controllers, args.description)):
+    if all(option is None for option in (args.config, args.launch, args.bus, args.controllers, args.description)):
         args.config = ROBOT
     return run_robot(args, motion=True, table=True)

@@ -58,36 +58,38 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     a, b = sides(args.a, args.b, args)
-    found = differences(a.parameters, b.parameters)
+    changes = differences(a.parameters, b.parameters)
     identity = [
         *a.parameters.identity.strangers(b.parameters.identity),
         *a.parameters.identity.variations(b.parameters.identity),
     ]
     compared = len({*a.parameters.values, *b.parameters.values})
     if args.json:
-        shown = [_document(each) for each in found]
+        shown = [_document(change) for change in changes]
         print(json_text(DiffDocument(a=a.parameters.where, b=b.parameters.where, compared=compared, identity=identity,
                                      differences=shown)))  # fmt: skip
     else:
-        _print(a, b, found, identity, compared)
-    return 1 if found else 0
+        _print(a, b, changes, identity, compared)
+    return 1 if changes else 0
 
 
-def _document(each: ParameterDifference) -> ParameterDocument:
-    a, b = (text if value is not None else None for text, value in ((each.a_text, each.a), (each.b_text, each.b)))
-    return ParameterDocument(index=each.entry.index, subindex=each.entry.subindex, name=each.name, a=a, b=b)
+def _document(change: ParameterDifference) -> ParameterDocument:
+    a, b = (
+        text if value is not None else None for text, value in ((change.a_text, change.a), (change.b_text, change.b))
+    )
+    return ParameterDocument(index=change.entry.index, subindex=change.entry.subindex, name=change.name, a=a, b=b)
 
 
-def _print(a: Side, b: Side, found: list[ParameterDifference], identity: list[str], compared: int) -> None:
+def _print(a: Side, b: Side, changes: list[ParameterDifference], identity: list[str], compared: int) -> None:
     for line in identity:
         print(f"canopen-control: {line}", file=sys.stderr)
-    if not found:
+    if not changes:
         print(f"{a.parameters.where} and {b.parameters.where}: {compared} parameters, equal")
         return
-    refused = [{each.entry.address: each.why for each in side.left_out} for side in (a, b)]
+    refused = [{unread.entry.address: unread.why for unread in side.left_out} for side in (a, b)]
     table = Table(("object", "name", a.parameters.where, b.parameters.where))
-    for each in found:
-        texts = (each.a_text, each.b_text)
-        shown = (text or why.get(each.entry.address, "-") for text, why in zip(texts, refused, strict=True))
-        table.add((f"0x{each.entry.index:04X}:{each.entry.subindex:02X}", each.name, *shown))
+    for difference in changes:
+        texts = (difference.a_text, difference.b_text)
+        shown = (text or why.get(difference.entry.address, "-") for text, why in zip(texts, refused, strict=True))
+        table.add((f"0x{difference.entry.index:04X}:{difference.entry.subindex:02X}", difference.name, *shown))
     print("\n".join(table.lines()))

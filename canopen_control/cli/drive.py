@@ -63,7 +63,7 @@ def state_lines(state: DriveState) -> Iterator[str]:
         if axis.set_points is not None:
             yield from (f"    {line}" for line in quality_lines(axis.set_points))
     for output, word in ((False, "inputs"), (True, "outputs")):
-        shown = [_signal(each) for each in state.signals if each.output is output]
+        shown = [_signal(signal) for signal in state.signals if signal.output is output]
         if shown:
             yield f"  {word}: {', '.join(shown)}"
 
@@ -73,8 +73,8 @@ def _signal(signal: SignalState) -> str:
 
 
 def _axis_line(axis: AxisState) -> str:
-    where = f"position {axis.position}, velocity {axis.velocity}"
-    return f"  axis {axis.axis}: {axis.state}, {axis.mode}, {where}, torque {axis.plant.torque / 10:.0f} %"
+    place = f"position {axis.position}, velocity {axis.velocity}"
+    return f"  axis {axis.axis}: {axis.state}, {axis.mode}, {place}, torque {axis.plant.torque / 10:.0f} %"
 
 
 def quality_lines(quality: SetPointQuality) -> Iterator[str]:
@@ -185,19 +185,19 @@ def run(args: argparse.Namespace) -> int:
     from canopen_control.virtual.launch import DriveOptions, run_drives
 
     node_ids = parse_node_ids(args.node_id)
-    eds, others = _eds_files(args.eds, node_ids)
+    eds, eds_files = _eds_files(args.eds, node_ids)
     files = {name: None if (text := getattr(args, name)) is None else Path(text) for name in _FILES}
     options = DriveOptions(
-        faults=args.fault, quirks=args.quirk, like=args.like, serial=args.serial, others=others, **files
+        faults=args.fault, quirks=args.quirk, like=args.like, serial=args.serial, others=eds_files, **files
     )
     return run_drives(node_ids, eds, args.can, options, _say)
 
 
 def _run_buses(args: argparse.Namespace) -> int:
     """Run the drives of a file of several buses."""
-    given = [name for name in ("node_id", "can", "eds", "status", "quirk", *_FILES) if getattr(args, name)]
-    if given:
-        raise ConfigError(f"--buses: its file says everything; leave --{given[0].replace('_', '-')} away")
+    options = [name for name in ("node_id", "can", "eds", "status", "quirk", *_FILES) if getattr(args, name)]
+    if options:
+        raise ConfigError(f"--buses: its file says everything; leave --{options[0].replace('_', '-')} away")
     from canopen_control.personality import read_personality
     from canopen_control.virtual.bus_group import run_group
 
@@ -238,21 +238,21 @@ def parse_node_ids(text: str) -> list[int]:
 def _eds_files(texts: Sequence[str], node_ids: Sequence[int]) -> tuple[Path, dict[int, Path]]:
     """Return the file of all nodes, and those of the nodes that have another one; ConfigError for what fits none."""
     common: list[Path] = []
-    others: dict[int, Path] = {}
+    eds_files: dict[int, Path] = {}
     for text in texts:
         numbers, equals, file = text.partition("=")
         if not equals or _NUMBERS.fullmatch(numbers) is None:
             common.append(_eds(text))
             continue
         for node_id in parse_node_ids(numbers):
-            if node_id not in node_ids or others.setdefault(node_id, _eds(file)) != _eds(file):
-                why = "it has another one already" if node_id in others else "--node-id does not name it"
+            if node_id not in node_ids or eds_files.setdefault(node_id, _eds(file)) != _eds(file):
+                why = "it has another one already" if node_id in eds_files else "--node-id does not name it"
                 raise ConfigError(f"--eds {text}: node {node_id}: {why}")
-    left = [node_id for node_id in node_ids if node_id not in others]
-    if len(common) > 1 or (left and not common):
-        what = f"node {left[0]} has none" if not common else f"{common[0]} and {common[1]} are both for all nodes"
-        raise ConfigError(f"--eds: {what}; write --eds FILE for all, and --eds N=FILE for a node with another one")
-    return (common or list(others.values()))[0], others
+    missing = [node_id for node_id in node_ids if node_id not in eds_files]
+    if len(common) > 1 or (missing and not common):
+        problem = f"node {missing[0]} has none" if not common else f"{common[0]} and {common[1]} are both for all nodes"
+        raise ConfigError(f"--eds: {problem}; write --eds FILE for all, and --eds N=FILE for a node with another one")
+    return (common or list(eds_files.values()))[0], eds_files
 
 
 def _eds(text: str) -> Path:

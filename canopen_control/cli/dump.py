@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     with open_session(args) as session:
         objects = live_objects(session, select_objects(session.dictionary, args.what))
-        if all(each.value is None for each in objects):
+        if all(entry.value is None for entry in objects):
             raise CanopenError(f"{session}: none of these objects can be read")
         rows = rows_of(session.dictionary, objects, session.node_id)
         text = _FORMATS[args.format](session, objects)
@@ -55,9 +55,9 @@ def run(args: argparse.Namespace) -> int:
         print_result(args, rows, text.removesuffix("\n"))
         return 0
     write_whole(args.output, text.encode())
-    told = sum(each.value is not None for each in objects)
-    done = {"node_id": session.node_id, "file": args.output, "read": told, "objects": len(objects)}
-    print_result(args, done, f"{session}: {told} of {len(objects)} objects to {args.output}")
+    count = sum(entry.value is not None for entry in objects)
+    done = {"node_id": session.node_id, "file": args.output, "read": count, "objects": len(objects)}
+    print_result(args, done, f"{session}: {count} of {len(objects)} objects to {args.output}")
     return 0
 
 

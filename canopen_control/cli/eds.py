@@ -133,7 +133,7 @@ def checked(name: str, file: EdsFile) -> EdsCheckDocument:
         errors=count[Severity.ERROR],
         warnings=count[Severity.WARNING],
         notes=count[Severity.NOTE],
-        issues=[IssueDocument(each.line, each.code, each.severity.value, each.text) for each in file.issues],
+        issues=[IssueDocument(issue.line, issue.code, issue.severity.value, issue.text) for issue in file.issues],
     )
 
 
@@ -211,9 +211,12 @@ def pdo_document(pdo: Pdo) -> PdoDocument:
         slots=pdo.slots,
         mapped=[
             MappedDocument(
-                f"0x{each.index:04X}", each.subindex, each.bits, None if each.entry is None else each.entry.name
+                f"0x{mapped.index:04X}",
+                mapped.subindex,
+                mapped.bits,
+                None if mapped.entry is None else mapped.entry.name,
             )
-            for each in pdo.mapped
+            for mapped in pdo.mapped
         ],
     )
 
@@ -261,8 +264,8 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     missing = [name for name in _files_of(args) if not _path(name).is_file()]
     if missing:
-        told = [f"{name} (a folder)" if Path(name).is_dir() else name for name in missing]
-        print(f"canopen-control: no such file: {', '.join(told)}", file=sys.stderr)
+        names = [f"{name} (a folder)" if Path(name).is_dir() else name for name in missing]
+        print(f"canopen-control: no such file: {', '.join(names)}", file=sys.stderr)
         return 2
     try:
         return _ACTIONS[args.action](args)
@@ -317,8 +320,8 @@ def _checked(name: str, args: argparse.Namespace) -> EdsCheckDocument:
 def _report_lines(report: EdsCheckDocument) -> Iterator[str]:
     for issue in report.issues:
         yield f"{report.file}:{issue.line}: {issue.severity}: {issue.text} [{issue.code}]"
-    found = {"errors": report.errors, "warnings": report.warnings, "notes": report.notes}
-    summary = ", ".join(_counted(number, kind) for kind, number in found.items() if number) or "no issue"
+    sections = {"errors": report.errors, "warnings": report.warnings, "notes": report.notes}
+    summary = ", ".join(_counted(number, kind) for kind, number in sections.items() if number) or "no issue"
     yield f"{report.file}: {report.objects} objects, {report.entries} entries: {summary}"
 
 
@@ -339,29 +342,29 @@ def _show(args: argparse.Namespace) -> int:
         print(json_text([entry_document(od, entry) for entry in entries]))
     else:
         configured = any(entry.parameter_value is not None for entry in od)
-        header = _ENTRY_HEADER if configured else tuple(each for each in _ENTRY_HEADER if each != _CONFIGURED)
+        header = _ENTRY_HEADER if configured else tuple(column for column in _ENTRY_HEADER if column != _CONFIGURED)
         _print_table(header, [_entry_row(od, entry, configured=configured) for entry in entries])
     return 0
 
 
-def _selected(od: ObjectDictionary, wanted: str | None) -> Iterator[Entry]:
+def _selected(od: ObjectDictionary, text: str | None) -> Iterator[Entry]:
     ordered = sorted(od, key=lambda entry: entry.address)
-    if wanted is None:
+    if text is None:
         yield from ordered
         return
-    match = _ADDRESS.fullmatch(wanted)
+    match = _ADDRESS.fullmatch(text)
     if match is not None:
         index, subindex = int(match[1], 16), None if match[2] is None else int(match[2], 16)
         yield from (entry for entry in ordered if entry.index == index and subindex in (None, entry.subindex))
         return
-    folded = wanted.casefold()
+    folded = text.casefold()
     named = {info.index for info in od.objects.values() if info.name.casefold() == folded}
-    single = od.find(wanted)
+    single = od.find(text)
     yield from (entry for entry in ordered if entry.index in named or entry is single)
 
 
-def _hint(od: ObjectDictionary, wanted: str) -> str:
-    folded = wanted.casefold()
+def _hint(od: ObjectDictionary, text: str) -> str:
+    folded = text.casefold()
     near = [info for info in od.objects.values() if folded in info.name.casefold()][:5]
     return f"; did you mean {', '.join(f'0x{info.index:04X} {info.name}' for info in near)}?" if near else ""
 
@@ -373,7 +376,7 @@ _ENTRY_HEADER = ("address", "name", "type", "access", "PDO", "default", _CONFIGU
 def _entry_row(od: ObjectDictionary, entry: Entry, *, configured: bool) -> tuple[str, ...]:
     """Return the cells of an entry; `configured` is whether there is a column for the ParameterValues of a DCF."""
     values = [(entry.default, entry.relative), (entry.parameter_value, entry.parameter_relative)]
-    texts = [_value_text(entry, *each, od.node_id) or "-" for each in (values if configured else values[:1])]
+    texts = [_value_text(entry, *pair, od.node_id) or "-" for pair in (values if configured else values[:1])]
     mappable = ("R" if entry.rpdo_mappable else "") + ("T" if entry.tpdo_mappable else "")
     return (
         f"0x{entry.index:04X}:{entry.subindex:02X}",

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.heard_bus import add_network_arguments, described
+from canopen_control.cli.support.bus_description import add_network_arguments, described
 from canopen_control.cli.support.output import print_result
 from canopen_control.errors import ConfigError
 from canopen_control.host.files import telling
@@ -38,9 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc (text also as .gz), or a flight recording"
     )
     table.add_argument("--wide", action="store_true", help="a row for each PDO, a column for each signal")
-    for each in (dbc, table):
-        add_network_arguments(each)
-        each.add_argument("-o", "--output", metavar="FILE", help="where to (default: standard output)")
+    for parser_of_format in (dbc, table):
+        add_network_arguments(parser_of_format)
+        parser_of_format.add_argument("-o", "--output", metavar="FILE", help="where to (default: standard output)")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -59,12 +59,12 @@ def _dbc(args: argparse.Namespace) -> int:
     with _output(args.output) as out:
         out.write(dbc_text(network))
     pdos = sum(len(node.pdos) for node in network.nodes.values())
-    _tell(args, nodes=len(network.nodes), PDOs=pdos)
+    _report(args, nodes=len(network.nodes), PDOs=pdos)
     return 0
 
 
 def _csv(args: argparse.Namespace) -> int:
-    from canopen_control.cli.support.heard_bus import network_for, open_frames, tell_gaps
+    from canopen_control.cli.support.bus_description import network_for, open_frames, report_gaps
     from canopen_control.trace.frame_lines import write_long, write_wide
 
     recording = open_frames(args.file, args.bus)
@@ -74,8 +74,8 @@ def _csv(args: argparse.Namespace) -> int:
             rows = write_wide(_decoded(recording, network), _signals(network), out)
         else:
             rows = write_long(_decoded(recording, network), out)
-    _tell(args, rows=rows)
-    tell_gaps(recording)
+    _report(args, rows=rows)
+    report_gaps(recording)
     return 1 if recording.problem else 0
 
 
@@ -90,11 +90,11 @@ def _decoded(recording: Iterable[tuple[int, object]], network: NetworkDescriptio
 def _signals(network: NetworkDescription) -> list[str]:
     """Return the columns: each object of each PDO once, in the order of nodes and PDOs."""
     names = (
-        f"{node.name or f'node {node_id}'}.{each.name}"
+        f"{node.name or f'node {node_id}'}.{entry.name}"
         for node_id, node in sorted(network.nodes.items())
         for pdo in node.pdos
-        for each in pdo.objects
-        if not each.is_dummy
+        for entry in pdo.objects
+        if not entry.is_dummy
     )
     return list(dict.fromkeys(names))
 
@@ -112,7 +112,7 @@ def _output(path: str | None) -> Iterator[TextIO]:
         yield out
 
 
-def _tell(args: argparse.Namespace, **counts: int) -> None:
+def _report(args: argparse.Namespace, **counts: int) -> None:
     if args.output is not None:
-        text = ", ".join(f"{count} {what}" for what, count in counts.items())
+        text = ", ".join(f"{count} {unit}" for unit, count in counts.items())
         print_result(args, {"file": args.output, **counts}, f"{args.output}: {text}")

@@ -66,12 +66,12 @@ def run(args: argparse.Namespace) -> int:
     channel, node_id = drive_of(args.what, args.can)
     with connect_to(channel, node_id) as client:
         if args.name is None:
-            return _tell(args, [fault.name for fault in client.ask(ListFaults()) if fault.on], node_id)
+            return _report(args, [fault.name for fault in client.ask(ListFaults()) if fault.on], node_id)
         if "=" in args.name:
             return _set(args, client, node_id)
         _check(args.name)
         active = client.ask(SwitchFault(name=args.name, on=args.state != "off")).active
-        return _tell(args, active, node_id)
+        return _report(args, active, node_id)
 
 
 # -- what there is
@@ -107,19 +107,19 @@ def drive_of(word: str, can: str | None) -> tuple[str, int]:
     node = find_node(word, nodes)
     if node is not None:
         return node.channel, node.node_id
-    there = _others_than(nodes, silent, can)
-    node_id = _node_id(word, there)
+    choices = _others_than(nodes, silent, can)
+    node_id = _node_id(word, choices)
     if can is None:
-        raise ConfigError(f"no node {word!r}{there}" if there else _WHICH_BUS)
+        raise ConfigError(f"no node {word!r}{choices}" if choices else _WHICH_BUS)
     return str(parse_channel(can)), node_id
 
 
 def _others_than(nodes: list[KnownNode], silent: dict[str, CanopenError], can: str | None) -> str:
     """Say which nodes there are, or why none is known, and how to go on; nothing where no robot runs."""
     if nodes:
-        where = "of a running robot" if can is None else f"on {can}"
-        there = f" {where}; there are: {', '.join(map(str, nodes))}"
-        return f"{there}; for another bus: --can CHANNEL" if can is None else there
+        scope = "of a running robot" if can is None else f"on {can}"
+        choices = f" {scope}; there are: {', '.join(map(str, nodes))}"
+        return f"{choices}; for another bus: --can CHANNEL" if can is None else choices
     if silent:
         why = "; ".join(f"the robot {robot!r} does not list its nodes: {error}" for robot, error in silent.items())
         return f" is known: {why}; with --can CHANNEL a drive is reached by its node id, without the robot"
@@ -129,12 +129,12 @@ def _others_than(nodes: list[KnownNode], silent: dict[str, CanopenError], can: s
 _WHICH_BUS = "which bus is the drive on? No robot runs; --can CHANNEL, as in --can local:robby"
 
 
-def _node_id(text: str, there: str) -> int:
+def _node_id(text: str, choices: str) -> int:
     try:
         node_id = int(text, 0)
     except ValueError:
         raise ConfigError(
-            f"no node {text!r}{there or ' is known: no robot runs there; a node id is 1 to 127'}"
+            f"no node {text!r}{choices or ' is known: no robot runs there; a node id is 1 to 127'}"
         ) from None
     if not 1 <= node_id <= 127:
         raise ConfigError(f"{text!r} is no node id: 1 to 127, or list")
@@ -167,25 +167,25 @@ def connect_to(channel: str, node_id: int) -> DriveClient:
     except RemoteError as error:
         if error.kind != "BusClosed":
             raise
-        there = _others(drive_name(channel, node_id).rpartition("-")[0])
-        raise RemoteError(error.kind, f"no virtual drive with node id {node_id} runs on {channel}; {there}") from error
+        buses = _others(drive_name(channel, node_id).rpartition("-")[0])
+        raise RemoteError(error.kind, f"no virtual drive with node id {node_id} runs on {channel}; {buses}") from error
 
 
 def _others(bus: str) -> str:
     """Return the names of the virtual drives, on this bus or else anywhere, as text."""
-    found: dict[str, list[int]] = {}
+    drives: dict[str, list[int]] = {}
     for other, _, number in (name.rpartition("-") for name in list_sockets("drive")):
         if number.isdecimal():
-            found.setdefault(other, []).append(int(number))
-    if bus in found:
-        return f"there are: {', '.join(map(str, sorted(found[bus])))}"
-    if not found:
+            drives.setdefault(other, []).append(int(number))
+    if bus in drives:
+        return f"there are: {', '.join(map(str, sorted(drives[bus])))}"
+    if not drives:
         return "there is none; canopen-control drive starts one"
-    elsewhere = "; ".join(f"{', '.join(map(str, sorted(ids)))} on the bus {name}" for name, ids in found.items())
+    elsewhere = "; ".join(f"{', '.join(map(str, sorted(ids)))} on the bus {name}" for name, ids in drives.items())
     return f"there are: {elsewhere}"
 
 
-def _tell(args: argparse.Namespace, active: list[str], node_id: int) -> int:
+def _report(args: argparse.Namespace, active: list[str], node_id: int) -> int:
     if args.json:
         print(json_text({"node_id": node_id, "active": active}, indent=None))
     else:

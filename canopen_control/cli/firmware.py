@@ -140,8 +140,8 @@ def _milliseconds(time: datetime.time) -> int:
 
 
 def _program(number: int | None, date: ProgramDate | None) -> str:
-    known = "unknown" if number is None else f"0x{number:08X}"
-    return known if date is None else f"{known} of {date}"
+    value = "unknown" if number is None else f"0x{number:08X}"
+    return value if date is None else f"{value} of {date}"
 
 
 def _text(date: ProgramDate | None) -> str | None:

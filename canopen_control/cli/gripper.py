@@ -43,18 +43,18 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     with RobotClient.connect(args.name) as robot:
         controller = the_controller(robot, args.controller, "gripper", "gripper action controller")
-        wanted = MoveGripper(
+        request = MoveGripper(
             controller=controller.name,
             position=args.position,
             max_effort=args.max_effort,
             max_velocity=args.max_velocity,
             source="gripper",
         )
-        result = robot.ask(wanted, _PATIENCE_S)
+        result = robot.ask(request, _PATIENCE_S)
     succeeded = result.state == "succeeded"
-    where = "" if result.position is None else f" ({controller.joints[0]} is at {result.position:.4g})"
+    position = "" if result.position is None else f" ({controller.joints[0]} is at {result.position:.4g})"
     if args.json:
         print(json_text(result))
     else:
-        print(f"{result.text}{where}", file=sys.stdout if succeeded else sys.stderr)
+        print(f"{result.text}{position}", file=sys.stdout if succeeded else sys.stderr)
     return 0 if succeeded else 1

@@ -210,12 +210,12 @@ def ask_drives(channel: str, devices: Sequence[Device], timeout: float) -> None:
     from canopen_control.master.direct import DirectBus
     from canopen_control.od.codec import decode
 
-    wanted = [
+    requests = [
         (device.node_id, *address) for device in devices for address in _TELLING if device.od.get(*address) is not None
     ]
     dictionaries = {device.node_id: device.od for device in devices}
     with DirectBus.open(channel, label=LABEL, timeout_s=timeout, retries=1) as bus:
-        answers = bus.read_many(wanted)
+        answers = bus.read_many(requests)
     for (node_id, index, subindex), answer in answers.items():
         entry = dictionaries[node_id][index, subindex]
         with contextlib.suppress(ValueError):  # a number of another size than the EDS says: the EDS counts
@@ -232,15 +232,15 @@ def _who(node: FoundNode) -> str:
     return ", ".join(part for part in parts if part)
 
 
-def _unknown(node: FoundNode, given: Sequence[str]) -> str:
+def _unknown(node: FoundNode, files: Sequence[str]) -> str:
     identity = node.identity
     if identity is None:
         return f"node {node.node_id} answers no SDO"
     vendor, product = identity.vendor_id or 0, identity.product_code or 0
-    who = f"node {node.node_id}, vendor 0x{vendor:08X}, product 0x{product:08X}"
-    if given:
-        return f"{who}: {', '.join(given)} is for another device; add its own file with --eds"
-    return f"{who}: no EDS fits; add its file with --eds"
+    title = f"node {node.node_id}, vendor 0x{vendor:08X}, product 0x{product:08X}"
+    if files:
+        return f"{title}: {', '.join(files)} is for another device; add its own file with --eds"
+    return f"{title}: no EDS fits; add its file with --eds"
 
 
 def _lines(written: Written, channel: str) -> list[str]:
@@ -255,8 +255,8 @@ def _lines(written: Written, channel: str) -> list[str]:
     if written.problems:
         lines += [f"PROBLEM, marked in bus.yml too: {text}" for text in written.problems]
         unable = [node.name for node in robot.nodes if node.unusable]
-        left = f"{_some(unable)} turns nothing" if unable else "it does not run"
-        return [*lines, f"{left} like this: correct {written.folder}/bus.yml, then: canopen-control check {name}"]
+        limit = f"{_some(unable)} turns nothing" if unable else "it does not run"
+        return [*lines, f"{limit} like this: correct {written.folder}/bus.yml, then: canopen-control check {name}"]
     if robot.is_bus_alone:
         lines.append("nothing of them is a drive or a signal that is known, so there are no controllers: a bus alone")
         return [*lines, f"boot it, on virtual devices: canopen-control run {name}"]
@@ -267,20 +267,24 @@ def _lines(written: Written, channel: str) -> list[str]:
 
 
 def _node_line(node: NewNode) -> str:
-    who = f"  node {node.device.node_id} {node.name}:"
+    title = f"  node {node.device.node_id} {node.name}:"
     if node.drive is not None:
         moved = [f"{joint.name}, {joint.axis.interface} in {joint.axis.mode.name}" for joint in node.joints]
-        known = node.known
-        like = "" if known is None or not known.bus_keys else f"; known as {known.title}, see its bus.yml"
-        return f"{who} moves {'; '.join(moved)}{like}"
+        personality = node.known
+        like = (
+            ""
+            if personality is None or not personality.bus_keys
+            else f"; known as {personality.title}, see its bus.yml"
+        )
+        return f"{title} moves {'; '.join(moved)}{like}"
     if node.unusable:
-        return f"{who} {node.device.eds.name}, a drive that nothing here can move"
+        return f"{title} {node.device.eds.name}, a drive that nothing here can move"
     if node.measured:
-        return f"{who} measures {node.measured}"
+        return f"{title} measures {node.measured}"
     if not node.signals:
-        return f"{who} {node.device.eds.name}, no profile that is known: a proxy"
+        return f"{title} {node.device.eds.name}, no profile that is known: a proxy"
     outputs = f"{len(node.outputs)} of them outputs" if node.outputs else "all inputs"
-    return f"{who} {node.profile.words}, {len(node.signals)} signals, {outputs}"
+    return f"{title} {node.profile.words}, {len(node.signals)} signals, {outputs}"
 
 
 def _some(names: Sequence[str]) -> str:

@@ -56,12 +56,12 @@ _KINDS: Final = {"velocity": JogKind.VELOCITY, "position": JogKind.POSITION, "to
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add_session_arguments(parser)
-    what = parser.add_mutually_exclusive_group()
-    what.add_argument("--velocity", metavar="X[rad/s|rpm|pps]", help="velocity (default: 1 rad/s)")
-    what.add_argument("--position", metavar="X[rad|deg|counts]", help="distance from the current position")
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument("--velocity", metavar="X[rad/s|rpm|pps]", help="velocity (default: 1 rad/s)")
+    group.add_argument("--position", metavar="X[rad|deg|counts]", help="distance from the current position")
     per_mille = number("torque in per mille of the rated one, -300 to 300", lambda value: abs(value) <= _TORQUE)
-    what.add_argument("--torque", metavar="PERMILLE", type=per_mille, help="torque, in per mille of the rated torque")
-    what.add_argument("--fault-reset", action="store_true", help="reset the fault of the drive; nothing moves")
+    group.add_argument("--torque", metavar="PERMILLE", type=per_mille, help="torque, in per mille of the rated torque")
+    group.add_argument("--fault-reset", action="store_true", help="reset the fault of the drive; nothing moves")
     parser.add_argument("--for", dest="seconds", type=seconds, metavar="S", help="move at once, for S seconds")
     parser.add_argument("--max-speed", metavar="X[rad/s|rpm|pps]", help="speed limit (default: 60rpm)")
     parser.add_argument(
@@ -138,24 +138,24 @@ def run(args: argparse.Namespace) -> int:
 
 def _request(args: argparse.Namespace) -> _Wish:
     """Read the quantities; ConfigError for what is none."""
-    given = next((name for name in _KINDS if getattr(args, name) is not None), "velocity")
+    kind = next((name for name in _KINDS if getattr(args, name) is not None), "velocity")
     value: Quantity | float = _SPEED
-    if given == "torque":
+    if kind == "torque":
         value = float(args.torque)
         if not value:
             raise ConfigError("--torque 0: that moves nothing")
-    elif getattr(args, given) is not None:
-        value = parse_quantity(getattr(args, given), given)
+    elif getattr(args, kind) is not None:
+        value = parse_quantity(getattr(args, kind), kind)
         if not value.value:
-            raise ConfigError(f"--{given} {value}: that moves nothing")
+            raise ConfigError(f"--{kind} {value}: that moves nothing")
     speed = None if args.max_speed is None else parse_quantity(args.max_speed, "velocity")
     travel = None if args.max_travel is None else parse_quantity(args.max_travel, "position")
-    return _Wish(_KINDS[given], value, speed, travel)
+    return _Wish(_KINDS[kind], value, speed, travel)
 
 
-def _limit(scale: JogScale, wanted: Quantity | None, otherwise: float) -> float:
+def _limit(scale: JogScale, quantity: Quantity | None, otherwise: float) -> float:
     """Return a limit; the default stands where nobody knows what a turn is, too."""
-    return otherwise if wanted is None else abs(scale.si(wanted))
+    return otherwise if quantity is None else abs(scale.si(quantity))
 
 
 def _running(
@@ -187,8 +187,8 @@ def _own(args: argparse.Namespace, request: _Wish) -> Iterator[tuple[JogDrive, J
 def _lines(robot: NewRobot, axis: AxisChoice, scale: JogScale, limits: JogLimits) -> Iterator[str]:
     """Yield what the user is told before anything moves."""
     node = robot.nodes[0]
-    what = " ".join(filter(None, (node.device.od.device.vendor_name, node.device.od.device.product_name)))
-    yield f"node {node.device.node_id}{f', {what}' if what else ''}: {axis.interface} in {axis.mode.name}"
+    product = " ".join(filter(None, (node.device.od.device.vendor_name, node.device.od.device.product_name)))
+    yield f"node {node.device.node_id}{f', {product}' if product else ''}: {axis.interface} in {axis.mode.name}"
     turn = (
         f"{scale.counts:g} counts a turn"
         if scale.told

@@ -126,16 +126,16 @@ def _switch(args: argparse.Namespace, bus: DirectBus) -> int:
 
 
 def _inquire(args: argparse.Namespace, bus: DirectBus) -> int:
-    wanted = [args.part] if args.part else [*PARTS, NODE_ID]
-    found: dict[str, int] = {}
-    for part in wanted:
+    parts = [args.part] if args.part else [*PARTS, NODE_ID]
+    answers: dict[str, int] = {}
+    for part in parts:
         answer = bus.lss(lambda master, part=part: master.inquire(part.replace("-", "_")))  # type: ignore[misc]  # part has its type from the list
         assert isinstance(answer, int)
-        found[part] = answer
+        answers[part] = answer
     if args.json:
-        print(json_text({part.replace("-", "_"): number for part, number in found.items()}))
+        print(json_text({part.replace("-", "_"): number for part, number in answers.items()}))
         return 0
-    for part, number in found.items():
+    for part, number in answers.items():
         shown = "none" if part == NODE_ID and number == UNCONFIGURED else f"{number}"
         print(f"{part}: {shown} (0x{number:0{2 if part == NODE_ID else 8}X})")
     return 0

@@ -152,8 +152,8 @@ def _complain_of_ourselves(error: Exception) -> int:
             CanopenError("there is not enough memory for this; is a file far larger than it should be?"), 1
         )
     kind, text = type(error).__name__, f": {error}" if str(error) else ""
-    what = f"a fault of this program, {kind}{text}; please report it with what CANOPEN_CONTROL_DEBUG=1 shows"
-    print(f"canopen-control: {what}", file=sys.stderr)
+    text_of_fault = f"a fault of this program, {kind}{text}; please report it with what CANOPEN_CONTROL_DEBUG=1 shows"
+    print(f"canopen-control: {text_of_fault}", file=sys.stderr)
     return 1
 
 

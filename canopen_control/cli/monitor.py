@@ -32,9 +32,9 @@ DRAWN_AT_ONCE = "500"  # Hz: what has changed is drawn in 2 ms, while the robot 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("--name", help="the robot (default: the only one that runs)")
-    where.add_argument("--can", metavar="CHANNEL", help="only listen, on this channel (can0, local:NAME, ...)")
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument("--name", help="the robot (default: the only one that runs)")
+    group.add_argument("--can", metavar="CHANNEL", help="only listen, on this channel (can0, local:NAME, ...)")
     parser.add_argument(
         "--config", metavar="ROBOT", help="with --can: take names from this robot, a folder or a bundled one"
     )
@@ -72,11 +72,11 @@ def _source(args: argparse.Namespace) -> ScreenSource:
         from canopen_control.client import select_robot
 
         return LiveRobot(select_robot(args.name))
-    from canopen_control.cli.support.heard_bus import heard_bus
+    from canopen_control.cli.support.bus_description import watched_bus
     from canopen_control.monitor.frame_tables import LABEL
     from canopen_control.trace.listen import open_listener
 
-    heard = heard_bus(args, args.can)
+    heard = watched_bus(args, args.can)
     open_listener(heard.channel, LABEL, owner=heard.owner).close()  # what cannot be heard is said while it can be read
-    heard.tell()
+    heard.report_notes()
     return BusSource(heard.network, owner=heard.owner)

@@ -80,30 +80,30 @@ def _on_bus(args: argparse.Namespace, bus: DirectBus, command: NmtCommand, node_
     timeout = args.wait or (RESET_TIMEOUT_S if command in RESETS and node_id else TIMEOUT_S)
     outcomes = []
     for result in bus.command(command, node_id, timeout):
-        who = f"node {result.node_id}"
+        node = f"node {result.node_id}"
         if isinstance(result, NmtConfirmed):
-            outcomes.append(NmtResult(result.node_id, who, EXPECTED_STATE[command].name, True))
+            outcomes.append(NmtResult(result.node_id, node, EXPECTED_STATE[command].name, True))
         else:
             state = None if result.state is None else result.state.name
-            outcomes.append(NmtResult(result.node_id, who, state, None if state is None else False))
+            outcomes.append(NmtResult(result.node_id, node, state, None if state is None else False))
     if not outcomes and not args.json:
         print(f"{args.command} was sent to all; no heartbeat was heard within {timeout:g} s")
-    return _tell(args, outcomes, timeout)
+    return _report(args, outcomes, timeout)
 
 
 def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCommand) -> int:
-    asked = target.nodes if args.node == ALL else [target.node(args.node)]
-    if not asked:
+    nodes_asked = target.nodes if args.node == ALL else [target.node(args.node)]
+    if not nodes_asked:
         raise ConfigError(f"robot {target.robot.robot} has no nodes: it runs on mock hardware, or simulated")
     timeout = args.wait or ROBOT_TIMEOUTS.get(command, TIMEOUT_S)
-    waiting, nodes = command_robot(target, command, asked, timeout, everybody=args.node == ALL)
+    waiting, nodes = command_robot(target, command, nodes_asked, timeout, everybody=args.node == ALL)
     outcomes = []
-    for each in asked:
+    for each in nodes_asked:
         node = nodes[each.name]
         confirmed = each not in waiting
         state = EXPECTED_STATE[command].name if confirmed else node.nmt_state
         outcomes.append(NmtResult(each.node_id, str(each), state, confirmed, node.error))
-    return _tell(args, outcomes, timeout)
+    return _report(args, outcomes, timeout)
 
 
 def command_robot(
@@ -122,11 +122,11 @@ def command_robot(
     return waiting, nodes
 
 
-def _tell(args: argparse.Namespace, outcomes: list[NmtResult], timeout: float) -> int:
+def _report(args: argparse.Namespace, outcomes: list[NmtResult], timeout: float) -> int:
     """Print each node's state after the command; 1 if one shows another state, or a robot's node shows none."""
     if args.json:
         keys = ("node_id", "state", "confirmed", "error")
-        print(json_text([{key: getattr(each, key) for key in keys} for each in outcomes]))
+        print(json_text([{key: getattr(outcome, key) for key in keys} for outcome in outcomes]))
     for each in outcomes if not args.json else ():
         if each.confirmed:
             print(f"{each.who}: {_words(each.state or '')}")
@@ -134,7 +134,7 @@ def _tell(args: argparse.Namespace, outcomes: list[NmtResult], timeout: float) -
             print(f"{each.who}: {args.command} was sent; no heartbeat has confirmed it within {timeout:g} s")
         else:
             _complain(each.who, each.state, args.command, timeout, each.error)
-    return 1 if any(each.confirmed is False for each in outcomes) else 0
+    return 1 if any(outcome.confirmed is False for outcome in outcomes) else 0
 
 
 ROBOT_TIMEOUTS = {
@@ -149,15 +149,15 @@ def _shows(node: NodeReading, command: NmtCommand, elapsed: float) -> bool:
     if command is NmtCommand.START and not node.ready:  # configured too, and its process data live
         return False
     # after a reset it goes on to PRE-OPERATIONAL by itself
-    wanted = NmtState.PRE_OPERATIONAL if command in RESETS else EXPECTED_STATE[command]
-    return node.nmt_state == wanted.name and node.age is not None and node.age <= elapsed
+    expected = NmtState.PRE_OPERATIONAL if command in RESETS else EXPECTED_STATE[command]
+    return node.nmt_state == expected.name and node.age is not None and node.age <= elapsed
 
 
 def _words(name: str) -> str:
     return "has booted" if name == NmtState.INITIALISING.name else name.replace("_", " ")
 
 
-def _complain(who: str, state: str | None, command: str, timeout: float, error: str | None = None) -> None:
+def _complain(node: str, state: str | None, command: str, timeout: float, error: str | None = None) -> None:
     shown = "has not been heard since" if state is None else f"shows {state.replace('_', ' ')}"
     why = f" ({error})" if error else ""
-    print(f"canopen-control: {who}: {command} is not confirmed within {timeout:g} s; it {shown}{why}", file=sys.stderr)
+    print(f"canopen-control: {node}: {command} is not confirmed within {timeout:g} s; it {shown}{why}", file=sys.stderr)

@@ -52,12 +52,12 @@ def run(args: argparse.Namespace) -> int:
         with open_session(args) as session:
             od, node_id = session.dictionary, session.node_id
             entries = select_objects(od, args.what)
-            objects = live_objects(session, entries) if live else [LiveObject(each) for each in entries]
+            objects = live_objects(session, entries) if live else [LiveObject(entry) for entry in entries]
     else:
         od, node_id = _of_file(args)
-        objects = [LiveObject(each) for each in select_objects(od, args.what)]
+        objects = [LiveObject(select_object) for select_object in select_objects(od, args.what)]
     if args.changed:
-        objects = [each for each in objects if each.changed]
+        objects = [entry for entry in objects if entry.changed]
         if not objects:
             print("canopen-control: every object is as by default", file=sys.stderr)
             return 1

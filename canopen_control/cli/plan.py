@@ -152,17 +152,17 @@ def _differences(bus: DirectBus, plan: NodePlan) -> tuple[list[PlannedWrite], st
     from canopen_control.errors import BusError, CanopenError, SdoAbort
     from canopen_control.master.boot_config import groups, needed, reads_of
 
-    held: dict[tuple[int, int], bytes | None] = {}
-    for address in [(0x1000, 0), *(each for group in groups(plan.writes) for each in reads_of(group))]:
+    values: dict[tuple[int, int], bytes | None] = {}
+    for address in [(0x1000, 0), *(read for group in groups(plan.writes) for read in reads_of(group))]:
         try:
-            held[address] = bus.read(plan.node_id, *address)
+            values[address] = bus.read(plan.node_id, *address)
         except SdoAbort:
-            held[address] = None
+            values[address] = None
         except BusError:
             raise
         except CanopenError as error:
             return [], str(error).removeprefix(f"node {plan.node_id}: ")
-    return [write for group in groups(plan.writes) for write in needed(group, held)], None
+    return [write for group in groups(plan.writes) for write in needed(group, values)], None
 
 
 def _title(plan: NodePlan) -> str:
@@ -172,13 +172,13 @@ def _title(plan: NodePlan) -> str:
 def _lines(plan: NodePlan, writes: Iterable[PlannedWrite], none: str = "nothing is written") -> Iterator[str]:
     writes = [write for write in writes if not write.fixed]
     width = max((len(_name(plan, write)) for write in writes), default=0)
-    asked = sum(not write.reason for write in writes)
-    added = len(writes) - asked
+    count = sum(not write.reason for write in writes)
+    added = len(writes) - count
     yield f"{_title(plan)}: " + (f"{len(writes)} writes, {added} of them added" if writes else none)
     for number, write in enumerate(writes, 1):
         reason = f"   + {write.reason}" if write.reason else ""
-        what = f"0x{write.index:04X}:{write.subindex:02X} {_name(plan, write):<{width}}"
-        yield f"{number:4}  {what} = {_value(write)}{reason}"
+        title = f"0x{write.index:04X}:{write.subindex:02X} {_name(plan, write):<{width}}"
+        yield f"{number:4}  {title} = {_value(write)}{reason}"
 
 
 def _name(plan: NodePlan, write: PlannedWrite) -> str:
@@ -204,7 +204,7 @@ def _document(plan: NodePlan) -> PlanDocument:
 
 def _written(writes: Iterable[PlannedWrite]) -> list[WriteDocument]:
     return [
-        WriteDocument(each.index, each.subindex, each.name, each.data.hex(), _value(each), each.reason or None)
-        for each in writes
-        if not each.fixed
+        WriteDocument(write.index, write.subindex, write.name, write.data.hex(), _value(write), write.reason or None)
+        for write in writes
+        if not write.fixed
     ]

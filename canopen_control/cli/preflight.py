@@ -82,9 +82,9 @@ def link_steps(channel: str, baudrate: int) -> list[PreflightStep]:
         return [PreflightStep("link", None, f"{channel}: no interface of the kernel, its bit rate cannot be looked at")]
     link = find_can_interface(spec.name)
     if link is None or not link.is_up:
-        what = "is not there" if link is None else "is down"
+        problem = "is not there" if link is None else "is down"
         typed = f"canopen-control bus up {spec.name} --bitrate {baudrate * 1000}"
-        return [PreflightStep("link", False, f"{channel} {what}; type: {typed}")]
+        return [PreflightStep("link", False, f"{channel} {problem}; type: {typed}")]
     steps = [PreflightStep("link", link.state in (None, "ERROR-ACTIVE"), f"{channel} is up{_state_of(link.state)}")]
     if link.bitrate is None:
         return [*steps, PreflightStep("bit rate", None, f"{channel} is a {link.kind} interface and has none")]
@@ -103,16 +103,16 @@ def node_steps(bus: BusConfig, channel: str) -> Iterator[PreflightStep]:
     """Ask all node ids who they are, compare to bus.yml and EDS files; read errors and limits of the robot's own."""
     with DirectBus.open(channel, label="pre-flight", timeout_s=_ANSWER_S, retries=1) as direct:
         answers = direct.read_many((node_id, 0x1000, 0) for node_id in _ALL_NODES)
-        there = {node_id for (node_id, _, _), answer in answers.items() if not isinstance(answer, SdoTimeout)}
+        present = {node_id for (node_id, _, _), answer in answers.items() if not isinstance(answer, SdoTimeout)}
         for node in bus.nodes.values():
-            if node.node_id in there:
+            if node.node_id in present:
                 yield from _known_node(direct, bus, node.name, node.node_id)
             else:
                 text = (
                     f"node {node.node_id} ({node.name}) does not answer; is it powered, its node id and bit rate set?"
                 )
                 yield PreflightStep("node", False, text)
-        for node_id in sorted(there - {node.node_id for node in bus.nodes.values()}):
+        for node_id in sorted(present - {node.node_id for node in bus.nodes.values()}):
             yield PreflightStep("node", None, f"node {node_id} answers and is not in bus.yml")
 
 
@@ -124,9 +124,9 @@ def _known_node(direct: DirectBus, bus: BusConfig, name: str, node_id: int) -> I
     wrong = differences(identity, asdict(bus.plans[name].identity))
     who = f"{identity.device_name or 'a node without a name'}, serial number {identity.serial_number or 'none'}"
     yield PreflightStep("node", not wrong, f"{title}: {'; '.join(wrong) or who}")
-    known, refused = read_known([bus.eds_paths[name]])
-    eds, remark = match_eds(identity, known)
-    if refused or not known:
+    candidates, refused = read_known([bus.eds_paths[name]])
+    eds, remark = match_eds(identity, candidates)
+    if refused or not candidates:
         yield PreflightStep(
             "EDS", None, f"{title}: {bus.eds_paths[name].name} names no product, so that nothing can be compared"
         )
@@ -145,24 +145,24 @@ def _remark(remark: str, revision: int | None) -> str:
 
 def _readings(direct: DirectBus, od: ObjectDictionary, node_id: int, title: str) -> Iterator[PreflightStep]:
     """Read what tells of errors, which must be none, and of limits, which are only told."""
-    wanted = [address for address in (*_ERRORS, *_STATE) if address in od]
+    addresses = [address for address in (*_ERRORS, *_STATE) if address in od]
     values: dict[tuple[int, int], int] = {}
-    for address in wanted:
+    for address in addresses:
         try:
             data = direct.read(node_id, *address)
         except SdoAbort:
             continue
         entry = od[address]
-        if (whole := fitted(data, entry.data_type)) is None:
-            where = f"0x{address[0]:04X}:{address[1]:02X} {entry.name}"
+        if (padded := fitted(data, entry.data_type)) is None:
+            place = f"0x{address[0]:04X}:{address[1]:02X} {entry.name}"
             yield PreflightStep(
-                "EDS", False, f"{title}: {where} answered {len(data)} bytes, which is no {entry.data_type.name}"
+                "EDS", False, f"{title}: {place} answered {len(data)} bytes, which is no {entry.data_type.name}"
             )
             continue
-        values[address] = int.from_bytes(whole, "little", signed=entry.data_type.signed)
+        values[address] = int.from_bytes(padded, "little", signed=entry.data_type.signed)
     errors = {_ERRORS[address]: value for address, value in values.items() if address in _ERRORS}
-    told = ", ".join(f"{name} 0x{value:02X}" for name, value in errors.items())
-    yield PreflightStep("errors", not any(errors.values()), f"{title}: {told or 'none'}")
+    text = ", ".join(f"{name} 0x{value:02X}" for name, value in errors.items())
+    yield PreflightStep("errors", not any(errors.values()), f"{title}: {text or 'none'}")
     limits = ", ".join(f"{_STATE[address]} {value}" for address, value in values.items() if address in _STATE)
     if limits:
         yield PreflightStep("limits", None, f"{title}: {limits} (device units)")
@@ -190,7 +190,7 @@ def jog_interfaces(setup: RobotSetup) -> dict[str, str | None]:
     """Return what each joint is turned by, in the order of the description: velocity, position, or None: not at all."""
     parts = (part for tag in setup.description.hardware for part in tag.joints)
     return {
-        part.name: next((each for each in (VELOCITY, POSITION) if each in part.command_interfaces), None)
+        part.name: next((interface for interface in (VELOCITY, POSITION) if interface in part.command_interfaces), None)
         for part in parts
     }
 
@@ -248,20 +248,22 @@ class Jog:
         low, high = self.speed * (1 - TOLERANCE), self.speed * (1 + TOLERANCE)
         speeds, start = {joint: self.speed}, self._positions()
         if not self._until(speeds, lambda: self._is_fast(joint, start)):
-            seen = self._of(joint)["velocity"]
+            velocity = self._of(joint)["velocity"]
             self._rest()
-            return PreflightStep("jog", False, f"{joint}: {seen:.3f} rad/s at a command of {self.speed:g}{_hint(seen)}")
+            return PreflightStep(
+                "jog", False, f"{joint}: {velocity:.3f} rad/s at a command of {self.speed:g}{_hint(velocity)}"
+            )
         begin, since = self._positions(), time.monotonic()
         self._until(speeds, lambda: time.monotonic() - since >= self._hold_s)
         end, took = self._positions(), time.monotonic() - since
         self._rest()
-        ways = {each: end[each] - begin[each] for each in self.joints}
-        others = [each for each in self.joints if each != joint and abs(ways[each]) > TOLERANCE * self.speed]
+        ways = {name: end[name] - begin[name] for name in self.joints}
+        moved = [name for name in self.joints if name != joint and abs(ways[name]) > TOLERANCE * self.speed]
         text = f"{joint}: {ways[joint]:.3f} rad in {took:.2f} s at a command of {self.speed:g} rad/s"
         text += _hint(ways[joint])
-        if others:
-            text += f"; {', '.join(others)} turned as well"
-        passed = low <= ways[joint] / took <= high and not others
+        if moved:
+            text += f"; {', '.join(moved)} turned as well"
+        passed = low <= ways[joint] / took <= high and not moved
         self.turned += [joint] if passed else []
         return PreflightStep("jog", passed, text)
 
@@ -280,17 +282,17 @@ class Jog:
         except CanopenError as error:
             return PreflightStep("STOP", False, str(error))
         took = time.monotonic() - since
-        left = {joint: self._of(joint)["velocity"] for joint in self.joints}
-        still = all(abs(velocity) <= STANDSTILL for velocity in left.values())
-        told = ", ".join(f"{joint} {velocity:.3f} rad/s" for joint, velocity in left.items())
-        return PreflightStep("STOP", still and took <= _STOP_S, f"drives disabled {took:.2f} s after STOP: {told}")
+        velocities = {joint: self._of(joint)["velocity"] for joint in self.joints}
+        still = all(abs(velocity) <= STANDSTILL for velocity in velocities.values())
+        text = ", ".join(f"{joint} {velocity:.3f} rad/s" for joint, velocity in velocities.items())
+        return PreflightStep("STOP", still and took <= _STOP_S, f"drives disabled {took:.2f} s after STOP: {text}")
 
     def _is_fast(self, joint: str, start: Mapping[str, float]) -> bool:
         """Whether a joint has the speed of the jog; one that is led by its position, whether it is well under way."""
-        seen = self._of(joint)
+        sample = self._of(joint)
         if joint in self._targets:
-            return abs(seen["position"] - start[joint]) >= self.speed * _RUN_UP_S
-        return abs(seen["velocity"] - self.speed) <= self.speed * TOLERANCE
+            return abs(sample["position"] - start[joint]) >= self.speed * _RUN_UP_S
+        return abs(sample["velocity"] - self.speed) <= self.speed * TOLERANCE
 
     def _groups(self) -> dict[str, list[str]]:
         """Return the joints by what they are turned by."""
@@ -300,9 +302,9 @@ class Jog:
         return groups
 
     def _of(self, joint: str) -> dict[str, float]:
-        seen = self._robot.joints()[joint]
-        known = {"position": seen.position, "velocity": seen.velocity}
-        return {key: math.nan if value is None else value for key, value in known.items()}
+        sample = self._robot.joints()[joint]
+        values = {"position": sample.position, "velocity": sample.velocity}
+        return {key: math.nan if value is None else value for key, value in values.items()}
 
     def _positions(self) -> dict[str, float]:
         return {joint: self._of(joint)["position"] for joint in self.joints}
@@ -331,10 +333,10 @@ class Jog:
         self._until({}, lambda: max(abs(self._of(joint)["velocity"]) for joint in self.joints) <= STANDSTILL)
 
 
-def _hint(seen: float) -> str:
-    if math.isnan(seen):
+def _hint(velocity: float) -> str:
+    if math.isnan(velocity):
         return "; it shows no velocity: is 0x606C mapped?"
-    return "; it turns the other way: look at the sign of its scale" if seen < -STANDSTILL else ""
+    return "; it turns the other way: look at the sign of its scale" if velocity < -STANDSTILL else ""
 
 
 def _controller(interface: str) -> str:
@@ -503,8 +505,8 @@ def _conclude(
     if report is not None:
         write_whole(Path(report), f"{json.dumps(document, indent=2)}\n".encode())
     if passed:
-        known = {name: serial for name, serial in serials.items() if serial is not None}
-        path = save_record(setup, known, flight.covered)
+        known_serials = {name: serial for name, serial in serials.items() if serial is not None}
+        path = save_record(setup, known_serials, flight.covered)
         slow = [joint for joint in jog_interfaces(setup) if joint not in flight.covered]
         but = f"; slow stays what was not turned: {', '.join(slow)}" if slow else ""
         print(f"{setup.name} has passed{but}; run it with --real ({path})")

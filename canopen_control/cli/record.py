@@ -83,9 +83,9 @@ def record_bag(name: str | None, folder: str, seconds: float | None, rate: float
         writer = BagWriter(Path(folder), robot.robot, controllers=controllers, urdf=urdf)
         with on_signals(_ENDS, stopping.set), writer as bag:
             begin = time.monotonic()  # importing rosbags takes half a second
-            asked = stream_rate(robot.ask(GetStatus()).cycle, rate or 0.0)
-            recorded = RecordedBag(folder, robot.robot, left_out=outpaced(controllers, asked))
-            _record(robot, bag, recorded, asked, stopping, None if seconds is None else begin + seconds)
+            stream = stream_rate(robot.ask(GetStatus()).cycle, rate or 0.0)
+            recorded = RecordedBag(folder, robot.robot, left_out=outpaced(controllers, stream))
+            _record(robot, bag, recorded, stream, stopping, None if seconds is None else begin + seconds)
             recorded.seconds = round(time.monotonic() - begin, 3)
     recorded.messages = bag.messages
     return recorded
@@ -249,8 +249,8 @@ def record_frames(port: Port, path: str, seconds: float | None) -> Recorded:
         try:
             with writer:
                 for batch in batches(port, seconds):
-                    for each in batch:
-                        writer.write(*each)
+                    for frame in batch:
+                        writer.write(*frame)
                     if time.monotonic() >= flushed + FLUSH_S:
                         flushed = time.monotonic()
                         writer.flush()

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
 from canopen_control.cli.support.arguments import number
-from canopen_control.cli.support.heard_bus import add_network_arguments
+from canopen_control.cli.support.bus_description import add_network_arguments
 from canopen_control.cli.support.output import Progress, json_text
 from canopen_control.cli.trace import add_view_arguments, show_file
 from canopen_control.errors import ConfigError, SdoTimeout
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.play import PlayReport
     from canopen_control.bus.recordings import RecordedFrame
-    from canopen_control.cli.support.heard_bus import Source
+    from canopen_control.cli.support.bus_description import Source
     from canopen_control.host.reactor import Reactor
     from canopen_control.rpc.messages.robot import Description
 
@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
         return _be_watched(args)
     if args.can is None:
         return show_file(args, args.file)
-    from canopen_control.cli.support.heard_bus import open_frames
+    from canopen_control.cli.support.bus_description import open_frames
 
     recording = open_frames(args.file, args.bus)
     channel = str(parse_channel(args.can))
@@ -122,8 +122,8 @@ def _be_watched(args: argparse.Namespace) -> int:
 
 def _end_with_a_robot(reactor: Reactor, name: str) -> None:
     """End as soon as there is a robot that could be stopped."""
-    if others := [each for each in list_sockets("robot") if each != name]:
-        print(f"canopen-control: robot {others[0]} runs now; the recording makes way for it", file=sys.stderr)
+    if robots := [socket for socket in list_sockets("robot") if socket != name]:
+        print(f"canopen-control: robot {robots[0]} runs now; the recording makes way for it", file=sys.stderr)
         reactor.stop()
     else:
         reactor.call_later(_LOOK_NS, lambda: _end_with_a_robot(reactor, name))
@@ -145,15 +145,15 @@ def _description(args: argparse.Namespace) -> Description:
 def _tell_a_new_bus(channel: str) -> None:
     """Say that nobody is there to hear: who plays makes an embedded bus, as a drive does, and a typing error too."""
     spec = parse_channel(channel)
-    if spec.kind is ChannelKind.LOCAL and spec.name not in (others := list_sockets("bus")):
-        there = ", ".join(f"local:{other}" for other in others) or "none"
-        print(f"canopen-control: no program has {channel} open, it is made now; open so far: {there}", file=sys.stderr)
+    if spec.kind is ChannelKind.LOCAL and spec.name not in (buses := list_sockets("bus")):
+        names = ", ".join(f"local:{bus}" for bus in buses) or "none"
+        print(f"canopen-control: no program has {channel} open, it is made now; open so far: {names}", file=sys.stderr)
 
 
 def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
     """Play it and say what was played, also when Ctrl-C ends it."""
     from canopen_control.bus.play import PlayReport, play
-    from canopen_control.cli.support.heard_bus import tell_gaps
+    from canopen_control.cli.support.bus_description import report_gaps
 
     port, played, ended = open_port(channel, label=LABEL), PlayReport(), False
     progress = Progress(f"playing into {channel}, Ctrl-C ends it", "frames")
@@ -167,15 +167,15 @@ def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
     result = {"file": args.file, "channel": channel, "frames": played.frames, "late_max_s": round(played.late_max, 6)}
     result |= {"left_out": played.errors, "lost": port.stats.lost}
     print(json_text(result, indent=None) if args.json else _sentence(channel, played, port.stats.lost))
-    tell_gaps(recording)
+    report_gaps(recording)
     return _INTERRUPTED if ended else 1 if recording.problem else 0
 
 
 def _told(recording: Source, played: PlayReport, progress: Progress) -> Iterator[RecordedFrame]:
     """Yield the frames and say from time to time how far it is."""
-    for each in recording:
+    for frame in recording:
         progress.at(played.frames)
-        yield each
+        yield frame
 
 
 def _sentence(channel: str, played: PlayReport, lost: int) -> str:
@@ -186,12 +186,12 @@ def _sentence(channel: str, played: PlayReport, lost: int) -> str:
 
 def node_ids_in(frames: Iterable[RecordedFrame]) -> set[int]:
     """Return the node ids that frames come from or are for, by the predefined connection set."""
-    found = set()
+    node_ids = set()
     for _, frame in frames:
         service, node_id = service_of(frame.can_id) or (None, 0)
         if service not in _NOBODYS and node_id:
-            found.add(node_id)
-    return found
+            node_ids.add(node_id)
+    return node_ids
 
 
 def _refuse_where_somebody_is(recording: Source, channel: str) -> None:
@@ -200,11 +200,11 @@ def _refuse_where_somebody_is(recording: Source, channel: str) -> None:
 
     if (owner := robot_on(channel)) is not None:
         raise ConfigError(f"{channel} is the bus of the running robot {owner[0]}; end it, or take another bus")
-    wanted = node_ids_in(recording)
+    node_ids = node_ids_in(recording)
     heard, has_master = _heard(channel)
     if has_master:
         raise ConfigError(f"on {channel} a master is alive: its SYNC or NMT was heard; --force plays all the same")
-    if alive := sorted(heard & wanted or _answering(channel, wanted)):
+    if alive := sorted(heard & node_ids or _answering(channel, node_ids)):
         names = ", ".join(str(node_id) for node_id in alive)
         raise ConfigError(f"on {channel} node {names} of {recording.path} is alive; --force plays all the same")
 
@@ -216,7 +216,7 @@ def _heard(channel: str) -> tuple[set[int], bool]:
     nodes, has_master = set(), False
     port = open_port(channel, label=LABEL)
     try:
-        for _, frame in (each for batch in batches(port, LISTEN_S) for each in batch):
+        for _, frame in (item for batch in batches(port, LISTEN_S) for item in batch):
             service, node_id = service_of(frame.can_id) or (None, 0)
             has_master = has_master or service in (Service.NMT, Service.SYNC)
             if service in _FROM_NODES:

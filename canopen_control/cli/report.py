@@ -104,8 +104,8 @@ def _list(args: argparse.Namespace) -> int:
             continue
         listed.append((path, meta))
     if args.json:
-        found = [{"file": str(path), "robot": meta.robot, "reason": meta.reason} for path, meta in listed]
-        print(json_text(found, indent=None))
+        recordings = [{"file": str(path), "robot": meta.robot, "reason": meta.reason} for path, meta in listed]
+        print(json_text(recordings, indent=None))
         return 0
     for path, meta in listed:
         text = " ".join(meta.reason.text.split())
@@ -150,7 +150,7 @@ def _watched(args: argparse.Namespace) -> FlightFile:
 def _frames_only(args: argparse.Namespace, path: Path) -> tuple[FlightFile, dict[str, NetworkDescription]]:
     """Read a recording of frames; its only bus is called "can"."""
     from canopen_control.bus.recordings import Recording
-    from canopen_control.cli.support.heard_bus import described
+    from canopen_control.cli.support.bus_description import described
     from canopen_control.trace.flight_file import NO_FAULT, FlightFile, FlightMeta
 
     recording = Recording(path)

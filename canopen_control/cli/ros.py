@@ -66,8 +66,8 @@ def set_parameter(graph: Graph, args: argparse.Namespace) -> int:
     declared = next((kind for kind, number in TYPES.items() if number == types[0]), "not_set")
     kind, value = typed(node.value, declared)
     message = {"type": TYPES[kind], f"{kind}_value": value}
-    wanted = {"parameters": [{"name": args.name, "value": message}]}
-    (result,) = _call_service(graph, args, "set_parameters", "SetParameters", wanted).results
+    request = {"parameters": [{"name": args.name, "value": message}]}
+    (result,) = _call_service(graph, args, "set_parameters", "SetParameters", request).results
     if not result.successful:
         raise CanopenError(f"{args.node} has not set {args.name}: {result.reason}")
     print_result(args, {"node": args.node, "name": args.name, "type": kind, "value": value})
@@ -81,10 +81,10 @@ def typed(value: object, declared: str) -> tuple[str, Any]:
     """
     if isinstance(value, list):
         element = declared.removesuffix("_array")
-        found = [typed(each, element) for each in value]
-        kinds = {kind for kind, _ in found} or {element}
+        elements = [typed(item, element) for item in value]
+        kinds = {kind for kind, _ in elements} or {element}
         if len(kinds) == 1 and kinds <= set(SCALARS.values()):
-            return f"{kinds.pop()}_array", [each for _, each in found]
+            return f"{kinds.pop()}_array", [item for _, item in elements]
     elif type(value) is int and declared == "double":
         return declared, float(value)
     elif type(value) in SCALARS:
@@ -137,10 +137,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_list(topic, "topics")
     echo = topic.add_parser("echo", help="print messages")
     hz = topic.add_parser("hz", help="measure the rate of messages")
-    for action, each in ((echo, "message"), (hz, "second: rate in Hz, times in s")):
+    for action, unit in ((echo, "message"), (hz, "second: rate in Hz, times in s")):
         action.add_argument("topic", metavar="TOPIC")
         action.add_argument("type", nargs="?", metavar="TYPE", help="default: the type that is published")
-        action.add_argument("--json", action="store_true", help=f"print JSON, a line for each {each}")
+        action.add_argument("--json", action="store_true", help=f"print JSON, a line for each {unit}")
         action.add_argument("--for", type=_positive, metavar="S", dest="seconds", help="end after S seconds")
         _add_timeout(action)
     echo.add_argument("--once", action="store_true", help="end after the first message")
@@ -179,16 +179,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     bridge.add_argument("arguments", nargs="*", metavar="OPTIONS")
 
 
-def _add_list(actions: Any, what: str) -> None:  # noqa: ANN401 - argparse's private class
-    listing = actions.add_parser("list", help=f"names of all {what}")
+def _add_list(actions: Any, title: str) -> None:  # noqa: ANN401 - argparse's private class
+    listing = actions.add_parser("list", help=f"names of all {title}")
     listing.add_argument("-t", "--types", action="store_true", help="and their types")
     listing.add_argument("--json", action="store_true", help="print JSON: the types by name")
 
 
-def _add_data(action: argparse.ArgumentParser, what: str) -> None:
-    action.add_argument(what, metavar=what.upper())
+def _add_data(action: argparse.ArgumentParser, title: str) -> None:
+    action.add_argument(title, metavar=title.upper())
     action.add_argument(
-        "type", metavar="TYPE", help="such as std_msgs/msg/Float64MultiArray" if what == "topic" else None
+        "type", metavar="TYPE", help="such as std_msgs/msg/Float64MultiArray" if title == "topic" else None
     )
     action.add_argument("data", nargs="?", metavar="DATA", default="{}", help="YAML, such as '{data: [10.0, 10.0]}'")
     _add_timeout(action)
@@ -235,11 +235,11 @@ def begin_ros() -> None:
 
 
 def _list(names: Callable[[], list[tuple[str, list[str]]]], args: argparse.Namespace) -> int:
-    found = names()
+    listing = names()
     if args.json:
-        print(json_text(dict(found)))
+        print(json_text(dict(listing)))
         return 0
-    for name, types in found:
+    for name, types in listing:
         print(f"{name} [{', '.join(types)}]" if args.types else name)
     return 0
 
@@ -265,8 +265,8 @@ def _hz(graph: Graph, args: argparse.Namespace) -> int:
     times: collections.deque[float] = collections.deque(maxlen=_WINDOW)
     graph.subscribe(args.topic, _type_of(graph, args), lambda _: times.append(time.monotonic()))
     end = time.monotonic() + (args.seconds or LONGEST_S)
-    while (left := end - time.monotonic()) > 0:
-        graph.spin(min(left, _REPORT_S))
+    while (remaining := end - time.monotonic()) > 0:
+        graph.spin(min(remaining, _REPORT_S))
         print(json_text(_rates(list(times)), indent=None) if args.json else _rate_of(list(times)), flush=True)
     return 0 if len(times) > 1 else 1
 
@@ -280,11 +280,11 @@ def _rates(times: list[float]) -> dict[str, float] | None:
 
 
 def _rate_of(times: list[float]) -> str:
-    found = _rates(times)
-    if found is None:
+    rates = _rates(times)
+    if rates is None:
         return "no new messages"
-    spread = "min: {min:.4f}s max: {max:.4f}s std dev: {std_dev:.5f}s".format(**found)
-    return f"average rate: {found['rate']:.3f}\n\t{spread} window: {found['window']}"
+    spread = "min: {min:.4f}s max: {max:.4f}s std dev: {std_dev:.5f}s".format(**rates)
+    return f"average rate: {rates['rate']:.3f}\n\t{spread} window: {rates['window']}"
 
 
 def _text(message: Any, args: argparse.Namespace) -> str:  # noqa: ANN401 - somebody's generator's class
@@ -325,8 +325,8 @@ def _call(graph: Graph, args: argparse.Namespace) -> int:
 def _type_of(graph: Graph, args: argparse.Namespace) -> str:
     from canopen_control.ros.graph import full_name
 
-    found = graph.type_of(args.topic, args.timeout)
-    return full_name(args.type, "msg") if args.type else found
+    topic_type = graph.type_of(args.topic, args.timeout)
+    return full_name(args.type, "msg") if args.type else topic_type
 
 
 def _data(text: str) -> object:

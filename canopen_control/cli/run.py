@@ -243,7 +243,9 @@ def run(args: argparse.Namespace) -> int:
 
 def names_robot(args: argparse.Namespace) -> bool:
     """Whether a robot is named, by its folder or its files."""
-    return any(each is not None for each in (args.config, args.launch, args.bus, args.controllers, args.description))
+    return any(
+        option is not None for option in (args.config, args.launch, args.bus, args.controllers, args.description)
+    )
 
 
 def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = False) -> int:
@@ -252,8 +254,8 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
         raise ConfigError(f"--real: {_NO_DEMO}")
     setup = read_setup(args)
     if motion and setup.reaches_real_drives:
-        where = setup.files.asked.real_word or ", ".join(setup.channels.values())
-        raise ConfigError(f"{where}: {_NO_DEMO}")
+        channels = setup.files.asked.real_word or ", ".join(setup.channels.values())
+        raise ConfigError(f"{channels}: {_NO_DEMO}")
     _require_parts(args, setup)
     from canopen_control.cli.support.output import Announcer
 
@@ -363,10 +365,10 @@ def _plant(args: argparse.Namespace, setup: RobotSetup) -> Path | None:
     """Return the plant file of the drives, None without one; ConfigError for mistakes in it, and what bars it."""
     if getattr(args, "plant", None) is None:
         return None
-    for other in ("physics", "real", "mock", "no_drives"):
-        if getattr(args, other):
+    for name in ("physics", "real", "mock", "no_drives"):
+        if getattr(args, name):
             raise ConfigError(
-                f"--plant is of the virtual drives that a run starts; leave --{other.replace('_', '-')} away"
+                f"--plant is of the virtual drives that a run starts; leave --{name.replace('_', '-')} away"
             )
     from canopen_control.bus.channel import parse_channel
     from canopen_control.virtual.plant_file import read_world
@@ -411,8 +413,8 @@ def _slow_down(session: RunSession, unclear: SlowReason) -> None:
     from canopen_control.check.preflight_record import SLOW, limit_speed
     from canopen_control.master.event_log import Event, Level
 
-    others = limit_speed(session.robot, unclear.joints)
-    unbound = f"; NOT limited, since their speed is unknown: {', '.join(others)}" if others else ""
+    uncapped = limit_speed(session.robot, unclear.joints)
+    unbound = f"; NOT limited, since their speed is unknown: {', '.join(uncapped)}" if uncapped else ""
     text = (
         f"{unclear.why}; speeds are limited to {SLOW:g} rad/s{unbound} "
         "(run canopen-control preflight, or override with --full-speed)"
@@ -460,10 +462,10 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
 
 def world_of(args: argparse.Namespace, files: RobotFiles) -> Path | None:
     """Return the file of the world that --world or an argument names; ConfigError where they name two."""
-    given = None if getattr(args, "world", None) is None else Path(args.world).resolve()
-    if given is not None and files.world not in (None, given):
+    path = None if getattr(args, "world", None) is None else Path(args.world).resolve()
+    if path is not None and files.world not in (None, path):
         raise ConfigError(f"{files.asked.world_word} contradicts --world {args.world}; leave one of them away")
-    return given or files.world
+    return path or files.world
 
 
 class _EventPrinter(RobotObserver):

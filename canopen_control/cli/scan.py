@@ -115,9 +115,9 @@ class ScanDocument(Document, frozen=True):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("--can", metavar="CHANNEL", help="channel to scan (can0, local:NAME, ...)")
-    where.add_argument("--name", help="scan the bus of this running robot (default: the only one)")
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument("--can", metavar="CHANNEL", help="channel to scan (can0, local:NAME, ...)")
+    group.add_argument("--name", help="scan the bus of this running robot (default: the only one)")
     parser.add_argument(
         "--config", metavar="ROBOT", help="compare with this bus.yml: a folder, a bundled name, a ROS package or a file"
     )
@@ -139,7 +139,7 @@ def run(args: argparse.Namespace) -> int:
     match_files(survey, _eds_files(folders))
     _report(survey, as_json=args.json)
     nodes = [found for node_id, found in survey.found.items() if node_id != survey.master_id]
-    return 1 if not nodes or any(found.problems for found in nodes) else 0
+    return 1 if not nodes or any(node.problems for node in nodes) else 0
 
 
 # --- what should be there ---
@@ -190,23 +190,23 @@ def _survey_bus(channel: str, timeout: float) -> ScanResult:
 
 def _ask(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, FoundNode]:
     """Ask for the one object that every node has, and those that answer for the rest."""
-    wanted = [(node_id, *_OBJECTS[0]) for node_id in node_ids]
+    requests = [(node_id, *_OBJECTS[0]) for node_id in node_ids]
     there: dict[tuple[int, int, int], bytes | CanopenError] = {}
     with Progress(f"asking on {bus.port.channel}", "node ids") as progress:
-        for start in range(0, len(wanted), PARALLEL):
-            progress.at(start, len(wanted))
-            there |= bus.read_many(wanted[start : start + PARALLEL])
+        for start in range(0, len(requests), PARALLEL):
+            progress.at(start, len(requests))
+            there |= bus.read_many(requests[start : start + PARALLEL])
     answering = [node_id for (node_id, _, _), answer in there.items() if not _is_silent(answer)]
-    rest = bus.read_many((node_id, *address) for node_id in answering for address in _OBJECTS[1:])
-    answers = {**there, **rest}
-    found = {}
+    further = bus.read_many((node_id, *address) for node_id in answering for address in _OBJECTS[1:])
+    answers = {**there, **further}
+    nodes = {}
     for node_id in answering:
         data = {(index, subindex): answer for (node, index, subindex), answer in answers.items() if node == node_id}
-        found[node_id] = FoundNode(node_id, identity_of(data))
+        nodes[node_id] = FoundNode(node_id, identity_of(data))
     for node_id, state in bus.heard.items():
-        entry = found.setdefault(node_id, FoundNode(node_id))
+        entry = nodes.setdefault(node_id, FoundNode(node_id))
         entry.nmt_state = None if state is None else state.name
-    return dict(sorted(found.items()))
+    return dict(sorted(nodes.items()))
 
 
 def _is_silent(answer: bytes | CanopenError) -> bool:
@@ -226,10 +226,10 @@ def _survey_robot(robot: RobotTarget, timeout: float) -> ScanResult:
         if identity is not None:
             survey.found[node.node_id] = FoundNode(node.node_id, identity, states[node.name].nmt_state)
     if parse_channel(survey.channel).kind.shared:
-        others = [node_id for node_id in range(1, MAX_NODE_ID + 1) if node_id not in (*expected, survey.master_id)]
+        unused = [node_id for node_id in range(1, MAX_NODE_ID + 1) if node_id not in (*expected, survey.master_id)]
         with DirectBus.open(survey.channel, label=LABEL, timeout_s=timeout, retries=0) as direct:
-            found = _ask(direct, others)
-        survey.found.update((node_id, each) for node_id, each in found.items() if node_id in others)
+            nodes = _ask(direct, unused)
+        survey.found.update((node_id, each) for node_id, each in nodes.items() if node_id in unused)
     else:
         survey.notes.append(f"{survey.channel} can be opened once only: nodes that are not in the bus.yml stay unseen")
     survey.found = dict(sorted(survey.found.items()))
@@ -253,12 +253,12 @@ def _through_robot(robot: RobotTarget, node_id: int) -> ScannedDevice | None:
 
 def match_files(survey: ScanResult, files: Iterable[Path]) -> None:
     """Find the EDS of each node among `files`, and hold it against the bus.yml; files that are none go to the notes."""
-    known, refused = read_known(files)
+    candidates, refused = read_known(files)
     survey.notes += refused
-    for found in survey.found.values():
-        if found.identity is not None:
-            eds, found.remark = match_eds(found.identity, known)
-            found.eds = None if eds is None else str(eds.path)
+    for node in survey.found.values():
+        if node.identity is not None:
+            eds, node.remark = match_eds(node.identity, candidates)
+            node.eds = None if eds is None else str(eds.path)
     for node_id, expected in (survey.expected or {}).items():
         entry = survey.found.setdefault(node_id, FoundNode(node_id))
         entry.name = expected.name
@@ -276,8 +276,8 @@ def _report(survey: ScanResult, *, as_json: bool) -> None:
         print(json_text(_document(survey)))
     elif survey.found:
         table = Table(_HEADINGS if survey.expected is not None else _HEADINGS[:-1])
-        for found in survey.found.values():
-            table.add(_row(survey, found))
+        for node in survey.found.values():
+            table.add(_row(survey, node))
         print("\n".join(table.lines()))
         for line in known_lines(survey.found.values()):
             print(line)
@@ -292,62 +292,62 @@ def _report(survey: ScanResult, *, as_json: bool) -> None:
 
 def known_lines(nodes: Iterable[FoundNode]) -> Iterator[str]:
     """Yield what is known of the drives of a manufacturer, and the keys of bus.yml that they need."""
-    known: dict[str, tuple[Personality, list[int]]] = {}
+    by_name: dict[str, tuple[Personality, list[int]]] = {}
     for node in nodes:
         identity = node.identity or ScannedDevice()
         if (identity.device_type or 0) & 0xFFFF == _DRIVE and (
             drive := known_drive(identity.vendor_id or 0, identity.product_code or 0, identity.device_name or "")
         ):
-            known.setdefault(drive.name, (drive, []))[1].append(node.node_id)
-    for drive, ids in known.values():
+            by_name.setdefault(drive.name, (drive, []))[1].append(node.node_id)
+    for drive, ids in by_name.values():
         which = f"node {ids[0]} is" if len(ids) == 1 else f"nodes {', '.join(map(str, ids))} are"
         yield f"{which} known as {drive.title} (`canopen-control drive --like {drive.name}`)"
         for key in drive.bus_keys:
             yield f"  in bus.yml: `{key.text}`: {key.why} ({key.source})"
 
 
-def _row(survey: ScanResult, found: FoundNode) -> tuple[str, ...]:
-    identity = found.identity or ScannedDevice()
+def _row(survey: ScanResult, node: FoundNode) -> tuple[str, ...]:
+    identity = node.identity or ScannedDevice()
     numbers = [getattr(identity, each) for each in FIELDS]
-    eds = "-" if found.eds is None else Path(found.eds).name + (f" ({found.remark})" if found.remark else "")
+    eds = "-" if node.eds is None else Path(node.eds).name + (f" ({node.remark})" if node.remark else "")
     row = (
-        f"{found.node_id}",
+        f"{node.node_id}",
         *("-" if number is None else f"0x{number:08X}" for number in numbers),
         identity.device_name or "-",
-        (found.nmt_state or "-").replace("_", " "),
+        (node.nmt_state or "-").replace("_", " "),
         eds,
     )
-    return row if survey.expected is None else (*row, _verdict(survey, found))
+    return row if survey.expected is None else (*row, _verdict(survey, node))
 
 
-def _verdict(survey: ScanResult, found: FoundNode) -> str:
-    if found.node_id == survey.master_id:
+def _verdict(survey: ScanResult, node: FoundNode) -> str:
+    if node.node_id == survey.master_id:
         return "the master"
-    if not found.name:
+    if not node.name:
         return "not in it"
-    return f"{found.name}: {', '.join(found.problems) or 'as expected'}"
+    return f"{node.name}: {', '.join(node.problems) or 'as expected'}"
 
 
 def _document(survey: ScanResult) -> ScanDocument:
-    nodes = [_node_document(found, (survey.expected or {}).get(found.node_id)) for found in survey.found.values()]
+    nodes = [_node_document(node, (survey.expected or {}).get(node.node_id)) for node in survey.found.values()]
     return ScanDocument(survey.channel, nodes, survey.notes)
 
 
-def _node_document(found: FoundNode, expected: ExpectedNode | None) -> NodeDocument:
-    identity = found.identity or ScannedDevice()
+def _node_document(node: FoundNode, expected: ExpectedNode | None) -> NodeDocument:
+    identity = node.identity or ScannedDevice()
     return NodeDocument(
-        node_id=found.node_id,
-        answers=found.identity is not None,
+        node_id=node.node_id,
+        answers=node.identity is not None,
         device_type=identity.device_type,
         vendor_id=identity.vendor_id,
         product_code=identity.product_code,
         revision_number=identity.revision_number,
         serial_number=identity.serial_number,
         device_name=identity.device_name,
-        nmt_state=found.nmt_state,
-        eds=found.eds,
-        eds_remark=found.remark or None,
-        name=found.name or None,
-        problems=found.problems,
+        nmt_state=node.nmt_state,
+        eds=node.eds,
+        eds_remark=node.remark or None,
+        name=node.name or None,
+        problems=node.problems,
         expected=None if expected is None else expected.identity,
     )

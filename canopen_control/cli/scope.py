@@ -115,16 +115,16 @@ def write_shot(
 
 def shot_lines(shot: Shot, signals: Sequence[Signal], overlay: NamedShot | None = None) -> Iterator[str]:
     """Yield measures and a curve for each signal, and below it those of the same signal of an overlay."""
-    begin, end = shot.span
+    begin, end = shot.time_range
     yield f"{len(shot.rows)} samples from {begin:.3f} s to {end:.3f} s" + (
         "" if shot.triggered is None else " of the trigger"
     )
     table = Table(("signal", "name", "unit", "min", "max", "mean", "RMS", "curve"))
     for place, each in enumerate(signals):
         table.add([each.name, each.label, each.unit, *_measured(shot, place)])
-        other = None if overlay is None else overlay.place(each.name)
-        if overlay is not None and other is not None:
-            table.add(["", overlay.label, "", *_measured(overlay.shot, other)])
+        overlay_place = None if overlay is None else overlay.place(each.name)
+        if overlay is not None and overlay_place is not None:
+            table.add(["", overlay.label, "", *_measured(overlay.shot, overlay_place)])
     yield from table.lines()
 
 
@@ -331,12 +331,12 @@ class _Look:
                     if self._capture.done:
                         break
                 self._capture.tick(time.time())
-                self._tell()
+                self._report()
                 waits = self._capture.state is ScopeState.WAITING and self._wait is not None
                 if waits and time.monotonic() - begin > (self._wait or 0.0):
                     break
             self._capture.stop()
-            self._tell()
+            self._report()
         _tell_missed(before, self._source.cycles())
         if not self._taken:
             print("canopen-control: no shot was taken: the trigger did not come", file=sys.stderr)
@@ -345,7 +345,7 @@ class _Look:
     def _end(self) -> None:
         self._ended = True
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         """Print and write the shots that are finished."""
         for shot in self._capture.take():
             self._taken += 1

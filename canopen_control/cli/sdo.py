@@ -174,8 +174,8 @@ def _document(data: bytes, data_type: DataType | None, node: TargetNode, address
 def _write(args: argparse.Namespace, target: SdoTarget, node: TargetNode, address: ObjectAddress) -> None:
     data_type = _type_of(args, address)
     if data_type is None:
-        known = "the EDS does not have it" if node.eds is not None else "there is no EDS"
-        raise ConfigError(f"0x{address.index:04X}:{address.subindex:02X}: {known}: give its type, as in --type u32")
+        reason = "the EDS does not have it" if node.eds is not None else "there is no EDS"
+        raise ConfigError(f"0x{address.index:04X}:{address.subindex:02X}: {reason}: give its type, as in --type u32")
     data = parse_value(args.value, data_type)
     target.write(node, address.index, address.subindex, data)
     text = f"{node}: {address.label}: written {show(data, data_type)}"
@@ -212,13 +212,13 @@ def _download(args: argparse.Namespace, target: SdoTarget, node: TargetNode, add
 
 
 def _tell_transfer(args: argparse.Namespace, node: TargetNode, address: ObjectAddress, text: str, length: int) -> None:
-    where = {"node_id": node.node_id, "index": address.index, "subindex": address.subindex}
-    print_result(args, {**where, "file": args.file, "bytes": length}, f"{node}: {address.label}: {text}")
+    place = {"node_id": node.node_id, "index": address.index, "subindex": address.subindex}
+    print_result(args, {**place, "file": args.file, "bytes": length}, f"{node}: {address.label}: {text}")
 
 
-def _told(what: str, target: SdoTarget, node: TargetNode) -> AbstractContextManager[None]:
+def _told(title: str, target: SdoTarget, node: TargetNode) -> AbstractContextManager[None]:
     """Tell how far a transfer is, while it takes long."""
-    return watched(Progress(what, "bytes"), lambda: target.progress(node))
+    return watched(Progress(title, "bytes"), lambda: target.progress(node))
 
 
 _ACTIONS: dict[str, Callable[[argparse.Namespace, SdoTarget, TargetNode, ObjectAddress], None]] = {

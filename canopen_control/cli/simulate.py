@@ -182,8 +182,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _run_one(args: argparse.Namespace) -> int:
     out = None if args.recording is not None else args.out
-    for option, given in (("--jobs", args.jobs), ("--aim", args.aim), ("--out", out), ("--dask", args.dask)):
-        if given is not None:
+    for option, value in (("--jobs", args.jobs), ("--aim", args.aim), ("--out", out), ("--dask", args.dask)):
+        if value is not None:
             raise ConfigError(f"{option} is for a campaign; give the number of its seeds, as --seeds 100")
     from canopen_control.simulation.robot_under_test import RobotUnderTest
     from canopen_control.simulation.simulation_run import SimulationRun
@@ -212,7 +212,7 @@ def _run_one(args: argparse.Namespace) -> int:
         never = simulation.why_never(duration_ns)
     finally:
         simulation.close()
-    _tell(outcome, failure, as_json=args.json)
+    _report(outcome, failure, as_json=args.json)
     if never:
         print(f"canopen-control: {never}", file=sys.stderr)
     return 1 if outcome.breaches or never else 0
@@ -255,8 +255,8 @@ def _run_world(args: argparse.Namespace) -> int:
     """Run the robots of a world."""
     from canopen_control.simulation.random_schedule import known_faults
 
-    for option, given in (("--serve", args.serve), ("--ros", args.ros)):
-        if given:
+    for option, value in (("--serve", args.serve), ("--ros", args.ros)):
+        if value:
             raise ConfigError(f"{option} is of one robot; give ROBOT, and --physics with --world")
     drawn = known_faults(physics=True)
     faults = drawn if args.faults == "all" else _faults("none" if args.faults is None else args.faults, known_faults())
@@ -372,7 +372,7 @@ def _faults(text: str, known: list[str]) -> list[str]:
         return []
     if text == "all":
         return known
-    names = [each.strip() for each in text.split(",")]
+    names = [field.strip() for field in text.split(",")]
     for name in names:
         if not name:
             raise ConfigError(f"--faults {text!r}: a name is empty; give names apart by commas, all, or none")
@@ -405,7 +405,7 @@ def _watch(simulation: SimulationRun, duration_ns: int, record: str | None, *, q
         recorder.write(Path(record))
 
 
-def _tell(outcome: SimulationResult, failure: str | None, *, as_json: bool) -> None:
+def _report(outcome: SimulationResult, failure: str | None, *, as_json: bool) -> None:
 
     if as_json:
         print(json_line(outcome))

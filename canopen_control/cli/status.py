@@ -52,16 +52,16 @@ class _Cause:
 
     def line(self) -> str:
         """Return the sentence, with level, count and time span."""
-        said = "; ".join([*self.clauses.values(), *filter(None, [self.stopping])])
+        text = "; ".join([*self.clauses.values(), *filter(None, [self.stopping])])
         span = f" ({self.count} times, {_clock(self.since)} to {_clock(self.until)})" if self.count > 1 else ""
-        return f"{self.level}: {self.who}{': ' if self.who else ''}{said}{span}"
+        return f"{self.level}: {self.who}{': ' if self.who else ''}{text}{span}"
 
 
 def tell_causes(events: Iterable[RobotEvent], current: Mapping[str, str]) -> list[str]:
     """Return a line for each cause in `events`; `current`, errors by node as they stand above it, are not retold."""
     folded: list[_Cause] = []
     for cause in _gather(events):
-        same = next((each for each in folded if _alike(each, cause)), None)
+        same = next((previous for previous in folded if _alike(previous, cause)), None)
         if same is None:
             folded.append(cause)
         else:
@@ -75,21 +75,21 @@ def tell_causes(events: Iterable[RobotEvent], current: Mapping[str, str]) -> lis
 def _gather(events: Iterable[RobotEvent]) -> list[_Cause]:
     """Put together what was told at one place within a moment and shares a clause."""
     causes: list[_Cause] = []
-    told: set[tuple[float, str]] = set()  # each axis of a node tells its loss, in one cycle
+    reported: set[tuple[float, str]] = set()  # each axis of a node tells its loss, in one cycle
     for event in events:
-        if event.level == "info" or (event.time, event.text) in told:
+        if event.level == "info" or (event.time, event.text) in reported:
             continue
-        told.add((event.time, event.text))
+        reported.add((event.time, event.text))
         new = _cause_of(event)
-        known = next((each for each in reversed(causes) if _belongs(new, each)), None)
-        if known is None:
+        previous = next((cause for cause in reversed(causes) if _belongs(new, cause)), None)
+        if previous is None:
             causes.append(new)
             continue
-        known.clauses |= {head: text for head, text in new.clauses.items() if head not in known.clauses}
-        known.stopping = known.stopping or new.stopping
-        known.level = max(known.level, new.level, key=_LEVELS.index)
-        known.kinds |= new.kinds
-        known.until = new.until
+        previous.clauses |= {head: text for head, text in new.clauses.items() if head not in previous.clauses}
+        previous.stopping = previous.stopping or new.stopping
+        previous.level = max(previous.level, new.level, key=_LEVELS.index)
+        previous.kinds |= new.kinds
+        previous.until = new.until
     return causes
 
 
@@ -97,10 +97,10 @@ def _cause_of(event: RobotEvent) -> _Cause:
     text, stopping = event.text, ""
     if (stop := _STOPPING.fullmatch(text)) is not None:
         stopping, text = stop[1], stop[2]
-    who = ""
+    node = ""
     if (place := _WHO.fullmatch(text)) is not None:
-        who, text = place[1], place[2]
-    return _Cause(who, event, _clauses(text), stopping)
+        node, text = place[1], place[2]
+    return _Cause(node, event, _clauses(text), stopping)
 
 
 def _clauses(text: str) -> dict[str, str]:
@@ -109,14 +109,14 @@ def _clauses(text: str) -> dict[str, str]:
     return {clause.partition(", register 0x")[0]: clause for clause in clauses}
 
 
-def _belongs(new: _Cause, known: _Cause) -> bool:
-    near = new.since - known.until <= _TOGETHER_S
-    other = new.kinds.isdisjoint(known.kinds)  # the same kind anew is another failure
-    return near and other and new.who == known.who and not new.clauses.keys().isdisjoint(known.clauses)
+def _belongs(new: _Cause, previous: _Cause) -> bool:
+    near = new.since - previous.until <= _TOGETHER_S
+    other_kind = new.kinds.isdisjoint(previous.kinds)  # the same kind anew is another failure
+    return near and other_kind and new.who == previous.who and not new.clauses.keys().isdisjoint(previous.clauses)
 
 
-def _alike(one: _Cause, other: _Cause) -> bool:
-    return (one.who, one.clauses.keys(), one.stopping) == (other.who, other.clauses.keys(), other.stopping)
+def _alike(first: _Cause, second: _Cause) -> bool:
+    return (first.who, first.clauses.keys(), first.stopping) == (second.who, second.clauses.keys(), second.stopping)
 
 
 def _leave_out(cause: _Cause, current: Mapping[str, str]) -> None:
@@ -167,7 +167,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         current = {name: line.strip() for name, line in _errors(status).items()}
         sync = [f"bus {name}: {bus.sync}" for name, bus in status.buses.items() if bus.sync]
-        missing = [f"program {name}: {what}" for name, what in status.missing_programs.items()]
+        missing = [f"program {name}: {missing_program}" for name, missing_program in status.missing_programs.items()]
         more = [*sync, *missing, *_boot(status, current), *tell_causes(status.events, current), *_program(status)]
         print("\n".join(painted([*render(status), *([""] if more else []), *more])))
     return 0
@@ -185,10 +185,10 @@ def render(state: Snapshot, width: int | None = None) -> list[str]:
         table.add(("no drive", "-", "-", name, *_numbers(joint), "-"))  # mock, or simulated
     alone = bool(state.nodes) and all(len(node.axes) <= 1 for node in state.nodes.values())  # the node names the axis
     rows = table.lines(width, (*_EXPENDABLE, *(("joint",) if alone else ()), "position rad"))
-    held = [state.hint] if state.hint else []
+    lines = [state.hint] if state.hint else []
     active = ", ".join(state.active) or "none"
     truth = [] if state.true_pose is None else [state.true_pose.words]
-    above = _wrapped([f"{head}, active: {active}", *held, *truth], width)
+    above = _wrapped([f"{head}, active: {active}", *lines, *truth], width)
     below = _wrapped([*_errors(state).values(), *_unsupervised(state), *_void_outputs(state)], width)
     return [*above, *rows, *_tracking(state, width), *below]
 
@@ -203,13 +203,18 @@ def _wrapped(lines: list[str], width: int | None) -> list[str]:
 def _tracking(state: Snapshot, width: int | None) -> list[str]:
     """Return how well the joints follow, as far as any has moved under command."""
     table = Table(_TRACKING)
-    known = [(name, joint.tracking) for name, joint in state.joints.items() if joint.tracking is not None]
-    for name, each in known:
-        unit = "rad" if each.interface == "position" else "rad/s"
-        errors = each.error_max, each.error_rms, each.error_max_since_enable, each.error_rms_since_enable
+    tracked = [(name, joint.tracking) for name, joint in state.joints.items() if joint.tracking is not None]
+    for name, tracking in tracked:
+        unit = "rad" if tracking.interface == "position" else "rad/s"
+        errors = (
+            tracking.error_max,
+            tracking.error_rms,
+            tracking.error_max_since_enable,
+            tracking.error_rms_since_enable,
+        )
         numbers = [f"{error:.2g} {unit}" for error in errors]
-        table.add((name, *numbers, f"{each.repeated}", f"{each.skipped}"))
-    return table.lines(width, ("max", "RMS")) if known else []
+        table.add((name, *numbers, f"{tracking.repeated}", f"{tracking.skipped}"))
+    return table.lines(width, ("max", "RMS")) if tracked else []
 
 
 def _errors(state: Snapshot) -> dict[str, str]:
@@ -277,7 +282,7 @@ def _boot(status: Status, current: Mapping[str, str]) -> list[str]:
         why = "" if str(step.error) in current.get(step.node, "") else f": {step.error}"
         failed = f" failed{why}" if step.error else ""
         steps.setdefault(step.node, []).append(f"{step.step} {1e3 * step.seconds:.1f} ms{failed}")
-    return [f"boot of {node}: {', '.join(each)}{_traffic(status, node)}" for node, each in steps.items()]
+    return [f"boot of {node}: {', '.join(step)}{_traffic(status, node)}" for node, step in steps.items()]
 
 
 def _program(status: Status) -> list[str]:

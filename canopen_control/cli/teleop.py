@@ -84,9 +84,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="duration of the motion after a held key in s (default: 0.25)",
     )
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("--name", help="the robot (default: the only one that runs)")
-    where.add_argument("--topic", help="publish to this ROS topic instead, such as /cmd_vel")
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument("--name", help="the robot (default: the only one that runs)")
+    group.add_argument("--topic", help="publish to this ROS topic instead, such as /cmd_vel")
     parser.add_argument("--stamped", action="store_true", help="with --topic: TwistStamped instead of Twist")
     parser.add_argument("--frame-id", metavar="F", default="", help="with --stamped: frame id of the header")
 
@@ -129,13 +129,13 @@ def _drive(keyboard: Keyboard, teleop: Teleop, target: TeleopTarget, screen: Scr
         teleop.tick(now)
         if not sender.send(teleop.velocities, now):
             teleop.stop()
-        screen.tell(target.news())
+        screen.report(target.news())
 
 
 def _wait(decoder: KeyDecoder, teleop: Teleop) -> float:
     """Return the seconds until something is due."""
     now = time.monotonic_ns()
-    due = [each for each in (decoder.next_deadline(), teleop.next_deadline()) if each is not None]
+    due = [deadline for deadline in (decoder.next_deadline(), teleop.next_deadline()) if deadline is not None]
     return min(PERIOD_S, max((min(due, default=now + 10**9) - now) / 1e9, 0.0))
 
 
@@ -203,10 +203,10 @@ class Screen:
             print(f"{self._before}{line}{self._after}", end="", flush=True)
             self._shown = line
 
-    def tell(self, news: Sequence[str]) -> None:
+    def report(self, news: Sequence[str]) -> None:
         """Print sentences that stay."""
-        for each in news:
-            print(f"{self._before}{each}{self._after.rstrip(chr(10))}", flush=True)
+        for line in news:
+            print(f"{self._before}{line}{self._after.rstrip(chr(10))}", flush=True)
             self._shown = ""
 
     def end(self) -> None:
@@ -256,23 +256,27 @@ class TeleopRobot:
 
     def news(self) -> list[str]:
         """Return what the robot warns of."""
-        events = [each for each in self._robot.messages(0) if isinstance(each, RobotEvent)]
-        found, self._news = [*self._news, *(each.text for each in events if each.level != "info")], []
-        return found
+        events = [message for message in self._robot.messages(0) if isinstance(message, RobotEvent)]
+        lines, self._news = [*self._news, *(event.text for event in events if event.level != "info")], []
+        return lines
 
     def close(self) -> None:
         """Leave the robot."""
         self._robot.close()
 
 
-def choose(controllers: Sequence[ControllerReading], wanted: str | None) -> ControllerReading:
+def choose(controllers: Sequence[ControllerReading], name: str | None) -> ControllerReading:
     """Return the controller to drive: the one wanted, the active base controller, or a pair of wheels; ConfigError."""
-    if wanted is not None:
-        found = [each for each in controllers if each.name == wanted]
-        if not found:
-            raise ConfigError(f"no controller {wanted!r}; there are: {_names(controllers)}")
-        return _usable(found[0])
-    active = [each for each in controllers if each.active and each.topic is not None and not each.takes_outputs]
+    if name is not None:
+        matching = [controller for controller in controllers if controller.name == name]
+        if not matching:
+            raise ConfigError(f"no controller {name!r}; there are: {_names(controllers)}")
+        return _usable(matching[0])
+    active = [
+        controller
+        for controller in controllers
+        if controller.active and controller.topic is not None and not controller.takes_outputs
+    ]
     bases = [each for each in active if each.is_base]
     candidates = bases or active
     if len(candidates) > 1:
@@ -291,10 +295,10 @@ def _usable(controller: ControllerReading) -> ControllerReading:
         raise ConfigError(f"{name} is {controller.state}; activate it: canopen-control controller activate {name}")
     if controller.is_base or (controller.interface == "velocity" and len(joints) == len(_LEFT_RIGHT)):
         return controller
-    what = controller.interface or "several interfaces"
+    interface = controller.interface or "several interfaces"
     raise ConfigError(
-        f"{name} commands {what} of {len(joints)} joint{'' if len(joints) == 1 else 's'}; teleop drives a base or two "
-        f"wheels by velocity. By values: canopen-control command {name} VALUE..."
+        f"{name} commands {interface} of {len(joints)} joint{'' if len(joints) == 1 else 's'}; teleop drives a base or "
+        f"two wheels by velocity. By values: canopen-control command {name} VALUE..."
     )
 
 
@@ -309,7 +313,7 @@ def sides(joints: Sequence[str]) -> tuple[int, int]:
 
 
 def _names(controllers: Sequence[ControllerReading]) -> str:
-    return ", ".join(each.name for each in controllers) or "none"
+    return ", ".join(controller.name for controller in controllers) or "none"
 
 
 class RosTarget:

@@ -17,7 +17,13 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import add_duration, whole_number
-from canopen_control.cli.support.heard_bus import add_network_arguments, heard_bus, network_for, open_frames, tell_gaps
+from canopen_control.cli.support.bus_description import (
+    add_network_arguments,
+    network_for,
+    open_frames,
+    report_gaps,
+    watched_bus,
+)
 from canopen_control.cli.support.output import json_line
 from canopen_control.trace.decoder import Decoder
 from canopen_control.trace.frame_lines import Filter, LineWriter, document_of, node_ids_of, parse_ids, parse_services
@@ -41,9 +47,9 @@ CHUNK = 256  # frames of a file that are printed at once
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("--can", metavar="CHANNEL", help="channel to listen to (default: that of the running robot)")
-    where.add_argument(
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument("--can", metavar="CHANNEL", help="channel to listen to (default: that of the running robot)")
+    group.add_argument(
         "--file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc (text also as .gz), or a flight recording"
     )
     add_duration(parser, "end after S seconds", former="--duration", dest="duration")
@@ -105,11 +111,11 @@ def run(args: argparse.Namespace) -> int:
         return show_file(args, args.file)
     from canopen_control.trace.listen import batches, open_listener
 
-    heard = heard_bus(args, args.can)
+    heard = watched_bus(args, args.can)
     port = open_listener(heard.channel, LABEL, owner=heard.owner)
-    heard.tell()
+    heard.report_notes()
     try:
-        show(args, heard.network, batches(port, args.duration, on_event=partial(_tell, as_json=args.json)))
+        show(args, heard.network, batches(port, args.duration, on_event=partial(_report, as_json=args.json)))
     except KeyboardInterrupt:
         pass
     finally:
@@ -122,7 +128,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _tell(event: BusEvent, *, as_json: bool) -> None:
+def _report(event: BusEvent, *, as_json: bool) -> None:
     """Print what happened to the channel between its frames; beside JSON, which is frames alone, as a complaint."""
     print(f"{event.kind.value.upper()}: {event.text}", file=sys.stderr if as_json else sys.stdout, flush=True)
 
@@ -131,7 +137,7 @@ def show_file(args: argparse.Namespace, path: str) -> int:
     """Show a recording; 1 if it could not be read to its end."""
     recording = open_frames(path, args.bus)
     show(args, network_for(args, recording), _chunks(recording))
-    tell_gaps(recording)
+    report_gaps(recording)
     return 1 if recording.problem else 0
 
 
@@ -143,14 +149,14 @@ def _chunks(recording: Iterable[RecordedFrame]) -> Iterator[list[RecordedFrame]]
 
 def show(args: argparse.Namespace, network: NetworkDescription, source: Iterable[list[RecordedFrame]]) -> int:
     """Print what the arguments want of `source`, a batch at a time; return the number of lines."""
-    decoder, wanted = Decoder(network), _filter(args, network)
+    decoder, selects = Decoder(network), _filter(args, network)
     line = _line_of(args, network)
     shown = 0
     for batch in source:
         lines = []
         for time_ns, frame in batch:
             decoded = decoder.decode(frame, time_ns)
-            if wanted.wants(decoded):
+            if selects.wants(decoded):
                 lines.append(line(decoded))
             if args.count is not None and shown + len(lines) >= args.count:
                 break

@@ -91,7 +91,7 @@ class TrajectoryRecording:
         times, positions = self._times[:end], self._positions[:end]
         return [
             TrajectoryPoint(
-                positions=[round(each, 6) for each in positions[index]],
+                positions=[round(position, 6) for position in positions[index]],
                 velocities=_velocities(times, positions, index),
                 time_from_start=round(times[index] - times[0], 6),
             )
@@ -99,8 +99,8 @@ class TrajectoryRecording:
         ]
 
 
-def _near(one: Sequence[float], other: Sequence[float]) -> bool:
-    return all(abs(a - b) < STILL for a, b in zip(one, other, strict=True))
+def _near(first: Sequence[float], second: Sequence[float]) -> bool:
+    return all(abs(a - b) < STILL for a, b in zip(first, second, strict=True))
 
 
 def _velocities(times: Sequence[float], positions: Sequence[Sequence[float]], index: int) -> list[float]:
@@ -159,9 +159,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     record.add_argument("--rate", type=_rate, default=20.0, metavar="HZ", help="points per second (default: 20)")
     add_duration(record, "end after S seconds", former="--duration", dest="duration")
     cancel = actions.add_parser("cancel", help="cancel the running trajectory: the joints brake")
-    for each in (play, record, cancel):
-        each.add_argument("--controller", help="controller name (default: the only active one)")
-        each.add_argument("--name", help="the robot (default: the only one that runs)")
+    for parser_of_action in (play, record, cancel):
+        parser_of_action.add_argument("--controller", help="controller name (default: the only active one)")
+        parser_of_action.add_argument("--name", help="the robot (default: the only one that runs)")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -186,13 +186,13 @@ def _play(args: argparse.Namespace) -> int:
             points = read_waypoints(args.waypoints, len(joints), args.step)
         if args.approach is not None:
             points = _later(points, args.approach)
-        rest = robot.send_points(points)
-        wanted = FollowTrajectory(
-            controller=controller.name, joints=joints, points=rest, source="trajectory", heartbeat=HEARTBEAT_S
+        remaining = robot.send_points(points)
+        request = FollowTrajectory(
+            controller=controller.name, joints=joints, points=remaining, source="trajectory", heartbeat=HEARTBEAT_S
         )
         patience = points[-1].time_from_start + _PATIENCE_S if points else _PATIENCE_S
         with robot.heartbeats():
-            result = robot.ask(wanted, patience)
+            result = robot.ask(request, patience)
     reached = result.state == "succeeded"
     if args.json:
         print(json_text(result))
@@ -215,13 +215,13 @@ def _later(points: list[TrajectoryPoint], by: float) -> list[TrajectoryPoint]:
     shift = by - points[0].time_from_start if points else 0.0
     return [
         TrajectoryPoint(
-            positions=each.positions,
-            velocities=each.velocities,
-            accelerations=each.accelerations,
-            effort=each.effort,
-            time_from_start=each.time_from_start + shift,
+            positions=point.positions,
+            velocities=point.velocities,
+            accelerations=point.accelerations,
+            effort=point.effort,
+            time_from_start=point.time_from_start + shift,
         )
-        for each in points
+        for point in points
     ]
 
 
@@ -261,26 +261,26 @@ def _record(args: argparse.Namespace) -> int:
 
 def _add(recording: TrajectoryRecording, sample: StateSample) -> None:
     """Take a sample in which the place of every joint is known."""
-    found = [sample.joints[joint].position for joint in recording.joints if joint in sample.joints]
-    positions = [each for each in found if each is not None]
+    positions_seen = [sample.joints[joint].position for joint in recording.joints if joint in sample.joints]
+    positions = [position for position in positions_seen if position is not None]
     if len(positions) == len(recording.joints):
         recording.add(sample.time if sample.sim_time is None else sample.sim_time, positions)
 
 
 def _joints(robot: RobotClient, args: argparse.Namespace) -> list[str]:
     """Return the joints to record: those that are named, else the only trajectory controller's, else all."""
-    known = robot.ask(GetStatus()).joints
+    joints = robot.ask(GetStatus()).joints
     if args.joints is not None:
-        wanted = [each.strip() for each in args.joints.split(",") if each.strip()]
-        strange = [each for each in wanted if each not in known]
-        if strange or not wanted:
-            raise ConfigError(f"--joints {args.joints}: the joints of the robot are {', '.join(known)}; name some")
-        return wanted
-    found = [each for each in robot.ask(ListControllers()) if each.type == _TYPE]
-    named = [each for each in found if args.controller in (None, each.name)]
+        names = [field.strip() for field in args.joints.split(",") if field.strip()]
+        strange = [controller for controller in names if controller not in joints]
+        if strange or not names:
+            raise ConfigError(f"--joints {args.joints}: the joints of the robot are {', '.join(joints)}; name some")
+        return names
+    controllers = [controller for controller in robot.ask(ListControllers()) if controller.type == _TYPE]
+    named = [controller for controller in controllers if args.controller in (None, controller.name)]
     if args.controller is not None and not named:
         raise ConfigError(f"no joint trajectory controller {args.controller!r} is loaded; give --joints")
-    return list(named[0].joints) if len(named) == 1 else list(known)
+    return list(named[0].joints) if len(named) == 1 else list(joints)
 
 
 def _controller(robot: RobotClient, args: argparse.Namespace) -> ControllerReading:

@@ -140,9 +140,9 @@ def _add_proposal(parser: argparse.ArgumentParser) -> None:
 
 def _add_what(parser: argparse.ArgumentParser) -> None:
     """Declare what is done, of which there is one."""
-    what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--step", metavar="X[rad/s|rpm|pps]", help="apply a velocity step")
-    what.add_argument(
+    group = parser.add_mutually_exclusive_group(required=True)
+    group.add_argument("--step", metavar="X[rad/s|rpm|pps]", help="apply a velocity step")
+    group.add_argument(
         "--bode",
         nargs="?",
         const="chirp",
@@ -150,10 +150,10 @@ def _add_what(parser: argparse.ArgumentParser) -> None:
         help="measure gain and phase of the velocity loop (default: chirp)",
     )
     torque = number("torque in per mille of the rated one, above 0 to 300", lambda value: 0 < value <= _TORQUE)
-    what.add_argument(
+    group.add_argument(
         "--identify", metavar="PERMILLE", type=torque, help="apply a torque; identify inertia, friction and gains"
     )
-    what.add_argument("--revert", action="store_true", help="write back the gains from before --apply")
+    group.add_argument("--revert", action="store_true", help="write back the gains from before --apply")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -202,8 +202,8 @@ def run(args: argparse.Namespace) -> int:
         gains = proposed(identified(record), request)
         with open_session(args) as session:
             say("\n".join(_hinted(applied(session, gains, scale.counts / math.tau, _place(args)), args)))
-        where = f"--can {args.can} --eds {args.eds}" if args.can else f"--name {args.name}" if args.name else ""
-        say(f"taken back by: canopen-control tune {args.node} {where} --revert".replace("  ", " "))
+        target = f"--can {args.can} --eds {args.eds}" if args.can else f"--name {args.name}" if args.name else ""
+        say(f"taken back by: canopen-control tune {args.node} {target} --revert".replace("  ", " "))
     return 0
 
 
@@ -217,8 +217,8 @@ def _check_gains(args: argparse.Namespace) -> None:
         raise ConfigError("--gain says which objects --apply sets; leave it away, or say --apply")
     if args.json and args.revert:
         raise ConfigError("--json prints what a test has found; --revert is none")
-    for each in args.gain:
-        parse_gain(each)
+    for gain in args.gain:
+        parse_gain(gain)
 
 
 def _place(args: argparse.Namespace) -> GainPlace:

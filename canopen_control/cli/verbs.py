@@ -138,10 +138,10 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
 
 def actions_of(parser: argparse.ArgumentParser, path: str) -> Iterator[tuple[str, argparse.ArgumentParser]]:
     """Yield the parsers that have no actions of their own, with their words, as in `ros topic list`."""
-    groups = [each for each in parser._actions if isinstance(each, argparse._SubParsersAction)]  # noqa: SLF001 - no public way
+    groups = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]  # noqa: SLF001 - no public way
     if not groups:
         yield path, parser
-    for name, action in (each for group in groups for each in group.choices.items()):
+    for name, action in (item for group in groups for item in group.choices.items()):
         yield from actions_of(action, f"{path} {name}")
 
 
@@ -177,17 +177,17 @@ class _VerbParser(argparse.ArgumentParser):
         if not any(action.dest == XACRO for action in self._actions):
             return super().parse_known_args(words, namespace)
         end = words.index("--ros-args") if "--ros-args" in words else len(words)
-        given = [word for word in words[:end] if _ARGUMENT.match(word)]
-        rest = [word for word in words[:end] if not _ARGUMENT.match(word)]
-        found, unknown = super().parse_known_args([*rest, *words[end:]], namespace)
-        setattr(found, XACRO, [*getattr(found, XACRO), *given])
-        return found, unknown
+        options = [word for word in words[:end] if _ARGUMENT.match(word)]
+        positionals = [word for word in words[:end] if not _ARGUMENT.match(word)]
+        namespace_filled, unknown = super().parse_known_args([*positionals, *words[end:]], namespace)
+        setattr(namespace_filled, XACRO, [*getattr(namespace_filled, XACRO), *options])
+        return namespace_filled, unknown
 
 
 def _describe_actions(parser: argparse.ArgumentParser, examples: Sequence[str]) -> None:
     """Give the help of each action the exit codes of its verb and the examples that are of this action."""
     codes = re.search(r"^Exit codes.*?(?=\n\n|\Z)", parser.description or "", re.MULTILINE | re.DOTALL)
-    for group in (each for each in parser._actions if isinstance(each, argparse._SubParsersAction)):  # noqa: SLF001 - no public way
+    for group in (action for action in parser._actions if isinstance(action, argparse._SubParsersAction)):  # noqa: SLF001 - no public way
         texts = {choice.dest: choice.help or "" for choice in group._choices_actions}  # noqa: SLF001 - as above
         for name, action in group.choices.items():
             text = action.description or texts.get(name, "")

@@ -59,9 +59,9 @@ def run(args: argparse.Namespace) -> int:
 def _print_addresses(name: str | None) -> int:
     from canopen_control.view.page_address import page_addresses
 
-    found = page_addresses(name)
-    if not found:
+    addresses = page_addresses(name)
+    if not addresses:
         whose = "a robot" if name is None else f"robot {name}"
         raise CanopenError(f"no page of {whose} is served; start it: canopen-control view")
-    sys.stdout.writelines(f"{url}\n" for url in found.values())
+    sys.stdout.writelines(f"{url}\n" for url in addresses.values())
     return 0

@@ -61,9 +61,9 @@ def _play(value: str | None) -> Request[Simulation]:
     return _without(value, "play", PauseSimulation(paused=False))
 
 
-def _without(value: str | None, what: str, request: Request[Simulation]) -> Request[Simulation]:
+def _without(value: str | None, title: str, request: Request[Simulation]) -> Request[Simulation]:
     if value is not None:
-        raise ConfigError(f"world {what} {value}: {what} takes no value")
+        raise ConfigError(f"world {title} {value}: {title} takes no value")
     return request
 
 
@@ -86,7 +86,7 @@ def act_on_simulation(args: argparse.Namespace) -> int:
     """Pause, play, step or reset, and say how the simulation goes then."""
     request = SIMULATION_ACTS[args.what](args.value)
     with RobotClient.connect(args.name) as robot:
-        return _tell(robot.ask(request, _TIMEOUT_S), args)
+        return _report(robot.ask(request, _TIMEOUT_S), args)
 
 
 def act_in_simulation(args: argparse.Namespace, act: WorldAct) -> bool:
@@ -98,7 +98,7 @@ def act_in_simulation(args: argparse.Namespace, act: WorldAct) -> bool:
         except CanopenError:
             return False
         robot.ask(act)
-        _tell(robot.ask(GetSimulation()), args)
+        _report(robot.ask(GetSimulation()), args)
     return True
 
 
@@ -106,13 +106,13 @@ def tell_simulation(args: argparse.Namespace) -> bool:
     """Say how the simulation of the running robot goes; False where none is to be found."""
     try:
         with RobotClient.connect(args.name) as robot:
-            _tell(robot.ask(GetSimulation()), args)
+            _report(robot.ask(GetSimulation()), args)
     except CanopenError:
         return False
     return True
 
 
-def _tell(simulation: Simulation, args: argparse.Namespace) -> int:
+def _report(simulation: Simulation, args: argparse.Namespace) -> int:
     if args.json:
         print(json_line(simulation))
         return 0
@@ -213,13 +213,13 @@ def _three(text: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _numbers(text: str, count: int, wanted: str) -> list[float]:
+def _numbers(text: str, count: int, names: str) -> list[float]:
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
         numbers = []
     if len(numbers) != count or not all(map(math.isfinite, numbers)):
-        raise ConfigError(f"{text!r}: write {wanted}")
+        raise ConfigError(f"{text!r}: write {names}")
     return numbers
 
 
@@ -235,10 +235,8 @@ def _drive(can: str | None) -> tuple[str, int]:
         for node_id in range(1, 128):
             if drive_name(channel, node_id) in sockets:
                 return channel, node_id
-    where = "; --can CHANNEL says on which bus" if can is None else f" on {can}"
-    raise RemoteError(
-        "BusClosed", f"no virtual drives run{where}; start them with: canopen-control run ROBOT --physics"
-    )
+    hint = "; --can CHANNEL says on which bus" if can is None else f" on {can}"
+    raise RemoteError("BusClosed", f"no virtual drives run{hint}; start them with: canopen-control run ROBOT --physics")
 
 
 def _told(world: WorldState) -> str:

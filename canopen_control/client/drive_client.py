@@ -46,20 +46,20 @@ def shapes_of_world(nodes: Iterable[tuple[str, int]]) -> tuple[WorldShape, ...]:
         if drive_name(channel, node_id) not in alive:
             continue
         with contextlib.suppress(RemoteError), DriveClient.connect(channel, node_id, _SHAPES_S) as client:
-            if found := client.ask(GetWorldShapes()):
-                return found
+            if shapes := client.ask(GetWorldShapes()):
+                return shapes
     return ()
 
 
 def signal_values(text: str) -> dict[str, float]:
     """Return the values of ``di0=1,ai0=2.5`` by signal; ConfigError with what to write instead."""
     values = {}
-    for each in text.split(","):
-        name, _, number = (part.strip() for part in each.partition("="))
+    for field in text.split(","):
+        name, _, number = (part.strip() for part in field.partition("="))
         try:
             values[name] = float(number)
         except ValueError:
             values[name] = math.nan
         if not name or not math.isfinite(values[name]):
-            raise ConfigError(f"{each!r}: write SIGNAL=NUMBER, as in di0=1,ai0=16384")
+            raise ConfigError(f"{field!r}: write SIGNAL=NUMBER, as in di0=1,ai0=16384")
     return values

@@ -78,19 +78,19 @@ class EventStream:
 _NEARLY = 1e-6
 
 
-def stream_rate(cycle: CycleTimes, wanted: float = 0.0) -> float:
+def stream_rate(cycle: CycleTimes, rate: float = 0.0) -> float:
     """Return the rate in Hz that a subscription gets: what is wanted, 0 for every cycle and at most STREAM_RATE.
 
     A sample comes after a whole number of cycles.
     """
     hz = 1.0 / cycle.period_s if cycle.period_s > 0.0 else STREAM_RATE
-    every = round(hz / wanted) if wanted else math.ceil(hz / STREAM_RATE - _NEARLY)
+    every = round(hz / rate) if rate else math.ceil(hz / STREAM_RATE - _NEARLY)
     return hz / max(1, every)
 
 
 def outpaced(controllers: Iterable[ControllerReading], rate: float) -> str | None:
     """Say which controllers publish more often than the state is asked for; None if every publication comes."""
-    fast = [each for each in controllers if each.publish_rate > rate * (1.0 + _NEARLY)]
+    fast = [controller for controller in controllers if controller.publish_rate > rate * (1.0 + _NEARLY)]
     names = ", ".join(f"{each.name} ({each.publish_rate:g} Hz)" for each in fast)
     return (
         f"{names}: published more often than the state comes, {rate:g} Hz; what is between is left out"
@@ -142,14 +142,14 @@ class RobotClient(Client[RobotHello, RobotPush]):
     def sdo_write(self, request: SdoWrite, timeout: float) -> None:
         """Download an object of any length that the robot passes on, in pieces where it is long."""
         data = request.data
-        rest = max(0, len(data) - 1) // _PIECE * _PIECE  # the last piece goes with the request that writes
-        for start in range(0, rest, _PIECE):
+        last_piece = max(0, len(data) - 1) // _PIECE * _PIECE  # the last piece goes with the request that writes
+        for start in range(0, last_piece, _PIECE):
             self.ask(SdoPiece(data=data[start : start + _PIECE]))
         last = SdoWrite(
             node=request.node,
             index=request.index,
             subindex=request.subindex,
-            data=data[rest:],
+            data=data[last_piece:],
             timeout=request.timeout,
             source=request.source,
         )
@@ -175,7 +175,7 @@ class RobotClient(Client[RobotHello, RobotPush]):
 
     def send_points(self, points: list[TrajectoryPoint]) -> list[TrajectoryPoint]:
         """Send the first points of a trajectory of any length; returns the last ones, for the request that sends it."""
-        width = max((len(each.positions) for each in points), default=0)
+        width = max((len(point.positions) for point in points), default=0)
         at_once = max(1, _VALUES // (4 * max(1, width)))
         while len(points) > at_once:
             self.ask(TrajectoryData(points=points[:at_once]))

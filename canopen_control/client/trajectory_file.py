@@ -40,8 +40,8 @@ class _Point:
     @property
     def time(self) -> float:
         """Its time from start in s."""
-        given = self.time_from_start
-        return given.sec + given.nanosec / 1e9 if isinstance(given, _Duration) else given
+        stamp = self.time_from_start
+        return stamp.sec + stamp.nanosec / 1e9 if isinstance(stamp, _Duration) else stamp
 
 
 @dataclass(frozen=True)
@@ -72,29 +72,29 @@ def read_trajectory(path: str) -> tuple[list[str], list[TrajectoryPoint]]:
 def parse_trajectory(text: str, path: str) -> tuple[list[str], list[TrajectoryPoint]]:
     """Return the joints and the points of a file's text, which its mistakes call `path`."""
     node = read(text, path, error=ConfigError)
-    found = node.get("trajectory")
-    given = convert(node, _Goal, None) if found is not None else convert(node, _File, None)
+    goal = node.get("trajectory")
+    content = convert(node, _Goal, None) if goal is not None else convert(node, _File, None)
     node.problems.raise_if_any(ConfigError)
-    file: _File = given.trajectory if isinstance(given, _Goal) else given
+    file: _File = content.trajectory if isinstance(content, _Goal) else content
     return list(file.joint_names), [
         TrajectoryPoint(
-            positions=list(each.positions),
-            velocities=list(each.velocities),
-            accelerations=list(each.accelerations),
-            effort=list(each.effort),
-            time_from_start=each.time,
+            positions=list(point.positions),
+            velocities=list(point.velocities),
+            accelerations=list(point.accelerations),
+            effort=list(point.effort),
+            time_from_start=point.time,
         )
-        for each in file.points
+        for point in file.points
     ]
 
 
 def write_trajectory(path: str, joints: Sequence[str], points: Iterable[TrajectoryPoint]) -> None:
     """Write a file that `read_trajectory` reads, a point on each line; ConfigError where it cannot be written."""
     lines = [f"joint_names: [{', '.join(joints)}]", "points:"]
-    for each in points:
-        values = {"positions": each.positions, "velocities": each.velocities, "accelerations": each.accelerations}
+    for point in points:
+        values = {"positions": point.positions, "velocities": point.velocities, "accelerations": point.accelerations}
         told = [f"{key}: [{', '.join(map(repr, numbers))}]" for key, numbers in values.items() if numbers]
-        lines.append(f"  - {{{', '.join([*told, f'time_from_start: {each.time_from_start!r}'])}}}")
+        lines.append(f"  - {{{', '.join([*told, f'time_from_start: {point.time_from_start!r}'])}}}")
     try:
         Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
     except OSError as error:
@@ -106,18 +106,18 @@ def read_waypoints(text: str, joints: int, step: float) -> list[TrajectoryPoint]
 
     ConfigError for what is no position of each joint.
     """
-    found = []
+    waypoints = []
     for index, part in enumerate(text.split(";"), 1):
         words = part.replace(",", " ").split()
         try:
             positions = [float(word) for word in words]
         except ValueError:
             positions = []
-        if len(positions) != joints or not all(abs(each) <= _MOST for each in positions):
-            what = f"waypoint {index}, {part.strip()!r}, is not one position for each of the {joints} joints"
-            raise ConfigError(f"{what}; write it as in: --waypoints '{' '.join(['0.1'] * joints)}'")
-        rest = [0.0] * joints
-        found.append(
-            TrajectoryPoint(positions=positions, velocities=rest, accelerations=rest, time_from_start=index * step)
+        if len(positions) != joints or not all(abs(position) <= _MOST for position in positions):
+            place = f"waypoint {index}, {part.strip()!r}, is not one position for each of the {joints} joints"
+            raise ConfigError(f"{place}; write it as in: --waypoints '{' '.join(['0.1'] * joints)}'")
+        zeros = [0.0] * joints
+        waypoints.append(
+            TrajectoryPoint(positions=positions, velocities=zeros, accelerations=zeros, time_from_start=index * step)
         )
-    return found
+    return waypoints

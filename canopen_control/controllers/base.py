@@ -315,7 +315,7 @@ class Controller:
         """Return the pose by odometry in `ahead` s, as x and y in m and heading in rad; None without odometry."""
         return None
 
-    def rests(self, values: Sequence[float]) -> bool:
+    def is_standstill(self, values: Sequence[float]) -> bool:
         """Return whether a command of these values is standstill, which may outlive its client."""
         return not any(values) and all(each.quantity in MOVING for each in self.commands)
 
@@ -343,24 +343,28 @@ class Controller:
                 raise self.refusal(f"takes finite numbers, got {value!r} for {name}; nothing was applied")
 
     @property
-    def standing(self) -> str:
+    def describe_stop(self) -> str:
         """State of its joints after the end of a command, as a clause."""
         stands = all(each.quantity in MOVING for each in self.commands)
         return "its targets are 0" if stands else "what moves is stopped, positions are held where they are"
 
-    def refuse_misfit(self, commands: Sequence[CommandInterface], value: float, now: int) -> None:
+    def refuse_out_of_range(self, commands: Sequence[CommandInterface], value: float, now: int) -> None:
         """Refuse a value that does not fit an object behind these interfaces; it ends the previous command."""
         for each in commands:
-            fits = each.misfit(value)
+            fits = each.range_error(value)
             if fits is not None:
                 self.forget(now)
                 raise self.refusal(
                     f"cannot send {value:g}: {fits}; velocity and effort targets are 0, positions are held"
                 )
 
-    def tell(self, kind: str, text: str) -> None:
+    def report(self, kind: str, text: str) -> None:
         """Report an event; the manager's events() returns it."""
         self.notices.append(ControllerEvent(kind, self.name, f"{self.name}: {text}"))
+
+    def tell(self, kind: str, text: str) -> None:
+        """Report an event: the name of `report` up to 0.2."""
+        self.report(kind, text)
 
 
 def _finite(value: object) -> bool:

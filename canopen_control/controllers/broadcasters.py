@@ -485,7 +485,7 @@ class PoseBroadcaster(SensorBroadcaster):
         given.check(self.name)
         self._set_up(given, given.names)
         if given.tf.publish_rate:
-            self.tell(
+            self.report(
                 "parameter", "tf.publish_rate has no effect: a transform goes out at every update; set update_rate"
             )
 
@@ -674,7 +674,7 @@ class DiagnosticsBroadcaster(_StateBroadcaster):
     def _judged(self, values: Values) -> Verdict:
         age, code, nmt, word = (values.get(key) for key in ("age", "error_code", "nmt_state", "statusword"))
         known = any(value is not None for value in values.values())
-        if (verdict := stale(age, self.params.stale_after, known=known)) is not None:
+        if (verdict := stale(age, self.params.stale_after, is_known=known)) is not None:
             return verdict
         state = None if word is None else decode_statusword(int(word))
         name = "FAULT" if code else "" if state is None else state.name

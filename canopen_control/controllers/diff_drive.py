@@ -174,7 +174,7 @@ class DiffDriveController(MobileBase):
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; the pose becomes 0."""
-        given = read_params(params, self.geometry, lambda text: self.tell("parameter", text))
+        given = read_params(params, self.geometry, lambda text: self.report("parameter", text))
         self.params = given
         self._wheels = (given.separation, given.left_radius, given.right_radius)
         self.odometry = Odometry(*self._wheels, given.velocity_rolling_window_size)
@@ -220,7 +220,7 @@ class DiffDriveController(MobileBase):
         """Return the mean velocities of its odometry."""
         return self.odometry.linear, 0.0, self.odometry.angular
 
-    def work_out(self, twist: Sequence[float]) -> None:
+    def compute_commands(self, twist: Sequence[float]) -> None:
         """Compute the velocities of both sides from a twist."""
         separation, left_radius, right_radius = self._wheels
         left, right = wheel_velocities(twist[0], twist[1], separation, left_radius, right_radius)

@@ -132,13 +132,13 @@ def _silent(_text: str) -> None:
 
 
 def read_params(
-    params: Params, geometry: WheelGeometrySource | None = None, tell: Callable[[str], None] = _silent
+    params: Params, geometry: WheelGeometrySource | None = None, report: Callable[[str], None] = _silent
 ) -> DiffDriveParams:
     """Return checked parameters; RobotConfigError with every mistake. What is legal and odd is a warning.
 
-    Wheel sizes that are not given are those of the description's `geometry` (as noetic does); `tell` is told of each.
+    Wheel sizes that are not given are those of the description's `geometry` (as noetic does); `report` is told of each.
     """
-    given = _completed(params.read(DiffDriveParams, RENAMES), geometry, tell)
+    given = _completed(params.read(DiffDriveParams, RENAMES), geometry, report)
     if not math.isnan(given.wheel_radius_multiplier):  # noetic: it overrides the sides' own
         both = given.wheel_radius_multiplier
         given = replace(given, left_wheel_radius_multiplier=both, right_wheel_radius_multiplier=both)
@@ -148,15 +148,15 @@ def read_params(
 
 
 def _completed(
-    given: DiffDriveParams, geometry: WheelGeometrySource | None, tell: Callable[[str], None]
+    given: DiffDriveParams, geometry: WheelGeometrySource | None, report: Callable[[str], None]
 ) -> DiffDriveParams:
     if geometry is None:
         return given
     if given.wheel_separation <= 0.0 and (separation := geometry.separation(given.left, given.right)):
-        tell(f"wheel_separation is not given, the description's is taken: {separation:g} m")
+        report(f"wheel_separation is not given, the description's is taken: {separation:g} m")
         given = replace(given, wheel_separation=separation)
     if given.wheel_radius <= 0.0 and (radius := geometry.radius((*given.left, *given.right))):
-        tell(f"wheel_radius is not given, the description's is taken: {radius:g} m")
+        report(f"wheel_radius is not given, the description's is taken: {radius:g} m")
         given = replace(given, wheel_radius=radius)
     return given
 

@@ -74,7 +74,7 @@ class ForwardCommandController(Controller):
         del stamp  # Float64MultiArray has none
         self.checked(values, self._names)
         for command, value in zip(self.commands, values, strict=True):
-            self.refuse_misfit((command,), float(value), now)
+            self.refuse_out_of_range((command,), float(value), now)
         for index, command in enumerate(self.commands):  # what is off keeps nothing for when it is on
             self._values[index] = float(values[index]) if command.enabled else math.nan
         self._timed_out = False
@@ -113,7 +113,9 @@ class ForwardCommandController(Controller):
         self._timed_out = True
         zero_targets(self.commands)
         held = "position targets are held" if self.interface == POSITION else "targets are 0"
-        self.tell("command_timeout", f"no command for {(now - self.life.given) / 1e9:.2f} s, {held} until the next one")
+        self.report(
+            "command_timeout", f"no command for {(now - self.life.given) / 1e9:.2f} s, {held} until the next one"
+        )
 
     def _set_up(
         self,
@@ -134,7 +136,7 @@ class ForwardCommandController(Controller):
     def _set_life(self, timeout: float | None, interfaces: Sequence[str]) -> None:
         self.life.limit_ns = timeout_ns(timeout, interfaces)
         if (text := unlimited_warning("command_timeout", timeout, interfaces)) is not None:
-            self.tell(ENDLESS, text)
+            self.report(ENDLESS, text)
 
 
 class MultiInterfaceForwardCommandController(ForwardCommandController):

@@ -175,7 +175,7 @@ class GpioCommandController(Controller):
         kinds = [each.rpartition("/")[2] for each in self._names]
         self.life.limit_ns = timeout_ns(given.command_timeout, kinds)
         if (text := unlimited_warning("command_timeout", given.command_timeout, kinds)) is not None:
-            self.tell(ENDLESS, text)
+            self.report(ENDLESS, text)
 
     def command_interface_names(self) -> list[str]:
         """Return the outputs, in the order of the parameters."""
@@ -207,7 +207,7 @@ class GpioCommandController(Controller):
     def on_deactivate(self, now: int) -> None:
         """Let the outputs go to their safe values."""
         for each, safe in zip(self.commands, self._safe, strict=True):
-            each.let_go_at = safe
+            each.release_value = safe
         self.forget(now)
 
     def forget(self, now: int) -> None:
@@ -245,20 +245,20 @@ class GpioCommandController(Controller):
             output = self.commands[index]
             if not output.enabled:
                 raise self.refusal(f"applies nothing: {output.name} follows no commands, since its node is not there")
-            if (fits := output.misfit(value)) is not None:
+            if (fits := output.range_error(value)) is not None:
                 raise self.refusal(f"cannot set {value:g}: {fits}; nothing was applied")
         for index, value in zip(places, values.values(), strict=True):
             self._values[index] = float(value)
         self.life.give(now)
 
-    def rests(self, values: Sequence[float]) -> bool:
+    def is_standstill(self, values: Sequence[float]) -> bool:
         """Whether every output is where it goes anyway when who commanded it is gone."""
         del values
         held = zip(self._values, self._safe, strict=True)
         return all(math.isnan(value) or math.isnan(safe) or value == safe for value, safe in held)
 
     @property
-    def standing(self) -> str:
+    def describe_stop(self) -> str:
         """Where its outputs are once a command has ended."""
         return "its outputs are at their safe values" + (", others are kept" if self.params.kept_outputs else "")
 
@@ -266,7 +266,9 @@ class GpioCommandController(Controller):
         """Write what was commanded, and copy the states: a publication."""
         del period
         if self.life.runs_out(now):
-            self.tell("command_timeout", f"no command for {(now - self.life.given) / 1e9:.2f} s, {self.standing}")
+            self.report(
+                "command_timeout", f"no command for {(now - self.life.given) / 1e9:.2f} s, {self.describe_stop}"
+            )
             self.forget(now)
         index = 0
         for each in self.commands:

@@ -200,12 +200,12 @@ class PositionGripperActionController(Controller):
         for what, value in (("max_effort", effort), ("max_velocity", velocity)):
             if not 0.0 <= value < math.inf:
                 raise self.refusal(f"cannot move {joint} with a {what} of {value:g}; give a finite number of 0 or more")
-        low, high = self.description[joint].span(POSITION) if joint in self.description else (-math.inf, math.inf)
+        low, high = self.description[joint].range_of(POSITION) if joint in self.description else (-math.inf, math.inf)
         if not low <= position <= high:
             raise self.refusal(
                 f"takes {low:g} to {high:g}, the limits of {joint}, got {position:g}; nothing was applied"
             )
-        if self.commanded == POSITION and (fits := self.commands[0].misfit(position)) is not None:
+        if self.commanded == POSITION and (fits := self.commands[0].range_error(position)) is not None:
             raise self.refusal(f"cannot send {position:g}: {fits}; nothing was applied")
 
     def _tell_unlimited(self, goal: GripperGoal) -> None:
@@ -213,7 +213,7 @@ class PositionGripperActionController(Controller):
         if goal.max_effort and not self._is_limited:
             self._is_limited = True
             text = "the max_effort of goals has no effect: name a max_effort_interface, or limit the drive (0x6072)"
-            self.tell("max_effort", text)
+            self.report("max_effort", text)
 
     def _end(self, state: GoalState, text: str, way: GripStatus = GripStatus.MOVING) -> None:
         """Give the goal its result, where there is one."""
@@ -222,7 +222,7 @@ class PositionGripperActionController(Controller):
             goal.end(state, text, self._at, self._effort, way)
             self.life.end()
             if state is not GoalState.SUCCEEDED:
-                self.tell(f"goal_{state.value}", text)
+                self.report(f"goal_{state.value}", text)
 
     # -------------------------------------------------------------------------------------------------- cycle
 

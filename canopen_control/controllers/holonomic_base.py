@@ -42,7 +42,7 @@ class HolonomicBase(MobileBase):
         """Return those of the last step."""
         return self._drive.forward, self._drive.left, self._drive.angular
 
-    def work_out(self, twist: Sequence[float]) -> None:
+    def compute_commands(self, twist: Sequence[float]) -> None:
         """Share a twist out to the wheels."""
         self._drive.command(twist[0], twist[1], twist[2])
         for index in range(len(self.targets)):

@@ -174,10 +174,10 @@ class ControllerManager:
         controller.on_configure(given)
         for text in given.warnings:
             if text not in known:
-                self._tell("parameter", name, text)
+                self._report("parameter", name, text)
         if controller.update_rate > self.update_rate:
             rates = f"{controller.update_rate} Hz is above the controller_manager's {self.update_rate} Hz"
-            self._tell("update_rate", name, f"{name}: its update_rate of {rates}; it runs at that")
+            self._report("update_rate", name, f"{name}: its update_rate of {rates}; it runs at that")
         self.registry.export(controller.reference_interfaces(), name, controller.exported_states())
         controller.state = ControllerState.INACTIVE
 
@@ -271,7 +271,9 @@ class ControllerManager:
         changed = self._params[name].changed(values)
         controller.on_set(changed)
         self._params[name] = changed
-        self._tell("parameter_set", name, f"{name}: " + ", ".join(f"{key} is {value}" for key, value in values.items()))
+        self._report(
+            "parameter_set", name, f"{name}: " + ", ".join(f"{key} is {value}" for key, value in values.items())
+        )
 
     # --------------------------------------------------------------------------------------------------- switching
 
@@ -291,7 +293,9 @@ class ControllerManager:
 
     def leave_out(self, names: Sequence[str]) -> None:
         """Tell that a best-effort switch leaves out names that nobody knows."""
-        self._tell("left_out", "", f"a switch leaves out unknown controllers: {', '.join(names)}; see: controller list")
+        self._report(
+            "left_out", "", f"a switch leaves out unknown controllers: {', '.join(names)}; see: controller list"
+        )
 
     def deactivate_using(self, component: HardwareComponent, reason: str, now: int | None = None) -> Names:
         """Deactivate whoever commands a component that failed, with those chained to them; return their names.
@@ -313,7 +317,7 @@ class ControllerManager:
         if self.running.failed:
             self._drop_failed(now)
         if elapsed >= 0.0 and self.limiter is not None and (limited := self.limiter.enforce(elapsed)) is not None:
-            self._tell("limited", "", f"enforce_command_limits: {limited}")
+            self._report("limited", "", f"enforce_command_limits: {limited}")
 
     def broadcast(self, now: int, period: float) -> None:
         """Run the broadcasters that are due, once the commands of the cycle are on their way."""
@@ -334,12 +338,12 @@ class ControllerManager:
         """Hand a command to a controller; raises ControlError if it is refused, NotEnabled for its drives. Times in ns.
 
         `values` are all, or by the names of interfaces. `source` says who gives it; it ends with `holder`, see
-        `let_go`, unless it is to stand still. A refusal is told once, until one is taken.
+        `client_disconnected`, unless it is to stand still. A refusal is told once, until one is taken.
         """
         controller = self.get(name)
         self._hand(controller, lambda: _command(controller, values, now, stamp), source)
         numbers = list(values.values()) if isinstance(values, Mapping) else values
-        controller.life.source, controller.life.holder = source, None if controller.rests(numbers) else holder
+        controller.life.source, controller.life.holder = source, None if controller.is_standstill(numbers) else holder
 
     def send_goal(self, name: str, goal: AnyGoal, now: int, *, source: str = "", holder: object = None) -> None:
         """Hand a trajectory or a goal of a gripper to a controller, see `command`.
@@ -365,7 +369,7 @@ class ControllerManager:
         """Tell that something for a controller was refused, once until it takes something."""
         if name not in self._told_refusal and not isinstance(error, NotYetEnabled):
             self._told_refusal.add(name)
-            self._tell("refused", name, f"{error} (from {source or 'not named'}; told once)")
+            self._report("refused", name, f"{error} (from {source or 'not named'}; told once)")
 
     def _require_enabled(self, controller: Controller) -> None:
         """Raise NotEnabled, and count it, while no part of what the controller moves follows commands as a whole."""
@@ -391,9 +395,9 @@ class ControllerManager:
         try:
             self.switch(wanted, now=now)
         except CanopenError as error:
-            self._tell("error", failed, f"{failed}: its fallbacks cannot take over: {error}")
+            self._report("error", failed, f"{failed}: its fallbacks cannot take over: {error}")
         else:
-            self._tell("fallback", failed, f"{', '.join(names)} took over from {failed}")
+            self._report("fallback", failed, f"{', '.join(names)} took over from {failed}")
 
     def _withdraw(self, controller: Controller) -> None:
         self.registry.withdraw(controller.reference_interfaces(), controller.exported_states())
@@ -424,5 +428,5 @@ class ControllerManager:
             publish_rate=0.0 if controller.tells is None else min(controller.publish_rate or rate, rate),
         )
 
-    def _tell(self, kind: str, controller: str, text: str) -> None:
+    def _report(self, kind: str, controller: str, text: str) -> None:
         self.happened.append(ControllerEvent(kind, controller, text))

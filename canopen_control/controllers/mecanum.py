@@ -107,9 +107,9 @@ class MecanumDriveController(HolonomicBase):
             self._speeds[index] = self.states[index].value
         self.kinematics.update(self._speeds, dt)
 
-    def take_down(self) -> None:
+    def snapshot(self) -> None:
         """Put down the wheels' speeds and the twist that is wanted too."""
-        super().take_down()
+        super().snapshot()
         for index in range(len(self._reading)):
             self._reading[index] = self.states[index].value
         for index in range(len(self._reference)):

@@ -7,7 +7,7 @@ not refresh the timeout; the first sample of the wheels is the baseline of odome
 which is off then, is waited for at standstill, so that enabling the drives is enough to go on. What is a position, such
 as that of a steering joint, is held where it is when the twist ends by itself or is taken back.
 
-A new base is a class here: what it says of its wheels in `on_configure`, `work_out`, `advance` and `velocities`.
+A new base is a class here that overrides `on_configure`, `compute_commands`, `advance` and `velocities`.
 """
 
 from __future__ import annotations
@@ -239,16 +239,16 @@ class MobileBase(Controller):
         self._odometry_params = given
         for axis, each in zip(self.twist_axes, limits, strict=False):
             if each.freezes:
-                self.tell("parameter", f"{axis}.max_jerk: 0 keeps it from ever changing speed; remove it")
+                self.report("parameter", f"{axis}.max_jerk: 0 keeps it from ever changing speed; remove it")
         self.life.limit_ns, self._once = round(timeout * NS), timeout == 0.0 and not self.zero_is_never
         if self._once:
-            self.tell(ONE_UPDATE, f"{self.timeout_key}: 0 lets a twist move it for one update; give a time in s")
+            self.report(ONE_UPDATE, f"{self.timeout_key}: 0 lets a twist move it for one update; give a time in s")
         elif (text := unlimited_warning(self.timeout_key, timeout, (VELOCITY,))) is not None:
-            self.tell(ENDLESS, text)
+            self.report(ENDLESS, text)
 
-    def work_out(self, twist: Sequence[float]) -> None:
-        """Fill `targets`, one for each command, for a twist."""
-        raise NotImplementedError
+    def compute_commands(self, twist: Sequence[float]) -> None:
+        """Compute `targets`, one for each command, for a twist."""
+        raise NotImplementedError(f"{type(self).__name__}.compute_commands (its name up to 0.2: work_out)")
 
     def begin(self) -> None:
         """Take the wheels as they stand as the baseline of odometry."""
@@ -257,9 +257,9 @@ class MobileBase(Controller):
         """Move the pose by what the wheels have done in the last `dt` s, all of which is known."""
         raise NotImplementedError
 
-    def believe(self, dt: float) -> None:
-        """Move the pose by `limited` instead, in open loop."""
-        raise NotImplementedError
+    def integrate_command(self, dt: float) -> None:
+        """Integrate the commanded twist `limited` into the pose, in open loop."""
+        raise NotImplementedError(f"{type(self).__name__}.integrate_command (its name up to 0.2: believe)")
 
     def velocities(self) -> tuple[float, float, float]:
         """Return how fast it is: forward and to the left in m/s, and in rad/s."""
@@ -275,7 +275,7 @@ class MobileBase(Controller):
                 self.begin()
         elif dt != TOO_SHORT:
             if self._open_loop:
-                self.believe(dt)
+                self.integrate_command(dt)
             else:
                 self.advance(dt)
         return True
@@ -348,8 +348,8 @@ class MobileBase(Controller):
         """Return the odometry as it was published last, with the `limited` twist where that is published."""
         return self._publication.sample(self.published(wall_offset_ns), self._odometry_params, limited)
 
-    def take_down(self) -> None:
-        """Put down what is published, as it is now; an override calls this first."""
+    def snapshot(self) -> None:
+        """Copy pose and twist into the publication; an override calls this first."""
         self._publication.take(self.pose, self.velocities(), self.limited)
 
     # ----------------------------------------------------------------------------------------------------- lifecycle
@@ -406,9 +406,9 @@ class MobileBase(Controller):
             raise self.refusal(
                 f"got a twist that is {age:.3f} s old, {self.timeout_key} is {timeout:g} s; check the clocks"
             )
-        self.work_out(values)
+        self.compute_commands(values)
         for command, target in zip(self.commands, self.targets, strict=True):
-            self.refuse_misfit([command], target, now)
+            self.refuse_out_of_range([command], target, now)
         for index, value in enumerate(values):
             self.wanted[index] = float(value)
         self.braking, self._fresh = False, True
@@ -453,7 +453,7 @@ class MobileBase(Controller):
         elif life.limit_ns and now - life.given > life.limit_ns:
             if life.runs_out(now):
                 age = (now - life.given) / NS
-                self.tell("command_timeout", f"no twist for {age:.2f} s, it brakes until the next one")
+                self.report("command_timeout", f"no twist for {age:.2f} s, it brakes until the next one")
             self._brake()
 
     def _take_chain(self) -> bool:
@@ -489,7 +489,7 @@ class MobileBase(Controller):
         """Stand, and wait for the next sample, while a drive is off; drives that run with no feedback are an ERROR."""
         if all(each.enabled for each in self.commands):
             unknown = [each.name for each in self.states if not math.isfinite(each.value)]
-            self.tell("feedback", f"{', '.join(unknown)} is not a number")
+            self.report("feedback", f"{', '.join(unknown)} is not a number")
             return ERROR
         zero_targets(self.commands)
         self.stop_following()
@@ -498,7 +498,7 @@ class MobileBase(Controller):
     def _publish(self, now: int) -> None:
         if self._publication.is_due(now):
             self.stamp = now
-            self.take_down()
+            self.snapshot()
 
     def _write(self, *, rests: bool) -> None:
         """Write the commands of the limited twist, all or, where one does not fit its drive, none.
@@ -509,7 +509,7 @@ class MobileBase(Controller):
         if (rests and self.by_twist_alone) or (self.braking and self._twist.stands):
             zero_targets(self.commands)
             return
-        self.work_out(self.limited)
+        self.compute_commands(self.limited)
         targets = self.targets
         for index, command in enumerate(self.commands):
             target = targets[index]
@@ -525,6 +525,6 @@ class MobileBase(Controller):
         if not self._too_fast:
             self._too_fast = True
             self.rejected += 1
-            self.tell(
+            self.report(
                 "refused", f"a wheel would have to turn at {target:g} rad/s, more than its drive can hold; it stands"
             )

@@ -120,7 +120,7 @@ class OmniWheelDriveController(HolonomicBase):
         else:
             self.kinematics.update_velocity(self._reading, dt)
 
-    def believe(self, dt: float) -> None:
+    def integrate_command(self, dt: float) -> None:
         """Follow the twist."""
         self.kinematics.update_open_loop(self.limited[0], self.limited[1], self.limited[2], dt)
 

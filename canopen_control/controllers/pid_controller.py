@@ -118,7 +118,7 @@ class PidController(Controller):
         self.life.limit_ns = timeout_ns(given.command_timeout, given.reference_and_state_interfaces[:1])
         kind = given.reference_and_state_interfaces[:1]
         if (text := unlimited_warning("command_timeout", given.command_timeout, kind)) is not None:
-            self.tell(ENDLESS, text)
+            self.report(ENDLESS, text)
         self._references = [
             self._reference(dof, interface)
             for interface in given.reference_and_state_interfaces
@@ -142,7 +142,7 @@ class PidController(Controller):
     def _reference(self, dof: str, interface: str) -> CommandInterface:
         """Return a reference interface with the limits of the joint."""
         joint = self.description.get(dof)
-        low, high = (-math.inf, math.inf) if joint is None else joint.span(interface)
+        low, high = (-math.inf, math.inf) if joint is None else joint.range_of(interface)
         return CommandInterface(f"{self.name}/{dof}", interface, minimum=low, maximum=high)
 
     def command_interface_names(self) -> list[str]:
@@ -237,9 +237,9 @@ class PidController(Controller):
             reference.value = float(values[index]) if index < len(values) else math.nan
         self.life.give(now)
 
-    def rests(self, values: Sequence[float]) -> bool:
+    def is_standstill(self, values: Sequence[float]) -> bool:
         """Whether these are velocities or efforts of 0; a position of 0 is a place to go to."""
-        return self._references[0].interface in MOVING and super().rests(values)
+        return self._references[0].interface in MOVING and super().is_standstill(values)
 
     def set_feed_forward(self, enabled: bool) -> None:
         """Let references lead from the next cycle on, or no more (~/set_feedforward_control)."""
@@ -276,7 +276,7 @@ class PidController(Controller):
             text = (
                 f"no measured state for {self.params.measured_state_timeout:g} s, targets are 0; send references again"
             )
-            self.tell("measured_state_lost", text)
+            self.report("measured_state_lost", text)
         self._export()
         if self.life.runs_out(now) and not self.chained:
             self._stop(now)
@@ -312,4 +312,4 @@ class PidController(Controller):
         for dof in self._dofs:
             dof.clear()
         age = (now - self.life.given) / 1e9
-        self.tell("command_timeout", f"no reference for {age:.2f} s, targets are 0 until the next one")
+        self.report("command_timeout", f"no reference for {age:.2f} s, targets are 0 until the next one")

@@ -101,7 +101,7 @@ class SteeringController(MobileBase):
         """Return the means of its odometry."""
         return self.kinematics.linear, 0.0, self.kinematics.angular
 
-    def work_out(self, twist: Sequence[float]) -> None:
+    def compute_commands(self, twist: Sequence[float]) -> None:
         """Share a twist out to traction and steering."""
         wheels, given = self.kinematics, self.params
         wheels.command(twist[0], twist[1], given.open_loop, given.reduce_wheel_speed_until_steering_reached)
@@ -126,7 +126,7 @@ class SteeringController(MobileBase):
         else:
             self.kinematics.update_velocity(self._traction, self._steering, dt)
 
-    def believe(self, dt: float) -> None:
+    def integrate_command(self, dt: float) -> None:
         """Follow the twist."""
         self.kinematics.update_open_loop(self.limited[0], self.limited[1], dt)
 
@@ -137,9 +137,9 @@ class SteeringController(MobileBase):
         for index in range(len(self._steering)):
             self._steering[index] = self.states[count + index].value
 
-    def take_down(self) -> None:
+    def snapshot(self) -> None:
         """Put down feedback and commands too."""
-        super().take_down()
+        super().snapshot()
         for index in range(len(self._reading)):
             self._reading[index] = self.states[index].value
             self._driven[index] = self.commands[index].value
@@ -196,7 +196,7 @@ class AckermannSteeringController(SteeringController):
     def _tell_size(self, text: str) -> None:
         """Say which size is the description's, when it is configured and not at each parameter that is set."""
         if self.state is ControllerState.UNCONFIGURED:
-            self.tell("parameter", text)
+            self.report("parameter", text)
 
     def __init__(self, name: str, type_name: str = "ackermann_steering_controller/AckermannSteeringController") -> None:
         super().__init__(name, type_name)

@@ -266,32 +266,32 @@ def is_ros1(params: Params) -> bool:
 
 
 def read_ros1(
-    params: Params, geometry: WheelGeometrySource | None = None, tell: Callable[[str], object] = lambda _: None
+    params: Params, geometry: WheelGeometrySource | None = None, report: Callable[[str], object] = lambda _: None
 ) -> Ros1AckermannParams:
     """Return the parameters as a bicycle has them, not yet checked for what cannot be together.
 
-    Sizes that are not given are those of the description's `geometry`; `tell` is told of each.
+    Sizes that are not given are those of the description's `geometry`; `report` is told of each.
     """
     key = (
         params.flat.keys().get("front_steer")
         or params.flat.keys()[next(each for each in _OWN if params.flat.get(each))]
     )
     key.warning(_ANGLE)
-    given = _completed(params.read(Ros1AckermannParams, _RENAMES), geometry, tell).as_bicycle()
+    given = _completed(params.read(Ros1AckermannParams, _RENAMES), geometry, report).as_bicycle()
     params.taken = given
     return given
 
 
 def _completed(
-    given: Ros1AckermannParams, geometry: WheelGeometrySource | None, tell: Callable[[str], object]
+    given: Ros1AckermannParams, geometry: WheelGeometrySource | None, report: Callable[[str], object]
 ) -> Ros1AckermannParams:
     if geometry is None:
         return given
     wheel, steer = (given.rear_wheel,), (given.front_steer,)
     if given.wheelbase <= 0.0 and (base := geometry.separation(wheel, steer)):
-        tell(f"wheel_separation_h is not given, the description's is taken: {base:g} m")
+        report(f"wheel_separation_h is not given, the description's is taken: {base:g} m")
         given = replace(given, wheelbase=base)
     if given.traction_wheel_radius <= 0.0 and (radius := geometry.radius(wheel)):
-        tell(f"wheel_radius is not given, the description's is taken: {radius:g} m")
+        report(f"wheel_radius is not given, the description's is taken: {radius:g} m")
         given = replace(given, traction_wheel_radius=radius)
     return given

@@ -87,7 +87,7 @@ class InterfaceGroup:
         for each in self.ends:
             if each.enabled:
                 following = True
-            elif not each.set_aside:
+            elif not each.excluded:
                 return False
         return following
 
@@ -453,7 +453,7 @@ class UpdateLoop:
     # ------------------------------------------------------------------------------------------------ their commands
 
     @property
-    def holders(self) -> set[object]:
+    def clients_with_commands(self) -> set[object]:
         """Clients whose disconnection ends a command that is in force."""
         return {slot.controller.life.holder for slot in self._commanding} - {None}
 
@@ -461,7 +461,7 @@ class UpdateLoop:
         """Return the entry of a controller, None if it is not active."""
         return next((slot for slot in self._order if slot.controller is controller), None)
 
-    def let_go(self, holder: object, why: str = "is gone") -> None:
+    def client_disconnected(self, holder: object, why: str = "is gone") -> None:
         """End the commands of a client that is gone, unless another has commanded since; `why` is a clause."""
         for slot in self._commanding:
             controller = slot.controller
@@ -469,10 +469,10 @@ class UpdateLoop:
                 source, moving = controller.life.source, is_moving(controller.commands)
                 self._forget(slot, self.now, why=f"{source} {why}")
                 if moving:
-                    text = f"{controller.name}: {source} {why}, and its command with it; {controller.standing}"
+                    text = f"{controller.name}: {source} {why}, and its command with it; {controller.describe_stop}"
                     self._events.append(ControllerEvent("commander_gone", controller.name, text))
 
-    def set_aside(self, joints: Iterable[str], now: int) -> None:
+    def exclude(self, joints: Iterable[str], now: int) -> None:
         """Clear the commands of joints that a user disabled or halted individually.
 
         The rest of a controller continues.
@@ -482,7 +482,7 @@ class UpdateLoop:
             ends = tuple(each for part in slot.parts for each in part.ends if each.joint in names)
             if ends and slot.controller.independent:
                 for each in ends:
-                    each.set_aside = True
+                    each.excluded = True
                 self._forget(slot, now, ends)
 
     def forget(self, now: int, why: str) -> None:
@@ -577,7 +577,7 @@ class Switcher:
             each.value = math.nan
         controller.on_activate(commands, self._states_of(controller), now)
         controller.state = ControllerState.ACTIVE
-        self._tell("activated", controller.name, f"{controller.name} is active")
+        self._report("activated", controller.name, f"{controller.name} is active")
 
     def _stop(self, controller: Controller, now: int, kind: str, reason: str = "") -> None:
         """Deactivate a controller; its targets are 0 even if its own hook fails."""
@@ -592,7 +592,7 @@ class Switcher:
         controller.state = ControllerState.INACTIVE
         controller.commands, controller.states = [], []
         text = f"{controller.name} was deactivated"
-        self._tell(kind, controller.name, f"{text}: {reason}" if reason else text)
+        self._report(kind, controller.name, f"{text}: {reason}" if reason else text)
 
     def _states_of(self, controller: Controller) -> list[StateInterface]:
         names = controller.state_interface_names()
@@ -606,5 +606,5 @@ class Switcher:
         if self.observer is not None:
             self.observer.controllers_switched()
 
-    def _tell(self, kind: str, controller: str, text: str) -> None:
+    def _report(self, kind: str, controller: str, text: str) -> None:
         self._events.append(ControllerEvent(kind, controller, text))

@@ -130,7 +130,7 @@ class DrivenWheelPose(PlanarPose):
             mean.add(value)
         self.linear, self.angular = (mean.mean for mean in self._means)
 
-    def believe(self, linear: float, angular: float, dt: float) -> None:
+    def integrate_command(self, linear: float, angular: float, dt: float) -> None:
         """Follow a twist."""
         self.linear, self.angular = linear, angular
         self.drive(linear * dt, angular * dt)
@@ -219,11 +219,11 @@ class TricycleController(MobileBase):
         """Follow the wheel."""
         self.kinematics.follow(self.states[0].value, self.states[1].value, dt)
 
-    def believe(self, dt: float) -> None:
+    def integrate_command(self, dt: float) -> None:
         """Follow the twist."""
-        self.kinematics.believe(self.limited[0], self.limited[1], dt)
+        self.kinematics.integrate_command(self.limited[0], self.limited[1], dt)
 
-    def work_out(self, twist: Sequence[float]) -> None:
+    def compute_commands(self, twist: Sequence[float]) -> None:
         """Make speed and angle of a twist, within their greatest; slow while the wheel is far from that angle."""
         speed, angle = self.kinematics.command(twist[0], twist[1])
         off = abs(angle - self.states[1].value) if self.states else NAN

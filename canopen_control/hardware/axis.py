@@ -104,12 +104,12 @@ class AxisStatus:
         """Whether there is no source of the statusword: no TPDO, and the node refuses SDO."""
         return self.word is None and self._by_sdo.refused
 
-    def came(self) -> None:
+    def node_ready(self) -> None:
         """Reset after the node became operational, or its TPDO returned."""
         self._by_sdo.end()
         self._blind_since = None
 
-    def went(self, now: int) -> None:
+    def node_lost(self, now: int) -> None:
         """Reset after the node was lost."""
         self._by_sdo.end()
         self._blind_since = now
@@ -288,7 +288,7 @@ class AxisProcessData:
         self.turn = abs(self.scale.pos_to_dev) * math.tau  # position counts of one of the motor, else of the joint
         self.who = node.who if len(node.plan.axes) <= 1 else f"{node.who}, {joint}"
         """The node, as every message has it, and of one with several axes the joint."""
-        self.misfit = math.nan  # the target that did not fit its object, nan while the last one did
+        self.out_of_range = math.nan  # the target that did not fit its object, nan while the last one did
         self.statusword = self._need_input(objects.STATUSWORD)
         self.controlword = self._need_output(objects.CONTROLWORD)
         self.display = self.input(objects.MODES_OF_OPERATION_DISPLAY)
@@ -310,11 +310,11 @@ class AxisProcessData:
         self.target_objects = {**TARGET_OBJECTS, **own}
         """Mode to index and subindex of its target on axis 0."""
         positions = {self.target_objects[mode] for mode, name in self.own_modes.items() if name == POSITION}
-        found = dict.fromkeys((*_TARGETS, *own.values()))
+        outputs = dict.fromkeys((*_TARGETS, *own.values()))
         self._require_widths()
         self._targets = [
             (index in _POSITIONS or (index, sub) in positions, out)
-            for index, sub in found
+            for index, sub in outputs
             if (out := self.output(index, sub)) is not None
         ]
         offsets = self.velocity_offset, self.torque_offset
@@ -323,7 +323,7 @@ class AxisProcessData:
                 moving.drive()
 
         feedback = (self.statusword, self.position, self.velocity)
-        self._feedback = tuple({each.pdo: None for each in feedback if each is not None})
+        self._feedback = tuple({source.pdo: None for source in feedback if source is not None})
 
     @property
     def is_stale(self) -> bool:
@@ -359,8 +359,8 @@ class AxisProcessData:
     def _modes_of_file(self) -> list[tuple[int, str]]:
         """Return the modes of bus.yml, with the command interface of each."""
         keys = self.node.config.motion
-        given = ((keys.position_mode, POSITION), (keys.velocity_mode, VELOCITY), (keys.effort_mode, EFFORT))
-        return [(mode_of(mode), interface) for mode, interface in given if mode is not None]
+        modes = ((keys.position_mode, POSITION), (keys.velocity_mode, VELOCITY), (keys.effort_mode, EFFORT))
+        return [(mode_of(mode), interface) for mode, interface in modes if mode is not None]
 
     @property
     def raw_position(self) -> int:
@@ -387,14 +387,14 @@ class AxisProcessData:
         return (self.index(index), subindex) in self.node.od
 
     def _need_input(self, index: int) -> Input:
-        if (found := self.input(index)) is None:
+        if (signal := self.input(index)) is None:
             raise self._unmapped(index, "TPDO")
-        return found
+        return signal
 
     def _need_output(self, index: int) -> Output:
-        if (found := self.output(index)) is None:
+        if (output := self.output(index)) is None:
             raise self._unmapped(index, "RPDO")
-        return found
+        return output
 
     def _unmapped(self, index: int, kind: str) -> RobotConfigError:
         name = objects.object_name(self.index(index))

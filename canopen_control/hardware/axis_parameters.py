@@ -54,7 +54,7 @@ class AxisParameters:
         self,
         axis: AxisProcessData,
         on_loaded: Callable[[], None],
-        tell: Callable[[str], None] = lambda _text: None,
+        report: Callable[[str], None] = lambda _text: None,
         *,
         profile: bool = False,
     ) -> None:
@@ -62,7 +62,7 @@ class AxisParameters:
         self.loaded = False
         self.failed: list[str] = []
         self.values: dict[tuple[int, int], int] = {}
-        self._axis, self._on_loaded, self._tell = axis, on_loaded, tell
+        self._axis, self._on_loaded, self._report = axis, on_loaded, report
         self._open = 0
         self._round = self._bounded_round = 0
 
@@ -72,11 +72,11 @@ class AxisParameters:
         self.loaded, self.failed = False, []
         self._round += 1
         axis.limits.ramp_unbounded = axis.limits.described < math.inf
-        wanted = [(index, sub) for index, subs in self._asked for sub in subs if axis.has(index, sub)]
-        self._open = len(wanted)
-        for index, subindex in wanted:
+        addresses = [(index, sub) for index, subs in self._asked for sub in subs if axis.has(index, sub)]
+        self._open = len(addresses)
+        for index, subindex in addresses:
             axis.node.read(axis.index(index), subindex, self._answer(index, subindex, self._round))
-        if not wanted:
+        if not addresses:
             self._finish()
 
     def forget(self) -> None:
@@ -120,19 +120,19 @@ class AxisParameters:
         Then call `done` with "" or the reason of a failure.
         """
         axis = self._axis
-        left = [sub for sub in _HOMING_SPEEDS if axis.has(objects.HOMING_SPEEDS, sub)]
+        subindices = [sub for sub in _HOMING_SPEEDS if axis.has(objects.HOMING_SPEEDS, sub)]
         if axis.limits.described == math.inf:
-            left = []
-        elif not left:
-            self._tell(f"its EDS has no 0x{axis.index(objects.HOMING_SPEEDS):04X}, so it homes as fast as it does")
+            subindices = []
+        elif not subindices:
+            self._report(f"its EDS has no 0x{axis.index(objects.HOMING_SPEEDS):04X}, so it homes as fast as it does")
 
         def settled(bounded: bool, text: str) -> None:
             if not bounded:
                 done(text)
                 return
             self._tell_if(text)
-            if left:
-                self._lower(objects.HOMING_SPEEDS, left.pop(0), settled)
+            if subindices:
+                self._lower(objects.HOMING_SPEEDS, subindices.pop(0), settled)
             else:
                 done("")
 
@@ -146,25 +146,25 @@ class AxisParameters:
         """
         axis, index = self._axis, self._axis.index(base)
         entry, words = axis.node.od[index, subindex], axis.limits.words
-        where = f"0x{index:04X}" + (f":{subindex:02X}" if subindex else "")
+        place = f"0x{index:04X}" + (f":{subindex:02X}" if subindex else "")
         most = int(axis.limits.described * abs(axis.scale.vel_to_dev))
 
         def read(request: SdoRequest) -> None:
             if request.error is not None:
-                settled(False, f"{where} was not read, so it may move faster than {words}: {request.error}")
+                settled(False, f"{place} was not read, so it may move faster than {words}: {request.error}")
                 return
-            given = int.from_bytes(request.data, "little")
-            if given <= most and (given or base != objects.PROFILE_VELOCITY):
+            limit = int.from_bytes(request.data, "little")
+            if limit <= most and (limit or base != objects.PROFILE_VELOCITY):
                 settled(True, "")
                 return
 
             def written(done: SdoRequest) -> None:
                 if done.error is not None:
-                    settled(False, f"{where} stays {given}, faster than {words}: {done.error}")
+                    settled(False, f"{place} stays {limit}, faster than {words}: {done.error}")
                     return
                 if (output := axis.output(base, subindex)) is not None:
                     output.know(most)
-                settled(True, f"{where} was {given} and is {most} now, {words}")
+                settled(True, f"{place} was {limit} and is {most} now, {words}")
 
             axis.node.write(index, subindex, encode(most, entry.data_type), written)
 
@@ -172,7 +172,7 @@ class AxisParameters:
 
     def _tell_if(self, text: str) -> None:
         if text:
-            self._tell(text)
+            self._report(text)
 
     def _answer(self, index: int, subindex: int, number: int) -> Callable[[SdoRequest], None]:
         def answered(request: SdoRequest) -> None:

@@ -279,19 +279,19 @@ class AxisStatechart:
             for command in self._commands:
                 command.enabled = following
                 if following:
-                    command.set_aside = False
+                    command.excluded = False
 
 
 def _prepare(machine: DriveMachine) -> None:
     machine.enable()
     machine.halt(False)
-    machine.hold(True)
+    machine.hold_in_switched_on(True)
 
 
 _TELL: Final[Mapping[DriveCommand, Callable[[DriveMachine], None]]] = MappingProxyType(
     {
         DriveCommand.PREPARE: _prepare,
-        DriveCommand.RELEASE: lambda machine: machine.hold(False),
+        DriveCommand.RELEASE: lambda machine: machine.hold_in_switched_on(False),
         DriveCommand.RESUME: lambda machine: machine.halt(False),
         DriveCommand.HALT: lambda machine: machine.halt(True),
         DriveCommand.DISABLE: lambda machine: machine.disable(),

@@ -78,36 +78,36 @@ class JointLimiter:
         self._begin(actual, desired)
         limited = False
         for at in range(len(desired)):
-            wanted = desired[at]
-            if math.isnan(wanted):
+            target = desired[at]
+            if math.isnan(target):
                 continue
-            self._bound(at, wanted, actual, period)
-            if wanted < self._low or wanted > self._high:
+            self._bound(at, target, actual, period)
+            if target < self._low or target > self._high:
                 limited = True
-                desired[at] = wanted = min(max(wanted, self._low), self._high)
-            self.before[at] = wanted
+                desired[at] = target = min(max(target, self._low), self._high)
+            self.before[at] = target
         return limited
 
     def _begin(self, actual: list[float], desired: list[float]) -> None:
         """Where no command is known yet, measure from where the joint is, or from what is wanted first."""
         before = self.before
-        for known in before:
-            if known == known:  # is not nan
+        for limited in before:
+            if limited == limited:  # is not nan
                 return
         for at in range(len(desired)):
             if not math.isnan(desired[at]):
                 before[at] = desired[at] if math.isnan(actual[at]) else actual[at]
 
-    def _bound(self, at: int, wanted: float, actual: list[float], period: float) -> None:
+    def _bound(self, at: int, target: float, actual: list[float], period: float) -> None:
         """Set the range of a quantity; ends that are crossed are swapped."""
         if at == POS:
             self._bound_position(actual, period)
         elif at == VEL:
-            self._bound_velocity(wanted, actual, period)
+            self._bound_velocity(target, actual, period)
         elif at == EFF:
             self._bound_effort(actual)
         else:
-            most = self.limits.max_jerk if at == JERK else self._most_acceleration(wanted, actual[VEL])
+            most = self.limits.max_jerk if at == JERK else self._most_acceleration(target, actual[VEL])
             self._low, self._high = -most, most
         if self._low > self._high:
             self._low, self._high = self._high, self._low
@@ -128,7 +128,7 @@ class JointLimiter:
             high = min(max(start + step, low), high)
         self._low, self._high = low, high
 
-    def _bound_velocity(self, wanted: float, actual: list[float], period: float) -> None:
+    def _bound_velocity(self, target: float, actual: list[float], period: float) -> None:
         limits, here, before = self.limits, actual[POS], self.before[VEL]
         low, high = -limits.max_velocity, limits.max_velocity
         if limits.has_ends and not math.isnan(here):
@@ -136,20 +136,20 @@ class JointLimiter:
                 max((limits.min_position - here) / period, low),
                 min((limits.max_position - here) / period, high),
             )
-            if self._may_not_move(wanted, here):
+            if self._may_not_move(target, here):
                 low = high = 0.0
         if math.isfinite(limits.max_acceleration) and not math.isnan(before):
             change = limits.max_acceleration * period
             low, high = max(before - change, low), min(before + change, high)
         self._low, self._high = low, high
 
-    def _may_not_move(self, wanted: float, here: float) -> bool:
+    def _may_not_move(self, target: float, here: float) -> bool:
         """Whether it is outside of its range, and is far out or would go on that way."""
         low, high = self.limits.min_position, self.limits.max_position
         if low <= here <= high:
             return False
-        above = low < here < high + NEAR and wanted >= 0.0
-        below = low - NEAR < here < high and wanted <= 0.0
+        above = low < here < high + NEAR and target >= 0.0
+        below = low - NEAR < here < high and target <= 0.0
         return above or below or here > high + NEAR or here < low - NEAR
 
     def _bound_effort(self, actual: list[float]) -> None:
@@ -165,8 +165,8 @@ class JointLimiter:
             high = 0.0
         self._low, self._high = low, high
 
-    def _most_acceleration(self, wanted: float, speed: float) -> float:
-        slows_down = wanted * speed < 0.0
+    def _most_acceleration(self, target: float, speed: float) -> float:
+        slows_down = target * speed < 0.0
         if slows_down and math.isfinite(self.limits.max_deceleration):
             return self.limits.max_deceleration
         return self.limits.max_acceleration
@@ -221,8 +221,8 @@ class SoftLimiter(JointLimiter):
         before = self.before[POS]
         return before if math.isfinite(before) else actual
 
-    def _bound(self, at: int, wanted: float, actual: list[float], period: float) -> None:
-        super()._bound(at, wanted, actual, period)
+    def _bound(self, at: int, target: float, actual: list[float], period: float) -> None:
+        super()._bound(at, target, actual, period)
         if at == POS:
             self._narrow_position(actual, period)
         elif at == VEL:
@@ -311,8 +311,8 @@ class JointCommands(Limited):
     def __init__(self, joint: Joint, limits: HardLimits, commands: Commands, states: States) -> None:
         self._joint, self._limits = joint, limits
         self._limiter = JointLimiter(limits) if joint.soft is None else SoftLimiter(limits, joint.soft)
-        self._commands = [(QUANTITIES.index(each.interface), each) for each in commands]
-        self._states = [(QUANTITIES.index(each.interface), each) for each in states]
+        self._commands = [(QUANTITIES.index(command.interface), command) for command in commands]
+        self._states = [(QUANTITIES.index(state.interface), state) for state in states]
         self._actual, self._desired = list(NOTHING), list(NOTHING)
         self._limited_at = [-math.inf] * len(QUANTITIES)  # when a command had to be changed last
         self._starts = [math.nan, math.nan]
@@ -342,12 +342,12 @@ class JointCommands(Limited):
         limiter.enforce(actual, desired, period)
         told: str | None = None
         for at, command in self._commands:
-            value, wanted = desired[at], command.value
+            value, target = desired[at], command.value
             if math.isnan(value):
                 continue
             value = self._bounded(at, command, value) if at > VEL else self._changed(at, value, period)
             limiter.before[at] = command.value = value
-            if value != wanted and (text := self._told(at, command, wanted, value, period, clock)) is not None:
+            if value != target and (text := self._told(at, command, target, value, period, clock)) is not None:
                 told = text if told is None else f"{told}; {text}"
         return told
 
@@ -370,13 +370,13 @@ class JointCommands(Limited):
     # ------------------------------------------------------------------------------------------------- what is told
 
     def _told(
-        self, at: int, command: CommandInterface, wanted: float, value: float, period: float, clock: float
+        self, at: int, command: CommandInterface, target: float, value: float, period: float, clock: float
     ) -> str | None:
         """Return the limits that made `value` of what was wanted, where that begins."""
         begins, self._limited_at[at] = clock - self._limited_at[at] > QUIET_S, clock
         if not begins:
             return None
-        short = self._stopped_short(wanted, period) if at == VEL else wanted
+        short = self._stopped_short(target, period) if at == VEL else target
         bounded = self._bounded(at, command, short)
         reasons, soft = [], self._joint.soft
         if at == POS and soft is not None and soft.lower < soft.upper and not soft.lower <= bounded <= soft.upper:
@@ -384,12 +384,12 @@ class JointCommands(Limited):
             reasons.append(f"its soft limit {self._quantity(POS, bounded)}")
         elif bounded != short:
             reasons.append(self._quantity(at, bounded))
-        elif short != wanted:
-            end = self._limits.max_position if wanted > 0.0 else self._limits.min_position
+        elif short != target:
+            end = self._limits.max_position if target > 0.0 else self._limits.min_position
             reasons.append(f"what ends at {self._quantity(POS, end)}")
         if value != bounded:
             reasons.append(self._by_state(at, value, period))
-        return f"{command.name}: {self._quantity(at, wanted)} is limited to {' and to '.join(reasons)}"
+        return f"{command.name}: {self._quantity(at, target)} is limited to {' and to '.join(reasons)}"
 
     def _bounded(self, at: int, command: CommandInterface, value: float) -> float:
         """Return a command within the limits that are always the same."""
@@ -459,9 +459,9 @@ class JointPosition(JointCommands):
         """See `Limited`."""
         before = self._limiter.before
         before[POS] = self._before
-        told = super().enforce(period, clock)
+        text = super().enforce(period, clock)
         self._before = before[POS]
-        return told
+        return text
 
 
 class JointVelocity(JointCommands):
@@ -500,9 +500,9 @@ class JointVelocity(JointCommands):
         """See `Limited`."""
         before = self._limiter.before
         before[VEL] = self._before
-        told = super().enforce(period, clock)
+        text = super().enforce(period, clock)
         self._before = before[VEL]
-        return told
+        return text
 
 
 class JointSeveral(Limited):
@@ -515,18 +515,18 @@ class JointSeveral(Limited):
 
     def passes(self, period: float) -> bool:
         """See `Limited`."""
-        for each in self._parts:  # noqa: SIM110 - `all` would make a generator in the cycle
-            if not each.passes(period):
+        for part in self._parts:  # noqa: SIM110 - `all` would make a generator in the cycle
+            if not part.passes(period):
                 return False
         return True
 
     def enforce(self, period: float, clock: float) -> str | None:
         """See `Limited`."""
         told: str | None = None
-        for each in self._parts:
-            if period > 0.0 and each.passes(period):  # once more is no difference
+        for part in self._parts:
+            if period > 0.0 and part.passes(period):  # once more is no difference
                 continue
-            if (text := each.enforce(period, clock)) is not None:
+            if (text := part.enforce(period, clock)) is not None:
                 told = text if told is None else f"{told}; {text}"
         return told
 
@@ -541,16 +541,16 @@ class PlainCommand(Limited):
 
     def enforce(self, period: float, clock: float) -> str | None:  # noqa: ARG002 - the verb of all of them
         """See `Limited`."""
-        command, wanted = self._command, self._command.value
-        if command.owner is None or command.minimum <= wanted <= command.maximum or math.isnan(wanted):
+        command, target = self._command, self._command.value
+        if command.owner is None or command.minimum <= target <= command.maximum or math.isnan(target):
             return None
-        command.value = min(max(wanted, command.minimum), command.maximum)
+        command.value = min(max(target, command.minimum), command.maximum)
         begins, self._limited_at = clock - self._limited_at > QUIET_S, clock
-        return f"{command.name}: {wanted:g} is limited to {command.value:g}" if begins else None
+        return f"{command.name}: {target:g} is limited to {command.value:g}" if begins else None
 
 
 def _state(states: States, interface: str) -> StateInterface | None:
-    return next((each for each in states if each.interface == interface), None)
+    return next((state for state in states if state.interface == interface), None)
 
 
 _KINDS: Final[Mapping[str, type[JointCommands]]] = MappingProxyType({POSITION: JointPosition, VELOCITY: JointVelocity})
@@ -560,7 +560,7 @@ def limited_joint(joint: Joint, limits: HardLimits, commands: Commands, states: 
     """Return what limits these commands of a joint with the least work."""
     if joint.soft is not None:
         return JointCommands(joint, limits, commands, states)
-    parts = [_KINDS.get(each.interface, JointCommands)(joint, limits, [each], states) for each in commands]
+    parts = [_KINDS.get(command.interface, JointCommands)(joint, limits, [command], states) for command in commands]
     return parts[0] if len(parts) == 1 else JointSeveral(parts)
 
 
@@ -574,48 +574,50 @@ class CommandLimits:
     def __init__(self, description: UrdfDescription, registry: InterfaceRegistry) -> None:
         self._limited: list[Limited] = []
         self._clock = 0.0
-        states = {each.name: each for each in registry.state_interfaces}
-        commands = {each.name: each for each in registry.command_interfaces}
-        for part in (one for tag in description.hardware for one in tag.joints):
+        states = {state_interface.name: state_interface for state_interface in registry.state_interfaces}
+        commands = {interface.name: interface for interface in registry.command_interfaces}
+        for part in (joint for tag in description.hardware for joint in tag.joints):
             limited = []
             for name, info in part.command_interfaces.items():
                 command = commands.get(f"{part.name}/{name}")
                 if command is not None and info.limited:
                     command.minimum, command.maximum = info.minimum, info.maximum
                     limited.append(command)
-            found = [states[each] for name in QUANTITIES if (each := f"{part.name}/{name}") in states]
-            self._add(description.joints[part.name], part, limited, found)
+            known_states = [
+                states[name_of_state] for name in QUANTITIES if (name_of_state := f"{part.name}/{name}") in states
+            ]
+            self._add(description.joints[part.name], part, limited, known_states)
 
     def _add(self, joint: Joint, part: ControlJoint, commands: Commands, states: States) -> None:
-        known = [each for each in commands if each.interface in QUANTITIES]
-        bounded = (each for each in commands if each.interface not in QUANTITIES and _is_bounded(each))
+        limitable = [command for command in commands if command.interface in QUANTITIES]
+        bounded = (command for command in commands if command.interface not in QUANTITIES and _is_bounded(command))
         self._limited += [PlainCommand(each) for each in bounded]
-        if known:
-            speeds = VELOCITY in {each.interface for each in states} | {each.interface for each in known}
+        if limitable:
+            speeds = VELOCITY in {state.interface for state in states} | {each.interface for each in limitable}
             limits = hard_limits(joint, part, speeds=speeds)
-            if joint.soft is not None or limits != HardLimits() or any(map(_is_bounded, known)):
-                self._limited.append(limited_joint(joint, limits, known, states))
+            if joint.soft is not None or limits != HardLimits() or any(map(_is_bounded, limitable)):
+                self._limited.append(limited_joint(joint, limits, limitable, states))
 
     def enforce(self, period: float) -> str | None:
         """Change commands that exceed a limit; return which, when that begins. `period` in s."""
         self._clock = clock = self._clock + period
         judged = period > 0.0
-        told: list[str] | None = None
-        for each in self._limited:
-            if judged and each.passes(period):
+        texts: list[str] | None = None
+        for limited in self._limited:
+            if judged and limited.passes(period):
                 continue
-            if (text := each.enforce(period, clock)) is not None:
-                told = [text] if told is None else [*told, text]
-        return None if told is None else _summary(told)
+            if (text := limited.enforce(period, clock)) is not None:
+                texts = [text] if texts is None else [*texts, text]
+        return None if texts is None else _summary(texts)
 
 
 def _is_bounded(command: CommandInterface) -> bool:
     return math.isfinite(command.minimum) or math.isfinite(command.maximum)
 
 
-def _summary(told: list[str]) -> str:
-    more = [f"and {len(told) - _TOLD_AT_ONCE} more"] if len(told) > _TOLD_AT_ONCE else []
-    return "; ".join(told[:_TOLD_AT_ONCE] + more)
+def _summary(texts: list[str]) -> str:
+    more = [f"and {len(texts) - _TOLD_AT_ONCE} more"] if len(texts) > _TOLD_AT_ONCE else []
+    return "; ".join(texts[:_TOLD_AT_ONCE] + more)
 
 
 def hard_limits(joint: Joint, part: ControlJoint, *, speeds: bool = True) -> HardLimits:

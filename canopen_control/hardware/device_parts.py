@@ -90,8 +90,8 @@ class OutputSignal:
         """Take the safe value, or that of the controller that lets go, being commanded by nobody any more."""
         self.command.value = math.nan
         commanded, self._commanded, self.void = self._commanded, math.nan, False
-        told, self.command.let_go_at = self.command.let_go_at, None
-        safe = self.command.safe if told is None else told
+        value, self.command.release_value = self.command.release_value, None
+        safe = self.command.safe if value is None else value
         if not math.isnan(commanded) and safe is not None and not math.isnan(safe) and self._node.ready:
             self._send(safe, always=False)
 
@@ -223,12 +223,12 @@ class NodeInputs:
 
     def of(self, address: Address) -> RawInput:
         """Return the raw input of an object of the dictionary."""
-        found = self._inputs.get(address)
-        if found is None:
+        device_input = self._inputs.get(address)
+        if device_input is None:
             entry = self.node.od[address]
             mapped = self._image.input(self.node.node_id, *address)
-            found = self._inputs[address] = RawInput(self.node, address, entry.data_type, mapped)
-        return found
+            device_input = self._inputs[address] = RawInput(self.node, address, entry.data_type, mapped)
+        return device_input
 
     def read(self, now: int) -> None:
         """Look at all of them."""
@@ -239,10 +239,10 @@ class NodeInputs:
             return
         if node.boots != self.boots:
             self.boots = node.boots
-            for each in self._inputs.values():
-                each.begin(now)
-        for each in self._inputs.values():
-            each.read(now)
+            for device_input in self._inputs.values():
+                device_input.begin(now)
+        for device_input in self._inputs.values():
+            device_input.read(now)
 
     def tell_jump(self, signal: str, text: str) -> None:
         """Take that a signal jumped: once for each boot, however many interfaces it is shown in."""
@@ -253,8 +253,8 @@ class NodeInputs:
     def poll(self, now: int) -> None:
         """Ask for one of those that no TPDO carries."""
         if self.ready:
-            for each in self._inputs.values():
-                if each.polled and each.poll(now):
+            for device_input in self._inputs.values():
+                if device_input.polled and device_input.poll(now):
                     return
 
 
@@ -378,8 +378,8 @@ class EncoderVelocity:
 
     def _came(self, position: float, raw: RawInput) -> None:
         self._interval = raw.stamp - self._at
-        known = not math.isnan(self._last) and self._interval > 0
-        self._state.value = (position - self._last) * 1e9 / self._interval if known else math.nan
+        has_period = not math.isnan(self._last) and self._interval > 0
+        self._state.value = (position - self._last) * 1e9 / self._interval if has_period else math.nan
         self._last, self._at = position, raw.stamp
 
 
@@ -452,22 +452,22 @@ def part_problems(part: ControlJoint, node: RemoteNode) -> list[str]:
     """Return what is wrong with the interfaces of a part, a sentence each."""
     problems = []
     sent = {(mapped.index, mapped.subindex) for layout in node.plan.rpdos for mapped in layout.objects}
-    what = f"{node.plan.profile.words} {node.name}"
+    device = f"{node.plan.profile.words} {node.name}"
     for name in dict.fromkeys((*part.command_interfaces, *part.state_interfaces)):
         signal = signal_of(node, name)
         if _derived(node, name) and name not in part.command_interfaces:
             continue
         if signal is None:
             hint = nearest(name, node.plan.signals) or "; give it signals in bus.yml"
-            problems.append(f"{part.name}: no signal {name!r} of {what}{hint}")
+            problems.append(f"{part.name}: no signal {name!r} of {device}{hint}")
         elif name not in part.command_interfaces:
             continue
         elif not signal.output:
-            problems.append(f"{part.name}: {name!r} of {what} is an input; make it a state_interface")
+            problems.append(f"{part.name}: {name!r} of {device} is an input; make it a state_interface")
         elif signal.index in {index + offset for index in MOTION for offset in node.plan.axes}:
-            problems.append(f"{part.name}: {name!r} of {what} moves an axis; a joint commands it")
+            problems.append(f"{part.name}: {name!r} of {device} moves an axis; a joint commands it")
         elif signal.address not in sent:
-            problems.append(f"{part.name}: {name!r} of {what} is in no RPDO; map {signal.where} in bus.yml")
+            problems.append(f"{part.name}: {name!r} of {device} is in no RPDO; map {signal.where} in bus.yml")
     return problems
 
 
@@ -478,8 +478,8 @@ class DevicePart:
         self.name, self.node = part.name, node
         self.states = [StateInterface(part.name, name) for name in part.state_interfaces]
         self.commands = [
-            CommandInterface(part.name, name, minimum=each.minimum, maximum=each.maximum)
-            for name, each in part.command_interfaces.items()
+            CommandInterface(part.name, name, minimum=interface.minimum, maximum=interface.maximum)
+            for name, interface in part.command_interfaces.items()
         ]
         self._inputs: list[InputSignal | EncoderVelocity | TiltOrientation] = []
         self._held: list[_HeldOutput] = []
@@ -493,8 +493,8 @@ class DevicePart:
         for state in self.states:
             signal = signal_of(node, state.interface)
             if _derived(node, state.interface):
-                made = EncoderVelocity if node.plan.profile is Profile.ENCODER else TiltOrientation
-                self._inputs.append(made(state, node.plan.signals, inputs))
+                quantity = EncoderVelocity if node.plan.profile is Profile.ENCODER else TiltOrientation
+                self._inputs.append(quantity(state, node.plan.signals, inputs))
                 continue
             output = None if signal is None else image.output(node.node_id, *signal.address)
             if signal is not None and signal.output and output is not None:
@@ -506,8 +506,8 @@ class DevicePart:
         """Show the inputs, and what the outputs are."""
         for signal in self._inputs:
             signal.read(now)
-        for held in self._held:
-            held.read()
+        for output in self._held:
+            output.read()
 
     def write(self) -> None:
         """Send what was commanded."""
@@ -571,13 +571,13 @@ class DeviceParts:
             name = device_of(part, ids)
             if name:
                 node, image = nodes[name]
-                problems += (found := part_problems(part, node))
-                if not found:
+                problems += (part_errors := part_problems(part, node))
+                if not part_errors:
                     inputs = self._nodes.setdefault(name, NodeInputs(node, image))
                     self._parts.append(DevicePart(part, node, image, inputs))
             elif name is not None:
-                wanted = part.parameters.get("device_name") or part.parameters.get("node_id", "")
-                problems.append(f"{part.name}: {wanted!r} is no node of bus.yml{nearest(wanted, nodes)}")
+                device = part.parameters.get("device_name") or part.parameters.get("node_id", "")
+                problems.append(f"{part.name}: {device!r} is no node of bus.yml{nearest(device, nodes)}")
         if problems:
             raise RobotConfigError("\n".join(problems))
         self.states: list[StateInterface] = [state for part in self._parts for state in part.states]
@@ -588,29 +588,29 @@ class DeviceParts:
     @property
     def sending(self) -> bool:
         """Whether an output waits to be sent."""
-        return any(pdo.changed and pdo.enabled for each in self._nodes.values() for pdo in each.node.sent)
+        return any(pdo.changed and pdo.enabled for node in self._nodes.values() for pdo in node.node.sent)
 
     @property
     def has_news(self) -> bool:
         """Whether `take_news` has something to tell."""
-        for each in self._nodes.values():  # noqa: SIM110 - `any` would make a generator in the cycle
-            if each.lost or each.jumps:
+        for node in self._nodes.values():  # noqa: SIM110 - `any` would make a generator in the cycle
+            if node.lost or node.jumps:
                 return True
         return False
 
     def take_news(self) -> list[tuple[RemoteNode, str, str]]:
         """Return node, kind and sentence of what happened since the last call: a node was lost, an input jumped."""
-        found = []
+        events = []
         for inputs in self._nodes.values():
             jumps, inputs.jumps = inputs.jumps, []
-            found += [(inputs.node, "input_jumped", text) for text in jumps]
+            events += [(inputs.node, "input_jumped", text) for text in jumps]
             if inputs.lost:
                 inputs.lost = False
                 outputs = [name for part in self._parts if part.node is inputs.node for name in part.commanded]
                 which = "those commanded are" if len(outputs) > _FEW else f"{', '.join(outputs)} {_is(outputs)}"
-                held = f"; of its outputs {which} void, and not restored until commanded again" if outputs else ""
-                found.append((inputs.node, "device_lost", f"lost: its inputs are unknown{held}"))
-        return found
+                suffix = f"; of its outputs {which} void, and not restored until commanded again" if outputs else ""
+                events.append((inputs.node, "device_lost", f"lost: its inputs are unknown{suffix}"))
+        return events
 
     def void_outputs(self, node: RemoteNode) -> list[str]:
         """Return the outputs of a node that are void since it was lost: nothing restores them."""

@@ -49,7 +49,9 @@ class WorldSensors(ComponentLifecycle):
     def __init__(self, name: str, parts: Iterable[ControlJoint]) -> None:
         super().__init__()
         self.name = name
-        self._states = [StateInterface(part.name, each) for part in parts for each in part.state_interfaces]
+        self._states = [
+            StateInterface(part.name, state_interface) for part in parts for state_interface in part.state_interfaces
+        ]
         self.state_interfaces: Sequence[StateInterface] = self._states
         self.command_interfaces: Sequence[CommandInterface] = []
         self._taken = False  # since the last cycle
@@ -132,7 +134,7 @@ class Engine(Protocol):
     def reset(self, keyframe: str) -> None:
         """Bring everything back to where it began, or to a key frame; ControlError for one that is not there."""
 
-    def act(self, what: WorldAct) -> None:
+    def act(self, world_act: WorldAct) -> None:
         """Let something happen in its world now; ConfigError for what is not there."""
 
 
@@ -159,22 +161,22 @@ class FirstOrderMotor:
             self._approach(effort / self._damping, self._inertia / self._damping, seconds)
         elif interface == POSITION:
             # a quarter of the velocity loop's bandwidth: it arrives without overshoot
-            wanted = (target - self.position) / max(4.0 * self._time_constant, seconds)
-            self._approach(_within(wanted, self._limits.velocity), self._time_constant, seconds)
+            velocity = (target - self.position) / max(4.0 * self._time_constant, seconds)
+            self._approach(_within(velocity, self._limits.velocity), self._time_constant, seconds)
         else:
             self._approach(_within(target, self._limits.velocity), self._time_constant, seconds)
         self._stop_at_the_ends()
         self.effort = self._inertia * (self.velocity - before) / seconds + self._damping * self.velocity
 
-    def _approach(self, wanted: float, time_constant: float, seconds: float) -> None:
+    def _approach(self, target: float, time_constant: float, seconds: float) -> None:
         decay = math.exp(-seconds / time_constant)
-        self.position += wanted * seconds + time_constant * (self.velocity - wanted) * (1.0 - decay)
-        self.velocity = wanted + (self.velocity - wanted) * decay
+        self.position += target * seconds + time_constant * (self.velocity - target) * (1.0 - decay)
+        self.velocity = target + (self.velocity - target) * decay
 
     def _stop_at_the_ends(self) -> None:
-        held = min(max(self.position, self._limits.lower), self._limits.upper)
-        if held != self.position:
-            self.position, self.velocity = held, 0.0
+        bounded = min(max(self.position, self._limits.lower), self._limits.upper)
+        if bounded != self.position:
+            self.position, self.velocity = bounded, 0.0
 
 
 def _within(value: float, limit: float) -> float:
@@ -189,8 +191,8 @@ class _Joint:
     def __init__(self, part: ControlJoint, motor: SimulatedMotor) -> None:
         self.name, self.motor, self.mode = part.name, motor, ""
         self.commands = {
-            name: CommandInterface(part.name, name, minimum=each.minimum, maximum=each.maximum)
-            for name, each in part.command_interfaces.items()
+            name: CommandInterface(part.name, name, minimum=interface.minimum, maximum=interface.maximum)
+            for name, interface in part.command_interfaces.items()
         }
         self.states = {name: StateInterface(part.name, name) for name in part.state_interfaces}
         start = part.state_interfaces.get(POSITION)
@@ -242,22 +244,22 @@ class SimulatedSystem(ComponentLifecycle):
                 motor = make_motor(limits) if make_motor else _motor(limits, own)
             self._joints.append(_Joint(part, motor))
         self._engine = engine
-        by_name = {each.name: each for each in self._joints}
+        by_name = {joint.name: joint for joint in self._joints}
         self._mimics = [
             (by_name[part.name], by_name[part.mimic.joint], part.mimic)
             for part in description.joints
             if part.mimic is not None and part.mimic.joint in by_name
         ]
         following = [follower for follower, _, _ in self._mimics]
-        self._driven = [each for each in self._joints if each not in following]
+        self._driven = [joint for joint in self._joints if joint not in following]
         fixed = [*description.sensors, *description.gpios]
         extra_states, extra_commands, self._mirrored = _extras(fixed)
         self.state_interfaces: Sequence[StateInterface] = [
-            *(one for each in self._joints for one in each.states.values()),
+            *(state for joint in self._joints for state in joint.states.values()),
             *extra_states,
         ]
         self.command_interfaces: Sequence[CommandInterface] = [
-            *(one for each in self._joints for one in each.commands.values()),
+            *(command for joint in self._joints for command in joint.commands.values()),
             *extra_commands,
         ]
         self._sensed = [
@@ -265,8 +267,8 @@ class SimulatedSystem(ComponentLifecycle):
             for state in extra_states
             if engine is not None and (source := engine.sensed(state.name)) is not None
         ]
-        self._owners: dict[str, _Joint | None] = {one.name: None for one in extra_commands}
-        self._owners.update({one.name: each for each in self._joints for one in each.commands.values()})
+        self._owners: dict[str, _Joint | None] = {extra_command.name: None for extra_command in extra_commands}
+        self._owners.update({command.name: joint for joint in self._joints for command in joint.commands.values()})
 
     @property
     def simulated_ns(self) -> int:
@@ -285,10 +287,10 @@ class SimulatedSystem(ComponentLifecycle):
         """Whether an engine moves it."""
         return self._engine is not None
 
-    def act(self, what: WorldAct) -> None:
+    def act(self, world_act: WorldAct) -> None:
         """Let something happen in the world of the engine; ConfigError for what is not there."""
         if self._engine is not None:
-            self._engine.act(what)
+            self._engine.act(world_act)
 
     def reset(self, keyframe: str) -> None:
         """Bring the joints back to where they began, at rest; a `keyframe` is one of the engine's model."""
@@ -308,7 +310,7 @@ class SimulatedSystem(ComponentLifecycle):
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Refuse two interfaces of one joint, and one that no motor knows."""
-        wanted: dict[str, str] = {}
+        modes: dict[str, str] = {}
         for name in (*start, *stop):
             if name not in self._owners:
                 raise UnknownInterface(name, tuple(self._owners))
@@ -318,8 +320,8 @@ class SimulatedSystem(ComponentLifecycle):
                 continue
             if name.rpartition("/")[2] not in (POSITION, VELOCITY, EFFORT):
                 raise ControlError(f"{name}: a simulated motor takes position, velocity or effort")
-            if wanted.setdefault(joint.name, name) != name:
-                raise ControlError(f"joint {joint.name}: {wanted[joint.name]} and {name} cannot be commanded together")
+            if modes.setdefault(joint.name, name) != name:
+                raise ControlError(f"joint {joint.name}: {modes[joint.name]} and {name} cannot be commanded together")
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Let the motors follow what is claimed."""
@@ -377,8 +379,10 @@ def _extras(parts: Sequence[ControlJoint]) -> _Extras:
     mirrored: list[tuple[CommandInterface, StateInterface]] = []
     for part in parts:
         own = {
-            name: StateInterface(part.name, name, 0.0 if math.isnan(each.initial_value) else each.initial_value)
-            for name, each in part.state_interfaces.items()
+            name: StateInterface(
+                part.name, name, 0.0 if math.isnan(state_interface.initial_value) else state_interface.initial_value
+            )
+            for name, state_interface in part.state_interfaces.items()
         }
         states += own.values()
         for name in part.command_interfaces:
@@ -389,14 +393,14 @@ def _extras(parts: Sequence[ControlJoint]) -> _Extras:
 
 
 def _motor(limits: UrdfLimits, parameters: Mapping[str, str]) -> FirstOrderMotor:
-    given: dict[str, float] = {}
+    numbers: dict[str, float] = {}
     for name in ("time_constant", "inertia", "damping"):
         if name not in parameters:
             continue
         try:
-            given[name] = float(parameters[name])
+            numbers[name] = float(parameters[name])
         except ValueError:
-            given[name] = math.nan
-        if not (math.isfinite(given[name]) and given[name] > 0.0):
+            numbers[name] = math.nan
+        if not (math.isfinite(numbers[name]) and numbers[name] > 0.0):
             raise RobotConfigError(f"{name} is {parameters[name]!r}; it is a number above 0")
-    return FirstOrderMotor(limits, **given)
+    return FirstOrderMotor(limits, **numbers)

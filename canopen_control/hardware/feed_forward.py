@@ -66,11 +66,11 @@ class FeedForward:
         """Return once the offset that is not sent because another controller commands it."""
         if self._foreign == self._told:
             return None
-        self._told = given = self._foreign
-        position, other = self._commands[POSITION].owner, self._commands[given].owner
+        self._told = interface = self._foreign
+        position, other_owner = self._commands[POSITION].owner, self._commands[interface].owner
         return (
-            f"its {given} is commanded by {other} and its position by {position}: that is no feed-forward, and not "
-            f"sent; deactivate {other}"
+            f"its {interface} is commanded by {other_owner} and its position by {position}: that is no feed-forward, "
+            f"and not sent; deactivate {other_owner}"
         )
 
     def zero(self) -> None:
@@ -97,11 +97,11 @@ class FeedForward:
             raw = 0 if broken else self._raw(position, effort, axis.scale.eff_to_dev, INT16_MIN, INT16_MAX)
             axis.torque_offset.set(axis.limits.of_torque(raw))
 
-    def _raw(self, position: CommandInterface, given: CommandInterface, factor: float, low: int, high: int) -> int:
-        if given.owner != position.owner:
-            self._foreign = given.interface
+    def _raw(self, position: CommandInterface, command: CommandInterface, factor: float, low: int, high: int) -> int:
+        if command.owner != position.owner:
+            self._foreign = command.interface
             return 0
-        return to_object(given.value * factor, low, high) or 0
+        return to_object(command.value * factor, low, high) or 0
 
 
 def _span(command: CommandInterface, most: float) -> None:

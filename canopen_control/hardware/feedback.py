@@ -74,7 +74,7 @@ def doubt_unit(axis: AxisProcessData, speed: float, raw: int, *, rising: bool) -
     if not fits:
         return None
     faster = abs(speed) > abs(reported)
-    return UnitDoubt(_words(axis, [fits[each] for each in sorted(fits)], faster=faster), faster)
+    return UnitDoubt(_words(axis, [fits[fit] for fit in sorted(fits)], faster=faster), faster)
 
 
 def _words(axis: AxisProcessData, units: list[tuple[str, float]], *, faster: bool) -> str:
@@ -110,20 +110,20 @@ _SLACK: Final = math.tau  # rad: what a shaft may be turned between two samples 
 class Feedback:
     """State interfaces of one joint: position, velocity, effort, and others in the description.
 
-    `standing` is whether the drive reports (nearly) no motion.
+    `at_standstill` is whether the drive reports (nearly) no motion.
     """
 
     def __init__(self, description: ControlJoint, axis: AxisProcessData) -> None:
         self._axis = axis
         present = {POSITION: axis.position, VELOCITY: axis.velocity, EFFORT: axis.effort}
-        names = [name for name, found in present.items() if found is not None]
+        names = [name for name, signal in present.items() if signal is not None]
         # as some drives have no 0x606C, or no room for it in a TPDO
         self._derives = axis.velocity is None and axis.position is not None and VELOCITY in description.state_interfaces
         if self._derives:
             names.append(VELOCITY)
         names += [name for name in description.state_interfaces if name in _EXTRAS]
         self.states = {name: StateInterface(description.name, name) for name in names}
-        self.standing = True
+        self.at_standstill = True
         self._extras = [name for name in names if name in _EXTRAS]
         self._position, self._velocity, self._effort = axis.position, axis.velocity, axis.effort
         self._position_count = self._velocity_count = self._effort_count = -1
@@ -141,7 +141,7 @@ class Feedback:
         self._looked_at = self._looked_count = self._doubts = 0
         self._derived_from, self._derived_at = 0, -_LOOK_NS  # count and stamp
 
-    def came(self) -> None:
+    def node_ready(self) -> None:
         """Reset after the node returned: its position is that of the joint before."""
         self._axis.unwrap.rebase()
         self._derived_at = -_LOOK_NS
@@ -154,9 +154,9 @@ class Feedback:
         self._derived_at = -_LOOK_NS
         self._jumps = 0
 
-    def went(self) -> None:
+    def node_lost(self) -> None:
         """Reset after the node was lost: all values are unknown."""
-        self.standing = True
+        self.at_standstill = True
         for state in self.states.values():
             state.value = math.nan
 
@@ -173,7 +173,7 @@ class Feedback:
                     self._raw_velocity = raw
                     # + 0.0: a mirrored drive that stands still has no velocity of -0.0
                     self._velocity_state.value = speed = raw * self._axis.scale.vel_from_dev + 0.0
-                    self.standing = -STANDSTILL <= speed <= STANDSTILL
+                    self.at_standstill = -STANDSTILL <= speed <= STANDSTILL
         position = self._position
         if position is not None:
             pdo = position.pdo
@@ -184,7 +184,7 @@ class Feedback:
                 if raw != self._raw_position:
                     jump = self._take_position(raw, pdo.stamp)
                 elif velocity is None:
-                    self.standing = now - self._moved_at >= _STILL_NS
+                    self.at_standstill = now - self._moved_at >= _STILL_NS
                 if self._derives:
                     self._derive(pdo.stamp)
         if self._more:
@@ -214,7 +214,7 @@ class Feedback:
         self._raw_position, self._stamp = raw, stamp
         self._position_state.value = count * scale.pos_from_dev + scale.offset_pos_from_dev
         if self._velocity is None:
-            self.standing, self._moved_at = False, stamp
+            self.at_standstill, self._moved_at = False, stamp
         if unwrap.jumps == self._jumps:
             return 0
         self._jumps = unwrap.jumps
@@ -293,8 +293,8 @@ class Feedback:
             "digital_inputs": axis.digital_inputs,
             "error_code": axis.error_code,
         }
-        found = source[name]
-        if found is not None:
-            return float(found.value) if found.fresh else math.nan
+        signal = source[name]
+        if signal is not None:
+            return float(signal.value) if signal.fresh else math.nan
         emcy = axis.node.emcy
         return float(emcy.error_code) if name == "error_code" and emcy is not None else math.nan

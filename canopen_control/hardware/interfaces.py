@@ -66,7 +66,7 @@ class StateInterface:
 class ValueRange(Protocol):
     """Source of the range of an object."""
 
-    def span(self) -> tuple[float, float]:
+    def value_range(self) -> tuple[float, float]:
         """Return minimum and maximum."""
         ...
 
@@ -74,21 +74,21 @@ class ValueRange(Protocol):
 class CommandInterface:
     """One commanded number: `value` in SI units, nan for no command; `owner` is the controller that claimed it.
 
-    `minimum` and `maximum` are the limits of the description, infinite where there are none. `enabled` says that the
-    hardware follows it now; hardware without drives always does. `set_aside`: a user has taken its axis out alone, and
-    who is commanded together with it goes on, until it follows again. `lowest` to `highest` is what the object behind
-    it can hold, which for a position depends on where the joint is: `span` returns it then. `quantity` is what it is
-    that is commanded: the interface's name, and of a TARGET what the present mode takes, TARGET while there is none.
-    `safe` is where an output goes that nobody commands any more, nan for one that stays as it is, None where the
-    hardware does not say; `let_go_at` is the same in the words of the controller that lets it go, None for none.
+    - `minimum`, `maximum`: limits of the description, infinite without limits.
+    - `enabled`: the hardware follows it now; hardware without drives always does.
+    - `excluded`: a user disabled or halted this axis alone; the joints commanded with it go on until it follows again.
+    - `lowest`, `highest`: range of the object behind it; for a position it depends on where the joint is (`range`).
+    - `quantity`: the interface's name; of a TARGET the quantity of the present mode, TARGET without a mode.
+    - `safe`: value of an output without a command: nan keeps its value, None if the hardware does not define one.
+    - `release_value`: the same, set by the controller that releases the interface; None if it sets none.
     """
 
     __slots__ = (
         "enabled",
+        "excluded",
         "highest",
         "interface",
         "joint",
-        "let_go_at",
         "lowest",
         "maximum",
         "minimum",
@@ -96,8 +96,8 @@ class CommandInterface:
         "owner",
         "quantity",
         "range",
+        "release_value",
         "safe",
-        "set_aside",
         "value",
     )
 
@@ -115,17 +115,17 @@ class CommandInterface:
         self.quantity = interface
         self.owner: str | None = None
         self.enabled = True
-        self.set_aside = False
+        self.excluded = False
         self.minimum, self.maximum = minimum, maximum
         self.lowest, self.highest = -math.inf, math.inf
         self.range: ValueRange | None = None
         """The range of values where it changes; `lowest` and `highest` else."""
         self.safe: float | None = None
-        self.let_go_at: float | None = None
+        self.release_value: float | None = None
 
-    def misfit(self, value: float) -> str | None:
+    def range_error(self, value: float) -> str | None:
         """Return the valid range if a value does not fit the object, else None."""
-        low, high = (self.lowest, self.highest) if self.range is None else self.range.span()
+        low, high = (self.lowest, self.highest) if self.range is None else self.range.value_range()
         return None if low <= value <= high else f"{self.name} holds {low:g} to {high:g}"
 
     def __repr__(self) -> str:
@@ -193,7 +193,7 @@ class HardwareComponent(Protocol):
         """Whether the component moves in a physics world that accepts disturbances."""
         ...
 
-    def act(self, what: WorldAct) -> None:
+    def act(self, world_act: WorldAct) -> None:
         """Apply a disturbance to the world of a simulation; ConfigError for a missing link or joint."""
         ...
 
@@ -255,10 +255,10 @@ class InterfaceRegistry:
         _refuse_doubles("command", component.name, component.command_interfaces, self._commands)
         self._components[component.name] = component
         self._in_order = tuple(self._components.values())
-        self._states.update({each.name: each for each in component.state_interfaces})
-        self._commands.update({each.name: each for each in component.command_interfaces})
-        self._exporters.update({each.name: component.name for each in component.command_interfaces})
-        self._exporters.update({each.name: component.name for each in component.state_interfaces})
+        self._states.update({state_interface.name: state_interface for state_interface in component.state_interfaces})
+        self._commands.update({interface.name: interface for interface in component.command_interfaces})
+        self._exporters.update({interface.name: component.name for interface in component.command_interfaces})
+        self._exporters.update({state_interface.name: component.name for state_interface in component.state_interfaces})
 
     def export(
         self, references: Sequence[CommandInterface], exporter: str, states: Sequence[StateInterface] = ()
@@ -266,8 +266,8 @@ class InterfaceRegistry:
         """Add the reference and state interfaces of a chainable controller; they have no component."""
         _refuse_doubles("command", exporter, references, self._commands)
         _refuse_doubles("state", exporter, states, {**self._states, **self._exported_states})
-        self._commands.update({each.name: each for each in references})
-        self._exported_states.update({each.name: each for each in states})
+        self._commands.update({reference.name: reference for reference in references})
+        self._exported_states.update({state.name: state for state in states})
 
     def withdraw(self, references: Sequence[CommandInterface], states: Sequence[StateInterface] = ()) -> None:
         """Remove the interfaces of a chainable controller."""
@@ -300,17 +300,17 @@ class InterfaceRegistry:
 
         UnknownInterface or InterfaceConflict. Interfaces that the owner already has remain.
         """
-        wanted = [self.command(name) for name in names]
-        for each in wanted:
-            if each.owner not in (None, owner):
-                raise InterfaceConflict(each.name, str(each.owner))
-        for each in wanted:
-            each.owner = owner
-        return wanted
+        commands = [self.command(name) for name in names]
+        for command in commands:
+            if command.owner not in (None, owner):
+                raise InterfaceConflict(command.name, str(command.owner))
+        for command in commands:
+            command.owner = owner
+        return commands
 
     def release(self, owner: str) -> list[str]:
         """Release all interfaces of an owner; return their names."""
-        released = [each for each in self._commands.values() if each.owner == owner]
+        released = [command for command in self._commands.values() if command.owner == owner]
         for each in released:
             each.owner = None
         return [each.name for each in released]
@@ -323,12 +323,12 @@ def _found(name: str, among: Mapping[str, Interface]) -> Interface:
     return interface
 
 
-def _refuse_doubles(kind: str, exporter: str, new: Sequence[Interface], known: Mapping[str, Interface]) -> None:
-    seen = set(known)
-    for each in new:
-        if each.name in seen:
-            raise ControlError(f"{exporter}: {kind} interface {each.name} exists already; name each joint once")
-        seen.add(each.name)
+def _refuse_doubles(kind: str, exporter: str, new: Sequence[Interface], present: Mapping[str, Interface]) -> None:
+    names = set(present)
+    for interface in new:
+        if interface.name in names:
+            raise ControlError(f"{exporter}: {kind} interface {interface.name} exists already; name each joint once")
+        names.add(interface.name)
 
 
 # The lifecycle verbs of a component: a verb that does not fit the state does nothing.
@@ -382,7 +382,7 @@ class ComponentLifecycle(ABC):
     def reset(self, keyframe: str) -> None:  # noqa: B027 - most have nothing to do
         """Do nothing: nothing is simulated."""
 
-    def act(self, what: WorldAct) -> None:  # noqa: B027 - as above
+    def act(self, world_act: WorldAct) -> None:  # noqa: B027 - as above
         """Do nothing: there is no world."""
 
     def scan(self) -> Sequence[LaserScanReading]:

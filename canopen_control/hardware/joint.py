@@ -63,7 +63,7 @@ class JointParts:
         self.reason = FaultReason(self.axis, self._on_error_code)
         self.power = AxisStatechart(
             self.machine,
-            [each for name, each in self.commands.items() if name != DIGITAL_OUTPUTS],
+            [command for name, command in self.commands.items() if name != DIGITAL_OUTPUTS],
             holds_load=_holds_load(description),
         )
         self.tracking = self.targets.tracking
@@ -119,27 +119,27 @@ class JointParts:
         return self.reference.known
 
     @property
-    def may_rise(self) -> bool:
+    def can_enable(self) -> bool:
         """Whether only its group keeps the joint from being enabled."""
         machine = self.machine
         return machine.enabled or (machine.waiting and self.parameters.loaded)
 
     @property
-    def standing(self) -> bool:
+    def at_standstill(self) -> bool:
         """Whether the drive reports (nearly) no motion."""
-        return self.feedback.standing
+        return self.feedback.at_standstill
 
     def age_ns(self, now: int) -> int | None:
         """Return the age of the newest statusword."""
         return self.axis.statusword.age_ns(now)
 
-    def has_come_to_rest(self, now: int) -> bool:
+    def has_settled(self, now: int) -> bool:
         """Return whether a stop may end in disabling the drive."""
         if not self.node.ready or self.machine.state is not State.OPERATION_ENABLED:
             return True
         if self.axis.is_stale:
             return now - self.power.since > self._blind_stop_ns
-        return self.power.state is AxisPhase.SETTLING and self.feedback.standing
+        return self.power.state is AxisPhase.SETTLING and self.feedback.at_standstill
 
     def events(self) -> list[JointEvent]:
         """Return the events since the last call."""
@@ -319,7 +319,7 @@ class JointDrive(JointParts):
         machine, status, power = self.machine, self._status, self.power
         status.update(now)
         word, before = status.word, machine.statusword
-        machine.standstill = self.feedback.standing
+        machine.standstill = self.feedback.at_standstill
         if word == before and status.display == machine.mode_request.display and now < machine.due:
             control = machine.controlword  # as `update`, without the call
         else:
@@ -334,9 +334,9 @@ class JointDrive(JointParts):
         elif (current := self.targets.current) is not None and current.handshakes:
             self._take_events()
         if power.watched:
-            self._look_on(now)
-        if self._limits.blocked and not self._events and machine.may_move and self._pushes():
-            self._events.append(self._watch.pressed())
+            self._check_transitions(now)
+        if self._limits.blocked and not self._events and machine.may_move and self._commands_into_limit():
+            self._events.append(self._watch.limit_event())
         if word is None:
             control = status.blind_word(now)
         output = self._controlword
@@ -401,13 +401,13 @@ class JointDrive(JointParts):
         positions = target is not None and target.interface == POSITION and self.base is None
         return self.homing is None and len(self.group.joints) > 1 and not positions
 
-    def _pushes(self) -> bool:
+    def _commands_into_limit(self) -> bool:
         """Whether the command drives the axis further into its active limit switch."""
         target, claimed = self.targets.current, self.targets.claimed
         if not self.wanted or target is None or claimed is None or not self._stops_at_limits:
             return False
         command = self.commands[claimed]
-        return target.interface == command.quantity and target.pushes(command.value)
+        return target.interface == command.quantity and target.commands_into_limit(command.value)
 
     def _fire(self, trigger: PhaseTrigger) -> bool:
         """Fire a trigger of the chart; the group checks the new state."""
@@ -415,7 +415,7 @@ class JointDrive(JointParts):
         self.group.busy |= changed
         return changed
 
-    def _look_on(self, now: int) -> None:
+    def _check_transitions(self, now: int) -> None:
         """Fire transitions that depend on the drive's state while it is being enabled or stopped."""
         power, machine = self.power, self.machine
         if power.state in RISING:
@@ -429,9 +429,9 @@ class JointDrive(JointParts):
             self._fire(PhaseTrigger.NODE_LOST)
         elif state is not None and state not in POWERED_STATES:
             self._fire(PhaseTrigger.DRIVE_OFF)
-        elif state is not None and state is not State.OPERATION_ENABLED and self.feedback.standing:
+        elif state is not None and state is not State.OPERATION_ENABLED and self.feedback.at_standstill:
             self._fire(PhaseTrigger.AT_REST)
-        if not (power.falling and self.has_come_to_rest(now)) and power.overdue(now):
+        if not (power.falling and self.has_settled(now)) and power.overdue(now):
             self._events.append(JointEvent("stop_overdue", _OVERDUE[power.state], Level.ERROR))
 
     def _brake(self, period: float) -> None:
@@ -441,7 +441,7 @@ class JointDrive(JointParts):
         """
         stands = True
         if self.machine.may_move:
-            stands = self.targets.slow(period)
+            stands = self.targets.ramp_down(period)
         else:
             self.targets.hold()
         if stands:
@@ -457,19 +457,19 @@ class JointDrive(JointParts):
         if link is _STALE:
             self._became_stale()
         elif before is _STALE:
-            self._status.came()
+            self._status.node_ready()
 
     def _came(self) -> None:
-        self._status.came()
-        self.feedback.came()
-        self.targets.came()
+        self._status.node_ready()
+        self.feedback.node_ready()
+        self.targets.node_ready()
         self.reason.code = None
         self.parameters.load()
 
     def _went(self, now: int) -> None:
         self._fire(PhaseTrigger.MUST_REST)
-        self._status.went(now)
-        self.feedback.went()
+        self._status.node_lost(now)
+        self.feedback.node_lost()
         self.parameters.forget()
         self.reference.forget()
         self._abort_homing("its node is gone")
@@ -481,7 +481,7 @@ class JointDrive(JointParts):
 
     def _became_stale(self) -> None:
         """Stop because feedback is missing; the statusword is read by SDO meanwhile."""
-        self._status.came()
+        self._status.node_ready()
         if self.axis.is_stale:
             self._events.append(JointEvent("feedback_stale", "its feedback is stale", Level.ERROR, stops=True))
 
@@ -530,12 +530,12 @@ class JointDrive(JointParts):
 
     def _take_events(self) -> None:
         for event in self.machine.events():
-            taken = joint_event_of(event)
+            joint_event = joint_event_of(event)
             if isinstance(event, FaultEntered):
                 self.reason.ask()
             elif isinstance(event, ModeTimedOut) and self._is_unserved(event):
-                taken = taken._replace(stops=True)
-            self._events.append(taken)
+                joint_event = joint_event._replace(stops=True)
+            self._events.append(joint_event)
         if self.targets.current is not None:
             self._events += [
                 JointEvent("set_point", event.text, Level.INFO if isinstance(event, _FINE) else Level.WARNING)

@@ -84,7 +84,7 @@ class StatusWatch:
         self._against = self._against_from = 0
         self._last_target = 0
         self._limit_at = 0  # the position at which the limit was reached
-        self._misfit = math.nan  # the target that was told not to fit its object
+        self._out_of_range = math.nan  # the target that was told not to fit its object
         self._quiet = 0  # so many looks without a target that is too fast, and the next one is told again
         self._targets: tuple[Output | None, Output | None] = (
             axis.output(objects.TARGET_VELOCITY),
@@ -110,7 +110,7 @@ class StatusWatch:
             found.append(JointEvent("following_error", text, Level.ERROR if stops else Level.WARNING, stops))
         return found
 
-    def pressed(self) -> JointEvent:
+    def limit_event(self) -> JointEvent:
         """Return the event of a command beyond the limit of an axis in a coordinated motion."""
         side = _SIDES[self._axis.limits.blocked]
         return JointEvent("limit", f"commanded beyond its limit, {side} side; {_BACK}", Level.ERROR, stops=True)
@@ -147,18 +147,18 @@ class StatusWatch:
 
         Called ten times a second.
         """
-        misfit, told = self._axis.misfit, self._misfit
-        self._misfit = misfit
-        if math.isnan(misfit) or not math.isnan(told):
+        target, reported = self._axis.out_of_range, self._out_of_range
+        self._out_of_range = target
+        if math.isnan(target) or not math.isnan(reported):
             return None
-        return f"{interface} target {misfit:g} does not fit the drive's object; it stands"
+        return f"{interface} target {target:g} does not fit the drive's object; it stands"
 
     def held_back(self) -> str | None:
         """Return the text that targets are limited, when that begins; called ten times a second."""
         limits = self._axis.limits
-        held, limits.held = limits.held, False
-        told, self._quiet = self._quiet > 0, _QUIET_LOOKS if held else max(0, self._quiet - 1)
-        if not held or told:
+        is_held, limits.held = limits.held, False
+        was_reported, self._quiet = self._quiet > 0, _QUIET_LOOKS if is_held else max(0, self._quiet - 1)
+        if not is_held or was_reported:
             return None
         if limits.most < limits.velocity:
             return f"the target of {self._axis.joint} is faster than {limits.words}: slowed down"
@@ -190,10 +190,10 @@ class StatusWatch:
 class FaultReason:
     """Error code of the last fault; `tell` is called with a sentence once it is known."""
 
-    def __init__(self, axis: AxisProcessData, tell: Callable[[str], None]) -> None:
+    def __init__(self, axis: AxisProcessData, report: Callable[[str], None]) -> None:
         self.code: int | None = None
         self.asking = False
-        self._axis, self._tell = axis, tell
+        self._axis, self._report = axis, report
 
     def ask(self) -> None:
         """Read the error code, if the drive has one."""
@@ -211,4 +211,4 @@ class FaultReason:
         if request.error is None:
             self.code = int.from_bytes(request.data[:2], "little")
             if self.text:
-                self._tell(self.text)
+                self._report(self.text)

@@ -84,7 +84,7 @@ class JointHoming:
         if not self.over:
             self._fail(reason)
 
-    def step(self, wanted: bool, may_home: bool, now: int) -> int:
+    def step(self, is_wanted: bool, may_home: bool, now: int) -> int:
         """Return the mode's bits of the controlword for this cycle.
 
         `wanted`: the axis is still meant to be enabled; `may_home`: its chart permits motion.
@@ -92,7 +92,7 @@ class JointHoming:
         machine = self._machine
         ready = may_home and machine.may_move and machine.mode == OperationMode.HM
         if self.phase is HomingPhase.ENABLE:
-            if not wanted:
+            if not is_wanted:
                 self._fail("the drive was not enabled")
             elif ready:
                 self.phase = HomingPhase.RUN

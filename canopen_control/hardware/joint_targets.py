@@ -2,14 +2,15 @@
 
 `JointTargets` has the interface that a controller claimed and the mode that serves it (`mode_choice`); the target of
 that mode (CiA 402-2) is a `ModeTarget`: `hold` is standstill where the axis is, for every cycle in which nothing may
-move, `follow` takes a target in SI units, nan for none, `slow` is one cycle of a controlled stop and tells when its
-target stands. A target that did not change costs one comparison.
+move, `follow` takes a target in SI units, nan for none, `ramp_down` is one cycle of a controlled stop and
+returns whether its target stands. A target that did not change costs one comparison.
 
 One interface of motion at a time, but for what feeds a position forward (`feed_forward`). A mode
 change of an enabled drive is preceded by a cycle in which every target is at rest, since the new mode acts upon its
 target at once; whatever is not followed is held at the actual position, without velocity and effort. CSP, IP and CSV
 have no ramp in the drive, so the master ramps, also to a stop; PP and PV leave the way to the drive. What is more than
-half a turn of the counter away, or does not fit its object, is no target: the axis stands, and `Axis.misfit` says so.
+half a turn of the counter away, or does not fit its object, is no target: the axis stands, and
+`out_of_range` of the axis is that target.
 """
 
 from __future__ import annotations
@@ -99,7 +100,7 @@ class JointTargets:
         target = make_target(mode, self._axis, self._machine)
         return None if target is None else target.interface
 
-    def primary(self, interfaces: Collection[str]) -> str:
+    def leading_interface(self, interfaces: Collection[str]) -> str:
         """Return which of the interfaces that are claimed together drives the joint; DriveError where none could.
 
         Beside a position in CSP there may be its velocity and effort, whose offsets RPDOs carry.
@@ -115,13 +116,13 @@ class JointTargets:
                 f"commanded in {mode_name(mode)}; give {node.name} position_mode: 8 in bus.yml, or command the "
                 "position alone"
             )
-        for each in interfaces:
-            if each != POSITION and not self.feed_forward.carries(each):
-                index = objects.VELOCITY_OFFSET if each == VELOCITY else objects.TORQUE_OFFSET
+        for interface in interfaces:
+            if interface != POSITION and not self.feed_forward.carries(interface):
+                index = objects.VELOCITY_OFFSET if interface == VELOCITY else objects.TORQUE_OFFSET
                 raise DriveError(
                     f"joint {self._axis.joint}: {names} can be commanded together where an RPDO carries "
-                    f"0x{self._axis.index(index):04X}; give {node.name} feed_forward: [{each}] in bus.yml, or command "
-                    "the position alone"
+                    f"0x{self._axis.index(index):04X}; give {node.name} feed_forward: [{interface}] in bus.yml, or "
+                    "command the position alone"
                 )
         return POSITION
 
@@ -179,7 +180,7 @@ class JointTargets:
         self._held = raw
         self._axis.hold(raw)
 
-    def came(self) -> None:
+    def node_ready(self) -> None:
         """Set the targets to standstill again after a boot, which set them to values read from the node."""
         self._held = None
 
@@ -194,14 +195,14 @@ class JointTargets:
         if self.pending is not None:
             self.take_mode(self.pending)
 
-    def slow(self, period: float) -> bool:
+    def ramp_down(self, period: float) -> bool:
         """Make one cycle of a controlled stop; True when the target stands."""
         current, self._held = self.current, None
         if current is None:
             return True
         if self.feed_forward.fed:
             self.feed_forward.zero()
-        stands = current.slow(period)
+        stands = current.ramp_down(period)
         self._machine.mode_bits = current.bits
         return stands
 
@@ -253,12 +254,12 @@ class JointTargets:
         if current is None or command is None:
             return
         if command.interface == TARGET:
-            velocity, slope = (self._parameters.get(each) or math.inf for each in _PROFILE)
+            velocity, slope = (self._parameters.get(index) or math.inf for index in _PROFILE)
             current.ramp(velocity, slope)
         if command.quantity == POSITION:
             command.range = current
         else:
-            command.lowest, command.highest = current.span()
+            command.lowest, command.highest = current.value_range()
 
     def _track(self, command: CommandInterface | None) -> None:
         self.tracked = command
@@ -296,15 +297,15 @@ class ModeTarget:
     def ramp(self, velocity: float, slope: float) -> None:
         """Take a speed and an acceleration, in device units, for targets that are places to go to and no set-points."""
 
-    def slow(self, period: float) -> bool:
+    def ramp_down(self, period: float) -> bool:
         """Make one cycle of a controlled stop; True when the target stands."""
         raise NotImplementedError
 
-    def span(self) -> tuple[float, float]:
+    def value_range(self) -> tuple[float, float]:
         """Return the lowest and the highest value that its object can hold now, in SI units."""
         raise NotImplementedError
 
-    def pushes(self, value: float) -> bool:  # noqa: ARG002 - the verb of every mode
+    def commands_into_limit(self, value: float) -> bool:  # noqa: ARG002 - the verb of every mode
         """Whether a target in SI units leads beyond the active limit; a position never does, it stays before it."""
         return False
 
@@ -336,20 +337,20 @@ class _ScaledTarget(ModeTarget):
         """Return device units per SI unit."""
         raise NotImplementedError
 
-    def span(self) -> tuple[float, float]:
+    def value_range(self) -> tuple[float, float]:
         """Return what the object holds, for a reversed axis too; not finite where the factor is that small."""
         factor = self.factor()
         ends = self.low / factor, self.high / factor
         return min(ends), max(ends)
 
-    def pushes(self, value: float) -> bool:
+    def commands_into_limit(self, value: float) -> bool:
         """Whether a velocity or torque leads beyond the limit that is active."""
         return value * self.factor() * self._axis.limits.blocked > 0  # not for nan
 
     def _scaled(self, value: float) -> int:
         """Return a target in device units; 0 for none, and for one that does not fit, which is noted."""
         raw = to_object(value * self.factor(), self.low, self.high)
-        self._axis.misfit = _NAN if raw is not None else value
+        self._axis.out_of_range = _NAN if raw is not None else value
         return 0 if raw is None else raw
 
 
@@ -386,7 +387,7 @@ class VelocityTarget(_ScaledTarget):
         """Return velocity units per rad/s (m/s)."""
         return self._axis.scale.vel_to_dev
 
-    def slow(self, period: float) -> bool:
+    def ramp_down(self, period: float) -> bool:
         """Go towards zero along the drive's deceleration; at once where the drive makes the ramp."""
         raw: int = self.output.value
         self._value = _NAN
@@ -473,7 +474,7 @@ class EffortTarget(_ScaledTarget):
         """Return torque units per N m (N)."""
         return self._axis.scale.eff_to_dev
 
-    def slow(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode
+    def ramp_down(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode
         """Take the torque away."""
         self.hold()
         return True
@@ -482,7 +483,7 @@ class EffortTarget(_ScaledTarget):
 class _PositionTarget(ModeTarget):
     """What the targets of positions share: where the axis is, turns of its counter included."""
 
-    def span(self) -> tuple[float, float]:
+    def value_range(self) -> tuple[float, float]:
         """Return what is less than half a turn of the counter away: beyond that the drive would go the other way."""
         here, scale = self._axis.raw_position + self._axis.unwrap.offset, self._axis.scale
         ends = [(here + way - scale.offset_pos_to_dev) / scale.pos_to_dev for way in (INT32_MIN + 1, INT32_MAX)]
@@ -494,13 +495,13 @@ class _PositionTarget(ModeTarget):
         scale = axis.scale
         count = value * scale.pos_to_dev + scale.offset_pos_to_dev
         if -_NEAR <= count - (axis.raw_position + axis.unwrap.offset) <= _NEAR:  # False for nan
-            axis.misfit = _NAN
+            axis.out_of_range = _NAN
             return round(count)
         if value != value:
             return none
-        low, high = self.span()
+        low, high = self.value_range()
         fits = low <= value <= high
-        axis.misfit = _NAN if fits else value
+        axis.out_of_range = _NAN if fits else value
         return scale.position_count(value) if fits else none
 
 
@@ -534,13 +535,13 @@ class PositionTarget(_PositionTarget):
         if self._same(value) and self._speed == 0.0:
             return
         if self._ramp.speed and value != value:
-            if self.slow(period):
+            if self.ramp_down(period):
                 self._ramp.rest()
             return
         here = self._here() if self._count is None else self._count
         self._go(here, self._towards(here, self._count_of(value, here), period), period)
 
-    def slow(self, period: float) -> bool:
+    def ramp_down(self, period: float) -> bool:
         """Let the target run out along the drive's deceleration."""
         self._value = _NAN
         if self._speed == 0.0:
@@ -646,7 +647,7 @@ class SetPointTarget(_PositionTarget):
         """Give one set-point in device units, from outside any controller."""
         self._handshake.move(count, relative=relative, immediately=True)
 
-    def slow(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode
+    def ramp_down(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode
         """Let the drive ramp down by its halt option."""
         self._value, self._given = _NAN, None
         if self._handshake.busy:
@@ -660,7 +661,7 @@ class SetPointTarget(_PositionTarget):
         """Return what happened to the set-points."""
         return self._handshake.events()
 
-    def _take_back(self, given: int) -> None:
+    def _take_back(self, target: int) -> None:
         """Let the drive come to rest where its own ramp ends, unless it is at the target that is taken back."""
         self._given = None
         axis, here = self._axis, self._axis.raw_position
@@ -668,9 +669,9 @@ class SetPointTarget(_PositionTarget):
             return
         velocity = axis.velocity.value if axis.velocity is not None and axis.velocity.fresh else 0
         way = velocity * abs(velocity) / (2 * stop_slope(axis, max(1, abs(velocity))))
-        rest = here + round(way * abs(axis.scale.pos_to_dev / axis.scale.vel_to_dev))
-        low, high = min(here, given), max(here, given)
-        self._handshake.move(max(low, min(high, rest)), immediately=True)
+        resting = here + round(way * abs(axis.scale.pos_to_dev / axis.scale.vel_to_dev))
+        low, high = min(here, target), max(here, target)
+        self._handshake.move(max(low, min(high, resting)), immediately=True)
 
     def _give(self, value: float) -> None:
         axis = self._axis

@@ -79,8 +79,8 @@ def unlisted_modes(axis: AxisProcessData, parameters: AxisParameters) -> list[st
 
 def _of_file(axis: AxisProcessData) -> list[int]:
     keys = axis.node.config.motion
-    given = (keys.position_mode, keys.velocity_mode, keys.effort_mode)
-    return [mode_of(mode) for mode in given if mode is not None]
+    modes = (keys.position_mode, keys.velocity_mode, keys.effort_mode)
+    return [mode_of(mode) for mode in modes if mode is not None]
 
 
 def _of_drive(axis: AxisProcessData, parameters: AxisParameters) -> tuple[OperationMode, ...]:
@@ -98,9 +98,9 @@ def choose_mode(axis: AxisProcessData, parameters: AxisParameters, interface: st
     """Return the mode for a command interface; raises DriveError (UnsupportedMode) where there is none."""
     config = axis.node.config
     keys = config.motion
-    given = {POSITION: keys.position_mode, VELOCITY: keys.velocity_mode, EFFORT: keys.effort_mode}
-    given[TARGET] = next((mode for mode in given.values() if mode is not None), None)
-    wanted = given[interface]
+    modes = {POSITION: keys.position_mode, VELOCITY: keys.velocity_mode, EFFORT: keys.effort_mode}
+    modes[TARGET] = next((mode for mode in modes.values() if mode is not None), None)
+    wanted = modes[interface]
     listed = listed_modes(axis, parameters)
     if wanted is not None:
         require_mapped(axis, wanted)
@@ -137,10 +137,10 @@ def require_targets(axis: AxisProcessData, interfaces: Collection[str]) -> None:
             raise RobotConfigError(f"joint {axis.joint}: no command interface {name!r}; there are: {known}")
         elif not any(_is_mapped(axis, mode) for mode in _served(axis, name)):
             index, _ = axis.target_objects[_served(axis, name)[0]]
-            what = f"0x{axis.index(index):04X}"
+            place = f"0x{axis.index(index):04X}"
             if name in FEED_FORWARD and POSITION in interfaces:
-                what += f", or beside its position give feed_forward: [{name}],"
-            raise _unmapped(axis, name, what)
+                place += f", or beside its position give feed_forward: [{name}],"
+            raise _unmapped(axis, name, place)
 
 
 def _feeds(axis: AxisProcessData, interface: str) -> bool:
@@ -169,10 +169,10 @@ def require_mapped(axis: AxisProcessData, mode: int) -> None:
         )
 
 
-def _unmapped(axis: AxisProcessData, interface: str, what: str) -> RobotConfigError:
+def _unmapped(axis: AxisProcessData, interface: str, title: str) -> RobotConfigError:
     return RobotConfigError(
         f"joint {axis.joint}: no RPDO of {axis.node.name} carries the target of its command interface {interface!r}; "
-        f"map {what} in bus.yml or drop the interface"
+        f"map {title} in bus.yml or drop the interface"
     )
 
 
@@ -214,11 +214,11 @@ def _completed(tag: Ros2ControlSystem, plans: Mapping[str, NodePlan]) -> Ros2Con
 def _joint(joint: ControlJoint, plans: Mapping[str, NodePlan]) -> ControlJoint:
     """Return a joint with what its node could be commanded; as it is where it has some, or nobody knows its node."""
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id", "").strip()
-    plan = plans.get(name or "") or next((each for each in plans.values() if str(each.node_id) == node_id), None)
+    plan = plans.get(name or "") or next((plan for plan in plans.values() if str(plan.node_id) == node_id), None)
     axis = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
     if joint.command_interfaces or joint.mimic is not None or plan is None or not axis.isdigit():
         return joint
-    mapped = {(each.index, each.subindex) for pdo in plan.rpdos for each in pdo.objects}
+    mapped = {(entry.index, entry.subindex) for pdo in plan.rpdos for entry in pdo.objects}
     carried = [
         interface
         for interface in MOTION_INTERFACES

@@ -62,15 +62,17 @@ class _Joint:
             names.update(part.state_interfaces)
         self.name, self.mimic, self.mode = part.name, part.mimic, POSITION
         self.commands = {
-            name: CommandInterface(part.name, name, minimum=each.minimum, maximum=each.maximum)
-            for name, each in names.items()
+            name: CommandInterface(part.name, name, minimum=joint_name.minimum, maximum=joint_name.maximum)
+            for name, joint_name in names.items()
         }
         self.states = {name: StateInterface(part.name, name) for name in part.state_interfaces}
-        self.initial = {name: each.initial_value for name, each in part.state_interfaces.items()}
-        for name, each in part.command_interfaces.items():
+        self.initial = {name: state_interface.initial_value for name, state_interface in part.state_interfaces.items()}
+        for name, interface in part.command_interfaces.items():
             if name in self.initial and math.isnan(self.initial[name]):
-                self.initial[name] = each.initial_value
-        self.mirrored = [(each, self.states[name], 0.0) for name, each in self.commands.items() if name in self.states]
+                self.initial[name] = interface.initial_value
+        self.mirrored = [
+            (command, self.states[name], 0.0) for name, command in self.commands.items() if name in self.states
+        ]
         self.follows: tuple[_Joint, Mimic] | None = None
 
     def reset(self, offset: float) -> None:
@@ -109,25 +111,27 @@ class GenericSystem(ComponentLifecycle):
         self._offset = _offset(parameters)
         sensors = _true(parameters, "mock_sensor_commands") or _true(parameters, "fake_sensor_commands")
         gpios = _true(parameters, "mock_gpio_commands") or _true(parameters, "fake_gpio_commands")
-        self._joints = {each.name: _Joint(each) for each in description.joints}
-        extras = [_Joint(each, commanded_states=sensors) for each in description.sensors]
-        extras += [_Joint(each, commanded_states=gpios) for each in description.gpios]
+        self._joints = {joint.name: _Joint(joint) for joint in description.joints}
+        extras = [_Joint(sensor, commanded_states=sensors) for sensor in description.sensors]
+        extras += [_Joint(gpio, commanded_states=gpios) for gpio in description.gpios]
         self._parts: list[_Joint] = [*self._joints.values(), *extras]
-        self._moving: list[_Joint] = [each for each in self._joints.values() if each.commands]
+        self._moving: list[_Joint] = [joint for joint in self._joints.values() if joint.commands]
         for joint in self._joints.values():
             if joint.mimic is not None and joint.mimic.joint in self._joints:
                 joint.follows = (self._joints[joint.mimic.joint], joint.mimic)
-        self._following = [(each, *each.follows) for each in self._joints.values() if each.follows is not None]
+        self._following = [(joint, *joint.follows) for joint in self._joints.values() if joint.follows is not None]
         self._plain = self._mirrors()
-        self.state_interfaces: Sequence[StateInterface] = [one for each in self._parts for one in each.states.values()]
-        self.command_interfaces: Sequence[CommandInterface] = [
-            one for each in self._parts for one in each.commands.values()
+        self.state_interfaces: Sequence[StateInterface] = [
+            state for part in self._parts for state in part.states.values()
         ]
-        self._owners = {one.name: each for each in self._parts for one in each.commands.values()}
+        self.command_interfaces: Sequence[CommandInterface] = [
+            command for part in self._parts for command in part.commands.values()
+        ]
+        self._owners = {command.name: part for part in self._parts for command in part.commands.values()}
 
     def _begin(self) -> None:
-        for each in self._parts:
-            each.reset(self._offset if each.name in self._joints else 0.0)
+        for part in self._parts:
+            part.reset(self._offset if part.name in self._joints else 0.0)
 
     def _rest(self) -> None:
         for joint in self._moving:
@@ -139,11 +143,11 @@ class GenericSystem(ComponentLifecycle):
             self._owner(name)
         if not self._dynamics:
             return
-        wanted: dict[str, str] = {}
+        modes: dict[str, str] = {}
         for name in start:
             joint, _, interface = name.rpartition("/")
-            if interface in _MODES and wanted.setdefault(joint, name) != name:
-                raise ControlError(f"joint {joint}: {wanted[joint]} and {name} cannot be commanded together")
+            if interface in _MODES and modes.setdefault(joint, name) != name:
+                raise ControlError(f"joint {joint}: {modes[joint]} and {name} cannot be commanded together")
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Stand still where something is released, integrate what is claimed."""
@@ -159,8 +163,8 @@ class GenericSystem(ComponentLifecycle):
         del now
         if self.state not in (LifecycleState.INACTIVE, LifecycleState.ACTIVE) or self._disabled:
             return OK
-        for each in self.command_interfaces:
-            if math.isinf(each.value):
+        for interface in self.command_interfaces:
+            if math.isinf(interface.value):
                 return ERROR
         if self.state is LifecycleState.ACTIVE and self._dynamics:
             for joint in self._moving:
@@ -182,12 +186,12 @@ class GenericSystem(ComponentLifecycle):
     def _mirrors(self) -> list[tuple[CommandInterface, StateInterface, float]]:
         """Return what is copied as it is: everything, or with dynamics all that is not integrated."""
         pairs: list[tuple[CommandInterface, StateInterface, float]] = []
-        for each in self._parts:
-            integrated = _MODES if self._dynamics and each.name in self._joints else frozenset[str]()
-            offset = self._offset if each.name in self._joints else 0.0
+        for part in self._parts:
+            integrated = _MODES if self._dynamics and part.name in self._joints else frozenset[str]()
+            offset = self._offset if part.name in self._joints else 0.0
             pairs += [
                 (command, state, offset if state.interface == POSITION else 0.0)
-                for command, state, _ in each.mirrored
+                for command, state, _ in part.mirrored
                 if state.interface not in integrated
             ]
         return pairs
@@ -271,7 +275,7 @@ class _Command:
         self.outer, self.inner = _seen(inner), inner
         self.factor, self.offset = _ratio(inner.interface, transmission)
         self.outer.enabled = inner.enabled
-        ends = [(each - self.offset) / self.factor for each in (inner.minimum, inner.maximum)]
+        ends = [(limit - self.offset) / self.factor for limit in (inner.minimum, inner.maximum)]
         inner.minimum, inner.maximum = min(ends), max(ends)
 
     def follow(self) -> None:
@@ -280,7 +284,7 @@ class _Command:
         if outer.enabled is not enabled:
             outer.enabled = enabled
             if enabled:
-                outer.set_aside = False
+                outer.excluded = False
 
 
 def _ratio(interface: str, transmission: Transmission) -> tuple[float, float]:
@@ -301,20 +305,24 @@ class TransmittedSystem:
     def __init__(self, component: HardwareComponent, transmissions: Sequence[Transmission]) -> None:
         self.component = component
         self.name = component.name
-        by_joint = {each.joint: each for each in transmissions if not each.trivial}
+        by_joint = {transmission.joint: transmission for transmission in transmissions if not transmission.trivial}
         self._states = [
-            _State(each, by_joint[each.joint]) for each in component.state_interfaces if each.joint in by_joint
+            _State(state_interface, by_joint[state_interface.joint])
+            for state_interface in component.state_interfaces
+            if state_interface.joint in by_joint
         ]
         self._commands = [
-            _Command(each, by_joint[each.joint]) for each in component.command_interfaces if each.joint in by_joint
+            _Command(interface, by_joint[interface.joint])
+            for interface in component.command_interfaces
+            if interface.joint in by_joint
         ]
-        states = {each.inner.name: each.outer for each in self._states}
-        commands = {each.inner.name: each.outer for each in self._commands}
+        states = {state.inner.name: state.outer for state in self._states}
+        commands = {command.inner.name: command.outer for command in self._commands}
         self.state_interfaces: Sequence[StateInterface] = [
-            states.get(each.name, each) for each in component.state_interfaces
+            states.get(state_interface.name, state_interface) for state_interface in component.state_interfaces
         ]
         self.command_interfaces: Sequence[CommandInterface] = [
-            commands.get(each.name, each) for each in component.command_interfaces
+            commands.get(interface.name, interface) for interface in component.command_interfaces
         ]
 
     @property
@@ -356,9 +364,9 @@ class TransmittedSystem:
         """See the component."""
         return self.component.changeable
 
-    def act(self, what: WorldAct) -> None:
+    def act(self, world_act: WorldAct) -> None:
         """Let it happen in the component's world."""
-        self.component.act(what)
+        self.component.act(world_act)
 
     def scan(self) -> Sequence[LaserScanReading]:
         """Return the component's."""
@@ -375,22 +383,22 @@ class TransmittedSystem:
     def read(self, now: int, period: float) -> ReturnType:
         """Read the component and turn its actuators' states into the joints'."""
         result = self.component.read(now, period)
-        for each in self._states:
-            each.outer.value = each.inner.value * each.factor + each.offset
+        for state in self._states:
+            state.outer.value = state.inner.value * state.factor + state.offset
         self._follow()
         return result
 
     def write(self, now: int, period: float) -> ReturnType:
         """Turn the joints' commands into the actuators' and write the component."""
-        for each in self._commands:
-            each.inner.value = (each.outer.value - each.offset) / each.factor
+        for command in self._commands:
+            command.inner.value = (command.outer.value - command.offset) / command.factor
         result = self.component.write(now, period)
         self._follow()
         return result
 
     def _follow(self) -> None:
-        for each in self._commands:
-            each.follow()
+        for command in self._commands:
+            command.follow()
 
 
 def _seen(inner: CommandInterface) -> CommandInterface:
@@ -441,6 +449,6 @@ def made_up(
 
 def transmitted(component: HardwareComponent, tag: Ros2ControlSystem) -> HardwareComponent:
     """Return a component seen through the transmissions of its tag, where one changes anything."""
-    if all(each.trivial for each in tag.transmissions):
+    if all(transmission.trivial for transmission in tag.transmissions):
         return component
     return TransmittedSystem(component, tag.transmissions)

@@ -32,10 +32,10 @@ class GroupMember(Protocol):
         """Whether it is to follow commands."""
 
     @property
-    def may_rise(self) -> bool:
+    def can_enable(self) -> bool:
         """Whether nothing but its group keeps it from being enabled."""
 
-    def has_come_to_rest(self, now: int) -> bool:
+    def has_settled(self, now: int) -> bool:
         """Whether a stop may end in disabling the drive."""
 
     def stop(self, now: int) -> None:
@@ -72,12 +72,12 @@ class StopGroup(Generic[J]):
     def coordinate(self, now: int) -> None:
         """Fire what the chart of each joint waits for from its group; call it once per cycle while `busy`."""
         waiting = [joint for joint in self.joints if joint.power.state is AxisPhase.RISING]
-        if waiting and all(joint.may_rise for joint in waiting):
+        if waiting and all(joint.can_enable for joint in waiting):
             self._fire(PhaseTrigger.GROUP_MAY_RISE, now)
         rising = any(joint.power.rising for joint in self.joints)
         self._fire(PhaseTrigger.GROUP_RISES if rising else PhaseTrigger.GROUP_ENABLED, now)
         falling = [joint for joint in self.joints if joint.power.falling]
-        if falling and all(joint.has_come_to_rest(now) for joint in falling):
+        if falling and all(joint.has_settled(now) for joint in falling):
             self._fire(PhaseTrigger.GROUP_RESTS, now)
         self.busy = rising or any(joint.power.falling for joint in falling)
 
@@ -92,25 +92,27 @@ def regroup(joints: Iterable[J], bases: Mapping[str, Collection[str]], now: int)
     A base of which only a part is enabled, or on its way to be, is stopped.
     """
     joints = list(joints)
-    held = [BaseJoints(name, [joint for joint in joints if joint.joint in names]) for name, names in bases.items()]
+    bases_held = [
+        BaseJoints(name, [joint for joint in joints if joint.joint in names]) for name, names in bases.items()
+    ]
     sets: list[set[StopGroup[J]]] = []
-    for base in held:
+    for base in bases_held:
         touched = {joint.stop_group for joint in base.joints}
-        for other in [each for each in sets if each & touched]:
-            sets.remove(other)
-            touched |= other
+        for overlapping in [members for members in sets if members & touched]:
+            sets.remove(overlapping)
+            touched |= overlapping
         sets.append(touched)
-    whole: dict[StopGroup[J], StopGroup[J]] = {}
-    for each in sets:
-        if len(each) > 1:
-            whole.update(dict.fromkeys(each, _merged(each, joints)))
+    merged: dict[StopGroup[J], StopGroup[J]] = {}
+    for members in sets:
+        if len(members) > 1:
+            merged.update(dict.fromkeys(members, _merged(members, joints)))
     for joint in joints:
-        joint.base = next((base for base in held if joint in base.joints), None)
-        _move(joint, whole.get(joint.stop_group, joint.stop_group))
-    for base in held:
-        wanted = [joint for joint in base.joints if joint.wanted]
-        if len(wanted) < len(base.joints):
-            for joint in wanted:
+        joint.base = next((base for base in bases_held if joint in base.joints), None)
+        _move(joint, merged.get(joint.stop_group, joint.stop_group))
+    for base in bases_held:
+        enabled = [joint for joint in base.joints if joint.wanted]
+        if len(enabled) < len(base.joints):
+            for joint in enabled:
                 joint.stop(now)
 
 

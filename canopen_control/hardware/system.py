@@ -47,11 +47,11 @@ def enable_together(joints: Sequence[JointDrive], now: int, report: Callable[[Ev
             refused.append(joint)
             report(Event(now, "not_enabled", joint.node.name, str(error), Level.ERROR))
     for cause in refused:
-        others = [joint for joint in joints if joint.group is cause.group and joint.wanted]
-        for joint in others:
+        members = [joint for joint in joints if joint.group is cause.group and joint.wanted]
+        for joint in members:
             joint.stop(now)
-        if others:
-            names = ", ".join(joint.joint for joint in others)
+        if members:
+            names = ", ".join(joint.joint for joint in members)
             text = f"{names} stay disabled with {cause.joint} ({cause.node.name})"
             report(Event(now, "not_enabled", cause.node.name, text, Level.ERROR))
 
@@ -66,8 +66,8 @@ class Recovery:
         """Enable what waits and can go; a few times a second is enough."""
         waiting = [joint for joint in self._joints if joint.resume]
         for joint in waiting:
-            if joint.resume and all(_can_go(other) for other in joint.group.joints if other.resume):
-                self._resume([other for other in joint.group.joints if other.resume], now)
+            if joint.resume and all(_can_go(member) for member in joint.group.joints if member.resume):
+                self._resume([member for member in joint.group.joints if member.resume], now)
 
     def _resume(self, joints: Sequence[JointDrive], now: int) -> None:
         names = ", ".join(joint.joint for joint in joints)
@@ -84,7 +84,7 @@ def _can_go(joint: JointDrive) -> bool:
         and joint.state is not None
         and not joint.machine.fault
         and joint.machine.reached
-        and joint.standing
+        and joint.at_standstill
     )
 
 
@@ -151,7 +151,7 @@ class CanopenSystem(ComponentLifecycle):
                 raise ControlError(
                     f"joint {joint.joint} is commanded by {joint.claimed}; deactivate that controller first"
                 )
-            primary = joint.targets.primary(interfaces)
+            primary = joint.targets.leading_interface(interfaces)
             if primary != TARGET:
                 joint.targets.mode_for(primary)
 
@@ -167,8 +167,8 @@ class CanopenSystem(ComponentLifecycle):
             if joint not in starting:
                 joint.stop(self._now)
         for joint, interfaces in starting.items():
-            primary = joint.targets.primary(interfaces)
-            joint.targets.claim(primary, [each for each in interfaces if each != primary])
+            primary = joint.targets.leading_interface(interfaces)
+            joint.targets.claim(primary, [interface for interface in interfaces if interface != primary])
         rising = [joint for joint in starting if joint.claimed != TARGET]
         enable_together(rising, self._now, self._report)  # the switch is decided
 
@@ -192,7 +192,7 @@ class CanopenSystem(ComponentLifecycle):
         for joint in self.joints:
             if joint.step(now):
                 for event in joint.events():
-                    self._tell(joint, event, now)
+                    self._report_event(joint, event, now)
         for joint in self.joints:
             joint.write(now, period)
         if self.devices.present:
@@ -246,14 +246,14 @@ class CanopenSystem(ComponentLifecycle):
 
     def _moved(self, interfaces: Sequence[str]) -> dict[JointDrive, list[str]]:
         """Return the joints that these interfaces move, and by which of theirs."""
-        found: dict[JointDrive, list[str]] = {}
+        by_joint: dict[JointDrive, list[str]] = {}
         for name in interfaces:
             if name in self.devices.command_names:
                 continue
             joint, interface = self._find(name)
             if interface != DIGITAL_OUTPUTS:
-                found.setdefault(joint, []).append(interface)
-        return found
+                by_joint.setdefault(joint, []).append(interface)
+        return by_joint
 
     def skipped(self, edges: int) -> None:
         """Take that drives found no new set-point at so many edges of the grid."""
@@ -266,7 +266,7 @@ class CanopenSystem(ComponentLifecycle):
             raise UnknownInterface(interface, (*self._by_interface, *self.devices.command_names))
         return joint, interface.rpartition("/")[2]
 
-    def _tell(self, joint: JointDrive, event: JointEvent, now: int) -> None:
+    def _report_event(self, joint: JointDrive, event: JointEvent, now: int) -> None:
         """Report it, and let what is trouble stop the group."""
         cause = f"; {joint.node.error}" if event.stops and joint.node.error and joint.node.ready else ""
         self._report(Event(now, event.kind, joint.node.name, f"{joint.axis.who}: {event.text}{cause}", event.level))
@@ -323,8 +323,8 @@ def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImag
         if name is None:
             raise RobotConfigError(f"joint {joint.name}: no node of bus.yml has node_id {node_id}")
     if name is None:
-        known = ", ".join(nodes)
-        raise RobotConfigError(f'joint {joint.name}: it needs <param name="device_name">, a drive of bus.yml: {known}')
+        names = ", ".join(nodes)
+        raise RobotConfigError(f'joint {joint.name}: it needs <param name="device_name">, a drive of bus.yml: {names}')
     if name not in nodes:
         raise RobotConfigError(f"joint {joint.name}: device_name {name!r} is no node of bus.yml{nearest(name, nodes)}")
     node, image = nodes[name]

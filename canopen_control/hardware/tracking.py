@@ -91,11 +91,11 @@ class Tracking:
         self.interface, self._positions = interface, positions
         self.restart()
 
-    def step(self, wanted: float, actual: float) -> None:
+    def step(self, target: float, actual: float) -> None:
         """Take the set-point that is sent in this cycle, and what was measured before it; nan for none."""
         last = self._first
         error = (self._third if self._late else self._second) - actual
-        self._third, self._second, self._first = self._second, last, wanted
+        self._third, self._second, self._first = self._second, last, target
         if error < 0.0:
             error = -error
         if error >= 0.0:  # not for nan
@@ -105,7 +105,7 @@ class Tracking:
             self._count += 1
             if self._count >= self._full:
                 self._turn()
-        if wanted == last:
+        if target == last:
             self._still += 1
         elif self._still:
             if self._still <= _PAUSE and self._positions:

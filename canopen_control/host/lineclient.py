@@ -109,10 +109,10 @@ class LineClient:
         if len(line) > MAX_REQUEST:
             raise LocalProtocolError(f"this cannot be sent to {self.label}: {len(line)} bytes, more than {MAX_REQUEST}")
         deadline = time.monotonic() + timeout
-        left = memoryview(line)
-        while left:
-            sent = self._write(left)
-            left = left[sent:]
+        remaining = memoryview(line)
+        while remaining:
+            sent = self._write(remaining)
+            remaining = remaining[sent:]
             if not sent and not self._poll(select.POLLOUT, deadline):
                 self.hang_up()  # part of the line may have been sent, so that the stream is unusable
                 raise RemoteError("Timeout", f"{self.label} has not read for {timeout:g} s; does it hang?")

@@ -138,23 +138,23 @@ def _identify(
     expected = plan.identity
     if expected.device_type and device_type != expected.device_type:
         raise _mismatch(plan, "C", "device type 0x1000:00", device_type, expected.device_type)
-    found = []
-    for subindex, letter, what, wanted in (
+    numbers = []
+    for subindex, letter, title, wanted in (
         (1, "D", "vendor id", expected.vendor_id),
         (2, "M", "product code", expected.product_code),
         (3, "N", "revision number", expected.revision_number),
         (4, "O", "serial number", expected.serial_number),
     ):
         value = yield from _answered(plan, "B", transfers, IDENTITY, subindex)
-        found.append(-1 if value is None else value)
+        numbers.append(-1 if value is None else value)
         if wanted and value != wanted:
-            raise _mismatch(plan, letter, f"{what} 0x1018:{subindex:02X}", found[-1], wanted)
-    if expected.eds_revision and found[2] != expected.eds_revision:
+            raise _mismatch(plan, letter, f"{title} 0x1018:{subindex:02X}", numbers[-1], wanted)
+    if expected.eds_revision and numbers[2] != expected.eds_revision:
         transfers.warnings.append(
-            f"revision number 0x{found[2] & 0xFFFFFFFF:08X}, the EDS was written for 0x{expected.eds_revision:08X}; "
+            f"revision number 0x{numbers[2] & 0xFFFFFFFF:08X}, the EDS was written for 0x{expected.eds_revision:08X}; "
             "give revision_number in bus.yml to insist on one"
         )
-    return found[0], found[1], found[2], found[3]
+    return numbers[0], numbers[1], numbers[2], numbers[3]
 
 
 def _is_running(plan: NodePlan) -> Generator[Request, Answer, bool]:
@@ -163,9 +163,11 @@ def _is_running(plan: NodePlan) -> Generator[Request, Answer, bool]:
     timeout = plan.supervision_ns or STATE_NS
     state = yield AwaitHeartbeat(timeout)
     if state is None:
-        letter, what = ("F", "guarding") if plan.guard else ("E", "heartbeat")
+        letter, monitoring = ("F", "guarding") if plan.guard else ("E", "heartbeat")
         raise boot_error(
-            plan, letter, f"no {what} within {timeout / 1e9:g} s; power-cycle it, or let `reset_communication` be true"
+            plan,
+            letter,
+            f"no {monitoring} within {timeout / 1e9:g} s; power-cycle it, or let `reset_communication` be true",
         )
     return state == NmtState.OPERATIONAL
 
@@ -217,8 +219,8 @@ def _leave_running(plan: NodePlan, transfers: BootTransfers) -> Generator[Reques
     missing = yield from watch_running(plan, (yield from compare_only(plan, transfers)), transfers)
     done = "only its supervision was written" if transfers.writes > written else "nothing was written"
     differs = ", ".join(f"0x{write.index:04X}:{write.subindex:02X}" for write in missing)
-    told = f"; it differs from bus.yml in {differs}: reset it to have that written" if missing else ""
-    transfers.warnings.append(f"boot status L: {LETTERS['L']} and is to be kept alive, so {done}{told}")
+    remark = f"; it differs from bus.yml in {differs}: reset it to have that written" if missing else ""
+    transfers.warnings.append(f"boot status L: {LETTERS['L']} and is to be kept alive, so {done}{remark}")
     yield from _await_heartbeat(plan)
 
 
@@ -244,8 +246,8 @@ def _await_heartbeat(plan: NodePlan) -> Generator[Request, Answer, None]:
     """Start error control before the node is started."""
     yield NextStep("heartbeat")
     if plan.supervision_ns and not (yield AwaitState(plan.supervision_ns)):
-        what = "answer to guarding" if plan.guard else "heartbeat"
-        raise boot_error(plan, "K", f"no {what} within {plan.supervision_ns / 1e9:g} s")
+        message = "answer to guarding" if plan.guard else "heartbeat"
+        raise boot_error(plan, "K", f"no {message} within {plan.supervision_ns / 1e9:g} s")
 
 
 def _start(plan: NodePlan) -> Generator[Request, Answer, None]:
@@ -278,12 +280,12 @@ def _silently(transfers: BootTransfers, index: int, data: bytes) -> Generator[Re
         transfers.warnings.append(f"it refuses 0x{index:04X}:00 = 0x{data[::-1].hex()}: {reason_of(error)}")
 
 
-def _mismatch(plan: NodePlan, letter: str, what: str, found: int, wanted: int) -> BootError:
-    seen = f"0x{found:08X}" if found >= 0 else "missing"
+def _mismatch(plan: NodePlan, letter: str, title: str, actual: int, expected: int) -> BootError:
+    actual_text = f"0x{actual:08X}" if actual >= 0 else "missing"
     hint = "wrong device at this node id, or wrong EDS?"
-    if letter == "C" and not found:  # no profile, as boot-loaders show it (CiA 302-3)
+    if letter == "C" and not actual:  # no profile, as boot-loaders show it (CiA 302-3)
         hint = "is it in its boot-loader, without a program? `firmware` loads one; or wrong device, or wrong EDS?"
-    return boot_error(plan, letter, f"{what} is {seen}, expected 0x{wanted:08X} (from {plan.source}); {hint}")
+    return boot_error(plan, letter, f"{title} is {actual_text}, expected 0x{expected:08X} (from {plan.source}); {hint}")
 
 
 # Runs one boot: hands the requests of `boot.boot` to the SDO client and to NMT, and the answers back.

@@ -58,11 +58,11 @@ _COB_ID = 1  # subindex of a communication record
 
 def groups(writes: Sequence[PlannedWrite]) -> list[list[PlannedWrite]]:
     """Return the writes in order, those of one PDO in one list, every other one in a list of its own."""
-    found: list[list[PlannedWrite]] = []
-    for pdo, each in groupby(writes, key=lambda write: write.pdo):
-        members = list(each)
-        found += [members] if pdo is not None else [[write] for write in members]
-    return found
+    by_pdo: list[list[PlannedWrite]] = []
+    for pdo, of_pdo in groupby(writes, key=lambda write: write.pdo):
+        members = list(of_pdo)
+        by_pdo += [members] if pdo is not None else [[write] for write in members]
+    return by_pdo
 
 
 def is_cob_id(write: PlannedWrite) -> bool:
@@ -85,38 +85,38 @@ def reads_of(group: Sequence[PlannedWrite]) -> list[tuple[int, int]]:
     return [address for address, write in final_values(group).items() if write.compare]
 
 
-def keep_rtr_bit(planned: bytes, held: bytes | None) -> bytes:
+def keep_rtr_bit(planned: bytes, current: bytes | None) -> bytes:
     """Return a COB-ID with bit 30 as in the device."""
-    if held is None or len(held) != len(planned):
+    if current is None or len(current) != len(planned):
         return planned
-    value, own = int.from_bytes(planned, "little"), int.from_bytes(held, "little")
+    value, own = int.from_bytes(planned, "little"), int.from_bytes(current, "little")
     return (value & ~NO_RTR_BIT | own & NO_RTR_BIT).to_bytes(len(planned), "little")
 
 
-def matches(write: PlannedWrite, held: bytes | None) -> bool:
+def matches(write: PlannedWrite, current: bytes | None) -> bool:
     """Whether the node already has the value of the write."""
-    if held is None:
+    if current is None:
         return False
     if is_cob_id(write):
-        planned, own = int.from_bytes(write.data, "little"), int.from_bytes(held, "little")
+        planned, own = int.from_bytes(write.data, "little"), int.from_bytes(current, "little")
         if planned & INVALID_BIT:
             return bool(own & INVALID_BIT)
         return planned & ~NO_RTR_BIT == own & ~NO_RTR_BIT
-    if held == write.data:
+    if current == write.data:
         return True
     if write.data_type in _TEXT:
-        return held.rstrip(b"\0") == write.data.rstrip(b"\0")
+        return current.rstrip(b"\0") == write.data.rstrip(b"\0")
     if write.data_type is None or not write.data_type.is_integer:
         return False
     signed = write.data_type.signed
-    return int.from_bytes(held, "little", signed=signed) == int.from_bytes(write.data, "little", signed=signed)
+    return int.from_bytes(current, "little", signed=signed) == int.from_bytes(write.data, "little", signed=signed)
 
 
-def needed(group: Sequence[PlannedWrite], held: Mapping[tuple[int, int], bytes | None]) -> list[PlannedWrite]:
+def needed(group: Sequence[PlannedWrite], current: Mapping[tuple[int, int], bytes | None]) -> list[PlannedWrite]:
     """Return the required writes of a group for a node with the values `held`, in order; none without a difference."""
     final = final_values(group)
     different = {
-        address for address, write in final.items() if not write.compare or not matches(write, held.get(address))
+        address for address, write in final.items() if not write.compare or not matches(write, current.get(address))
     }
     if not different:
         return []
@@ -124,7 +124,7 @@ def needed(group: Sequence[PlannedWrite], held: Mapping[tuple[int, int], bytes |
         return list(group)
     communication = cob_id_of(group[0].pdo)
     mapping = any(index != communication for index, _ in different)
-    return [write for write in group if _is_needed(write, communication, mapping, different, held)]
+    return [write for write in group if _is_needed(write, communication, mapping, different, current)]
 
 
 def _is_needed(
@@ -132,7 +132,7 @@ def _is_needed(
     communication: int,
     remap: bool,
     different: set[tuple[int, int]],
-    held: Mapping[tuple[int, int], bytes | None],
+    current: Mapping[tuple[int, int], bytes | None],
 ) -> bool:
     """Whether one write of a PDO is required: first invalid unless it is, then differences, then valid."""
     if write.index != communication:
@@ -140,7 +140,7 @@ def _is_needed(
     if write.subindex != _COB_ID or write.fixed:
         return write.address in different
     if write.data[-1] & INVALID_BIT >> 24:
-        present = held.get(write.address)
+        present = current.get(write.address)
         return present is None or not present[-1:] or not present[-1] & INVALID_BIT >> 24
     return True
 
@@ -185,7 +185,7 @@ def release_cob_ids(
         for group in grouped
         if group[0].pdo is not None and any(is_cob_id(write) for write in group)
     }
-    wanted = {value & 0x7FF: pdo for pdo, value in final.items() if not value & INVALID_BIT}
+    claimed = {value & 0x7FF: pdo for pdo, value in final.items() if not value & INVALID_BIT}
     for pdo in final:
         if pdo is None:
             continue
@@ -193,42 +193,44 @@ def release_cob_ids(
             data = yield from transfers.held(cob_id_of(pdo), 1)
         except SdoTimeout:
             return  # told when the PDO is configured
-        held = INVALID_BIT if data is None else int.from_bytes(data, "little")
-        if not held & INVALID_BIT and wanted.get(held & 0x7FF, pdo) != pdo:
-            yield from _try(transfers, cob_id_of(pdo), 1, (held | INVALID_BIT).to_bytes(4, "little"))
+        current = INVALID_BIT if data is None else int.from_bytes(data, "little")
+        if not current & INVALID_BIT and claimed.get(current & 0x7FF, pdo) != pdo:
+            yield from _try(transfers, cob_id_of(pdo), 1, (current | INVALID_BIT).to_bytes(4, "little"))
 
 
 def configure_pdo(
     plan: NodePlan, group: Sequence[PlannedWrite], transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
     """Read, compare, write and verify one PDO; use the node's configuration if it refuses. BootError J."""
-    held: Held = {}
+    current: Held = {}
     try:
         for address in reads_of(group):
-            held[address] = yield from transfers.held(*address)
+            current[address] = yield from transfers.held(*address)
         # A setting that nothing asks for, and that the device does not have, is none of it.
-        lacking = [write for write in group if write.optional and not is_cob_id(write) and held[write.address] is None]
-        wanted = [_with_rtr_bit(write, held) for write in group if write not in lacking]
-        writes = needed(wanted, held)
-        refused = yield from _write_pdo(writes, wanted, held, transfers)
-        if refused is not None and _keep_transmission(plan, refused[0], held, transfers):
-            wanted = [write for write in wanted if write.address != refused[0].address]
-            refused = yield from _write_pdo(needed(wanted, held), wanted, held, transfers)
+        lacking = [
+            write for write in group if write.optional and not is_cob_id(write) and current[write.address] is None
+        ]
+        planned = [_with_rtr_bit(write, current) for write in group if write not in lacking]
+        writes = needed(planned, current)
+        refused = yield from _write_pdo(writes, planned, current, transfers)
+        if refused is not None and _keep_transmission(plan, refused[0], current, transfers):
+            planned = [write for write in planned if write.address != refused[0].address]
+            refused = yield from _write_pdo(needed(planned, current), planned, current, transfers)
         refusal = None if refused is None else refused[1]
         if refusal is None and writes:
-            refusal = yield from _verify(wanted, held, transfers)
+            refusal = yield from _verify(planned, current, transfers)
         if refusal is not None:
-            yield from _refused(plan, wanted, held, refusal, transfers)
+            yield from _refused(plan, planned, current, refusal, transfers)
     except (SdoTimeout, SdoLengthError) as error:
         raise boot_error(
             plan, "J", f"{_name(group)}: 0x{error.index:04X}:{error.subindex:02X}: {reason_of(error)}"
         ) from error
 
 
-def _keep_transmission(plan: NodePlan, refused: PlannedWrite, held: Held, transfers: BootTransfers) -> bool:
+def _keep_transmission(plan: NodePlan, refused: PlannedWrite, current: Held, transfers: BootTransfers) -> bool:
     """Use the transmission type that a node keeps of an RPDO: it acts at another time. Returns whether that was it."""
     pdo = refused.pdo or ("", 0)
-    layout, own = _layout(plan, pdo), held.get(refused.address)
+    layout, own = _layout(plan, pdo), current.get(refused.address)
     if pdo[0] != "rpdo" or refused.address != (cob_id_of(pdo), 2) or layout is None or not own:
         return False
     words = f"{_name([refused])} keeps transmission type {own[0]}, which cannot be changed to {refused.data[0]}"
@@ -237,27 +239,27 @@ def _keep_transmission(plan: NodePlan, refused: PlannedWrite, held: Held, transf
     return True
 
 
-def _with_rtr_bit(write: PlannedWrite, held: Held) -> PlannedWrite:
-    return replace(write, data=keep_rtr_bit(write.data, held.get(write.address))) if is_cob_id(write) else write
+def _with_rtr_bit(write: PlannedWrite, current: Held) -> PlannedWrite:
+    return replace(write, data=keep_rtr_bit(write.data, current.get(write.address))) if is_cob_id(write) else write
 
 
 _Refusal = tuple["PlannedWrite", str]
 
 
 def _write_pdo(
-    writes: Sequence[PlannedWrite], wanted: Sequence[PlannedWrite], held: Held, transfers: BootTransfers
+    writes: Sequence[PlannedWrite], planned: Sequence[PlannedWrite], current: Held, transfers: BootTransfers
 ) -> Generator[Request, Answer, _Refusal | None]:
     """Write a PDO; return what the node refused and the reason, None if there was no refusal.
 
     Drives whose COB-IDs cannot be written accept the mapping while the PDO is valid: count 0, mapping, count (Elmo;
     ros-industrial/ros_canopen, issue 151). Others need it invalid although their EDS declares the COB-ID constant.
     """
-    final = final_values(wanted)
-    refused = yield from _write_all(writes, final, held, transfers)
-    cob_id = next((write for write in reversed(wanted) if is_cob_id(write)), None)
+    final = final_values(planned)
+    refused = yield from _write_all(writes, final, current, transfers)
+    cob_id = next((write for write in reversed(planned) if is_cob_id(write)), None)
     if refused is None or cob_id is None:
         return refused
-    present = held.get(cob_id.address)
+    present = current.get(cob_id.address)
     if is_cob_id(refused[0]):
         if present and not present[-1] & INVALID_BIT >> 24 and not _is_off(cob_id):
             kind, number = cob_id.pdo or ("", 0)
@@ -266,8 +268,8 @@ def _write_pdo(
             return refused[0], f"{refused[1]}; it has 0x{own:03X}: give {key} in bus.yml"
     elif cob_id.fixed:
         off = replace(cob_id, data=(int.from_bytes(cob_id.data, "little") | INVALID_BIT).to_bytes(4, "little"))
-        others = [write for write in writes if not is_cob_id(write)]
-        again = yield from _write_all([off, *others, cob_id], {}, held, transfers)
+        parameters = [write for write in writes if not is_cob_id(write)]
+        again = yield from _write_all([off, *parameters, cob_id], {}, current, transfers)
         refused = None if again is None else refused
     return refused
 
@@ -280,7 +282,7 @@ def _is_off(write: PlannedWrite) -> bool:
 def _write_all(
     writes: Sequence[PlannedWrite],
     final: Mapping[tuple[int, int], PlannedWrite],
-    held: Held,
+    current: Held,
     transfers: BootTransfers,
 ) -> Generator[Request, Answer, _Refusal | None]:
     """Write in order; return what the node refused and why, None if nothing.
@@ -292,58 +294,63 @@ def _write_all(
             yield from transfers.write(*write.address, write.data)
         except SdoAbort as error:
             last = final.get(write.address)
-            if last is None or not matches(last, held.get(write.address)):
+            if last is None or not matches(last, current.get(write.address)):
                 return write, f"it refuses {write.name} 0x{write.index:04X}:{write.subindex:02X}: {reason_of(error)}"
     return None
 
 
 def _verify(
-    wanted: Sequence[PlannedWrite], held: Held, transfers: BootTransfers
+    planned: Sequence[PlannedWrite], current: Held, transfers: BootTransfers
 ) -> Generator[Request, Answer, str | None]:
     """Read the written values back; return those that the node did not keep."""
-    for address, write in final_values(wanted).items():
-        if held.get(address) is None:
+    for address, write in final_values(planned).items():
+        if current.get(address) is None:
             continue  # cannot be read
         after = yield from transfers.held(*address)
         if after is not None and not matches(write, after):
-            where = f"0x{address[0]:04X}:{address[1]:02X}"
-            return f"{where} holds 0x{after[::-1].hex()} after 0x{write.data[::-1].hex()} was written"
+            place = f"0x{address[0]:04X}:{address[1]:02X}"
+            return f"{place} holds 0x{after[::-1].hex()} after 0x{write.data[::-1].hex()} was written"
     return None
 
 
 def _refused(
-    plan: NodePlan, wanted: Sequence[PlannedWrite], held: Held, refusal: str, transfers: BootTransfers
+    plan: NodePlan, planned: Sequence[PlannedWrite], current: Held, refusal: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
     """Use the node's own PDO, or leave it invalid."""
-    pdo = wanted[0].pdo or ("", 0)
+    pdo = planned[0].pdo or ("", 0)
     layout = _layout(plan, pdo)
     if layout is None:
-        if any(write.optional for write in wanted):
-            transfers.warnings.append(f"{_name(wanted)}, which bus.yml does not list, stays live: {refusal}")
+        if any(write.optional for write in planned):
+            transfers.warnings.append(f"{_name(planned)}, which bus.yml does not list, stays live: {refusal}")
         elif (yield from _empty(pdo, transfers)):
-            transfers.warnings.append(f"{_name(wanted)} is off by an empty mapping: {refusal}")
+            transfers.warnings.append(f"{_name(planned)} is off by an empty mapping: {refusal}")
         else:
-            raise boot_error(plan, "J", f"{_name(wanted)} cannot be made invalid: {refusal}")
+            raise boot_error(plan, "J", f"{_name(planned)} cannot be made invalid: {refusal}")
         return
-    own = yield from _own(pdo, held, transfers)
+    own = yield from _own(pdo, current, transfers)
     if own.cob_id & EXTENDED_BIT or is_restricted(own.cob_id & 0x7FF):
-        text = f"{_name(wanted)}: {refusal}; its own COB-ID 0x{own.cob_id:X} is none a PDO may have (CiA 301, table 42)"
+        text = (
+            f"{_name(planned)}: {refusal}; its own COB-ID 0x{own.cob_id:X} is none a PDO may have (CiA 301, table 42)"
+        )
         raise boot_error(plan, "J", text)
-    missing = [mapped for mapped in layout.objects if _address(mapped) not in {each[:2] for each in own.objects}]
+    missing = [mapped for mapped in layout.objects if _address(mapped) not in {entry[:2] for entry in own.objects}]
     if missing or sum(bits for _, _, bits in own.objects) > MAX_BITS:
         yield from _try(transfers, cob_id_of(pdo), 1, (own.cob_id | INVALID_BIT).to_bytes(4, "little"))
         lacks = ", ".join(f"0x{mapped.index:04X}:{mapped.subindex:02X}" for mapped in missing)
         present = yield from transfers.number(cob_id_of(pdo), 1)
         end = "left invalid" if present is None or present & INVALID_BIT else "it stays as it was"
-        raise boot_error(plan, "J", f"{_name(wanted)}: {refusal}; its own mapping ({own}) lacks {lacks}; {end}")
-    own = yield from _enable(plan, wanted, own, refusal, transfers)
-    known = {_address(mapped): mapped for each in (*plan.rpdos, *plan.tpdos) for mapped in each.objects}
-    adopted = _adopted(layout, own, known)
+        raise boot_error(plan, "J", f"{_name(planned)}: {refusal}; its own mapping ({own}) lacks {lacks}; {end}")
+    own = yield from _enable(plan, planned, own, refusal, transfers)
+    by_address = {_address(mapped): mapped for rpdo in (*plan.rpdos, *plan.tpdos) for mapped in rpdo.objects}
+    adopted = _adopted(layout, own, by_address)
     transfers.adopted.append((pdo[0], adopted))
     for mapped in adopted.objects if pdo[0] == "rpdo" else ():
-        if _address(mapped) not in known and (value := (yield from transfers.number(*_address(mapped)))) is not None:
+        if (
+            _address(mapped) not in by_address
+            and (value := (yield from transfers.number(*_address(mapped)))) is not None
+        ):
             transfers.presets[_address(mapped)] = value
-    transfers.warnings.append(f"{_name(wanted)} is used as the node has it ({own}): {refusal}")
+    transfers.warnings.append(f"{_name(planned)} is used as the node has it ({own}): {refusal}")
 
 
 def _empty(pdo: tuple[str, int], transfers: BootTransfers) -> Generator[Request, Answer, bool]:
@@ -353,12 +360,12 @@ def _empty(pdo: tuple[str, int], transfers: BootTransfers) -> Generator[Request,
     return (yield from transfers.number(mapping)) == 0
 
 
-def _own(pdo: tuple[str, int], held: Held, transfers: BootTransfers) -> Generator[Request, Answer, _Own]:
+def _own(pdo: tuple[str, int], current: Held, transfers: BootTransfers) -> Generator[Request, Answer, _Own]:
     """Restore the former mapping as far as the node accepts it, and read the PDO."""
     communication, mapping = cob_id_of(pdo), MAPPING[pdo[0]] + pdo[1] - 1
-    count = held.get((mapping, 0))
+    count = current.get((mapping, 0))
     if count is not None and (yield from transfers.held(mapping, 0)) != count:
-        for (index, subindex), data in held.items():
+        for (index, subindex), data in current.items():
             if index == mapping and subindex and data is not None:
                 yield from _try(transfers, index, subindex, data)
         yield from _try(transfers, mapping, 0, count)
@@ -400,12 +407,12 @@ def _try(transfers: BootTransfers, index: int, subindex: int, data: bytes) -> Ge
 
 def _layout(plan: NodePlan, pdo: tuple[str, int]) -> PlannedPdo | None:
     layouts = plan.rpdos if pdo[0] == "rpdo" else plan.tpdos
-    return next((each for each in layouts if each.number == pdo[1]), None)
+    return next((layout for layout in layouts if layout.number == pdo[1]), None)
 
 
-def _adopted(layout: PlannedPdo, own: _Own, known: dict[tuple[int, int], MappedObject]) -> PlannedPdo:
+def _adopted(layout: PlannedPdo, own: _Own, by_address: dict[tuple[int, int], MappedObject]) -> PlannedPdo:
     objects = tuple(
-        known.get((index, subindex)) or MappedObject(index, subindex, bits, _UNSIGNED.get(bits, DataType.BOOLEAN))
+        by_address.get((index, subindex)) or MappedObject(index, subindex, bits, _UNSIGNED.get(bits, DataType.BOOLEAN))
         for index, subindex, bits in own.objects
     )
     return PlannedPdo(layout.number, own.cob_id & 0x7FF, own.transmission_type, objects, layout.event_ms)
@@ -429,16 +436,16 @@ def read_outputs(plan: NodePlan, transfers: BootTransfers) -> Generator[Request,
     BootError J without an answer.
     """
     motion = {index + offset for index in MOTION for offset in plan.axes}
-    mapped = {each[:2]: each for layout in plan.rpdos for each in layout.objects}
-    wanted = {
-        address: each
-        for address, each in mapped.items()
-        if address not in transfers.presets and each.index not in motion and each.index >= _FIRST_OBJECT
+    mapped = {entry[:2]: entry for layout in plan.rpdos for entry in layout.objects}
+    outputs = {
+        address: output
+        for address, output in mapped.items()
+        if address not in transfers.presets and output.index not in motion and output.index >= _FIRST_OBJECT
     }
-    if wanted:
+    if outputs:
         yield NextStep("outputs")
-    for address, each in wanted.items():
-        value = yield from _read_value(plan, each, "which an RPDO carries", transfers)
+    for address, output in outputs.items():
+        value = yield from _read_value(plan, output, "which an RPDO carries", transfers)
         transfers.presets[address] = 0 if value is None else value
 
 
@@ -447,25 +454,25 @@ def read_signals(plan: NodePlan, transfers: BootTransfers) -> Generator[Request,
 
     An input that is sent on change may not change for hours. Objects that the node refuses are skipped.
     """
-    wanted = [each for each in plan.reads if _address(each) not in transfers.presets]
-    if wanted:
+    reads = [read for read in plan.reads if _address(read) not in transfers.presets]
+    if reads:
         yield NextStep("inputs")
-    for each in wanted:
+    for each in reads:
         value = yield from _read_value(plan, each, "a signal", transfers)
         if value is not None:
             transfers.presets[_address(each)] = value
 
 
 def _read_value(
-    plan: NodePlan, mapped: MappedObject, what: str, transfers: BootTransfers
+    plan: NodePlan, mapped: MappedObject, title: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, Value | None]:
     """Read one object, None if the node refuses; BootError J without an answer."""
     index, subindex = _address(mapped)
     try:
         data = yield from transfers.try_read(index, subindex)
     except SdoTimeout as error:
-        where = f"0x{index:04X}:{subindex:02X}"
-        raise boot_error(plan, "J", f"reading {where}, {what}: {reason_of(error)}") from error
+        place = f"0x{index:04X}:{subindex:02X}"
+        raise boot_error(plan, "J", f"reading {place}, {title}: {reason_of(error)}") from error
     return None if data is None else value_of(mapped, data)
 
 
@@ -516,20 +523,20 @@ def check_expected(plan: NodePlan, transfers: BootTransfers) -> Generator[Reques
     Other factors are accepted if they give the counts per revolution of bus.yml and those of the EDS do not: bus.yml
     was written for this drive.
     """
-    held: dict[tuple[int, int], int] = {}
+    values: dict[tuple[int, int], int] = {}
     by_file: dict[tuple[int, int], int] = {}
     for write in plan.expected:
         data = yield from _present(plan, write, transfers)
         if data is not None:
-            held[write.address], by_file[write.address] = (
-                int.from_bytes(each, "little") for each in (data, write.data)
+            values[write.address], by_file[write.address] = (
+                int.from_bytes(raw, "little") for raw in (data, write.data)
             )
     for write in plan.expected:
-        value, planned = held.get(write.address), by_file.get(write.address)
+        value, planned = values.get(write.address), by_file.get(write.address)
         if value == planned:
             continue
         index, offset = axis_of(write.index)[0], 0x800 * axis_of(write.index)[1]
-        if index != POLARITY and (not value or (_makes(plan, offset, held) and not _makes(plan, offset, by_file))):
+        if index != POLARITY and (not value or (_makes(plan, offset, values) and not _makes(plan, offset, by_file))):
             continue  # 0 revolutions or counts: the drive does not say
         line = f"{{index: 0x{write.index:04X}, sub_index: {write.subindex}, value: {value}}}"
         raise boot_error(
@@ -540,28 +547,28 @@ def check_expected(plan: NodePlan, transfers: BootTransfers) -> Generator[Reques
         )
 
 
-def _makes(plan: NodePlan, offset: int, held: Mapping[tuple[int, int], int]) -> bool:
+def _makes(plan: NodePlan, offset: int, values: Mapping[tuple[int, int], int]) -> bool:
     """Whether the values of a drive give the counts per revolution of bus.yml."""
 
     def pair(index: int) -> tuple[int, int] | None:
-        found = held.get((index + offset, 1)), held.get((index + offset, 2))
+        found = values.get((index + offset, 1)), values.get((index + offset, 2))
         return None if None in found else (found[0] or 0, found[1] or 0)
 
     encoder, gear = pair(POSITION_ENCODER_RESOLUTION), pair(GEAR_RATIO)
     turns, feed = plan.turns.get(offset), pair(FEED_CONSTANT)
     try:
-        made = counts_per_revolution(encoder or (1, 1), gear or (1, 1), None if feed == (1, 1) else feed)
+        counts = counts_per_revolution(encoder or (1, 1), gear or (1, 1), None if feed == (1, 1) else feed)
     except ConfigError:
         return False
-    return turns is not None and math.isclose(made, turns, rel_tol=1e-3)
+    return turns is not None and math.isclose(counts, turns, rel_tol=1e-3)
 
 
 def compare_only(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, list[PlannedWrite]]:
     """Return the writes that the node would need, without writing."""
     missing: list[PlannedWrite] = []
     for group in groups(plan.writes):
-        held = yield from _held(group, transfers)
-        missing += [write for write in needed(group, held) if write.compare]
+        current = yield from _held(group, transfers)
+        missing += [write for write in needed(group, current) if write.compare]
     return list(final_values(missing).values())
 
 
@@ -573,7 +580,7 @@ def watch_running(
     Both sides must detect the loss of the other. PDOs in use must match the plan: BootError J otherwise, since they
     cannot be changed while it runs.
     """
-    used = {("rpdo", each.number) for each in plan.rpdos} | {("tpdo", each.number) for each in plan.tpdos}
+    used = {("rpdo", rpdo.number) for rpdo in plan.rpdos} | {("tpdo", tpdo.number) for tpdo in plan.tpdos}
     if differs := sorted({write.pdo for write in missing if write.pdo is not None and write.pdo in used}):
         names = ", ".join(f"{kind.upper()} {number}" for kind, number in differs)
         raise boot_error(
@@ -600,35 +607,35 @@ def store(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer
 def _held(
     group: Sequence[PlannedWrite], transfers: BootTransfers
 ) -> Generator[Request, Answer, dict[tuple[int, int], bytes | None]]:
-    found: dict[tuple[int, int], bytes | None] = {}
+    values: dict[tuple[int, int], bytes | None] = {}
     for address in reads_of(group):
-        found[address] = yield from transfers.held(*address)
-    return found
+        values[address] = yield from transfers.held(*address)
+    return values
 
 
 def _configure_object(
     plan: NodePlan, write: PlannedWrite, transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
     """Read, compare, write, verify one object."""
-    held = None
+    current = None
     if write.compare:
-        held = yield from _present(plan, write, transfers)
-        if matches(write, held):
+        current = yield from _present(plan, write, transfers)
+        if matches(write, current):
             return
-    if held is not None and write.index in (_SYNC, _EMCY):
-        yield from _release(write, held, transfers)
+    if current is not None and write.index in (_SYNC, _EMCY):
+        yield from _release(write, current, transfers)
     if write.index == _CONSUMER:
         yield from _clear_double(plan, write, transfers)
-    if not (yield from _write(plan, write, transfers)) or held is None:
+    if not (yield from _write(plan, write, transfers)) or current is None:
         return  # refused and done without, or not to be read
     after = yield from transfers.held(*write.address)
     if after is not None and not matches(write, after):
         _differs(plan, write, after, transfers)
 
 
-def _release(write: PlannedWrite, held: bytes, transfers: BootTransfers) -> Generator[Request, Answer, None]:
+def _release(write: PlannedWrite, current: bytes, transfers: BootTransfers) -> Generator[Request, Answer, None]:
     """Make a COB-ID changeable: that of a valid EMCY or a produced SYNC is fixed (CiA 301, 7.5.2.5 and 7.5.2.17)."""
-    value = int.from_bytes(held, "little")
+    value = int.from_bytes(current, "little")
     changeable = value & ~PRODUCER_BIT if write.index == _SYNC else value | INVALID_BIT
     if changeable != value and not matches(write, changeable.to_bytes(4, "little")):
         try:
@@ -642,7 +649,7 @@ def _clear_double(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers)
     node_id, ms = parse_consumer_entry(int.from_bytes(write.data, "little"))
     if not ms:
         return
-    planned = {each.subindex for each in plan.writes if each.index == _CONSUMER}
+    planned = {planned_write.subindex for planned_write in plan.writes if planned_write.index == _CONSUMER}
     subindices = {sub for index, sub in plan.entry_names if index == _CONSUMER and sub} - planned
     for subindex in sorted(subindices):
         entry = yield from transfers.number(_CONSUMER, subindex)

@@ -103,8 +103,8 @@ def _shares(config: BusConfig, period_ns: int, unbounded: list[str]) -> Iterator
             ms = round(plan.heartbeat_timeout_ns / node.supervision.multiplier / 1e6)
             yield _error_control(f"heartbeat of {name}", node.node_id, ms, period_ns)
         elif plan.guard:
-            for what in ("guarding", "its answer"):
-                yield _error_control(f"{what}, {name}", node.node_id, node.supervision.guard_time, period_ns)
+            for title in ("guarding", "its answer"):
+                yield _error_control(f"{title}, {name}", node.node_id, node.supervision.guard_time, period_ns)
         for layout in plan.rpdos:
             yield Share(f"RPDO {layout.number} of {name}", layout.cob_id, _length(layout), 1.0)
         for layout in plan.tpdos:
@@ -113,17 +113,17 @@ def _shares(config: BusConfig, period_ns: int, unbounded: list[str]) -> Iterator
 
 def _tpdo(name: str, node: NodeConfig, layout: PlannedPdo, period_ns: int, unbounded: list[str]) -> Iterator[Share]:
     """Yield one TPDO: at every n-th SYNC, or event-driven at most once per inhibit time."""
-    kind, what = layout.transmission_type, f"TPDO {layout.number} of {name}"
+    kind, title = layout.transmission_type, f"TPDO {layout.number} of {name}"
     if kind in _ON_REMOTE:
         return
     if kind in CYCLIC_SYNCHRONOUS:
-        yield Share(what, layout.cob_id, _length(layout), 1 / kind)
+        yield Share(title, layout.cob_id, _length(layout), 1 / kind)
         return
     pdo = node.boot.tpdo.get(layout.number)
     inhibit_ns = (pdo.inhibit_time or 0) * 100_000 if pdo is not None else 0
     if kind and not inhibit_ns:
-        unbounded.append(what)
-    yield Share(what, layout.cob_id, _length(layout), min(1.0, period_ns / inhibit_ns) if inhibit_ns else 1.0)
+        unbounded.append(title)
+    yield Share(title, layout.cob_id, _length(layout), min(1.0, period_ns / inhibit_ns) if inhibit_ns else 1.0)
 
 
 def _error_control(name: str, node_id: int, period_ms: int, period_ns: int) -> Share:

@@ -62,28 +62,26 @@ if TYPE_CHECKING:
 _TRANSITIONS = range(17)  # of the CiA 402 power state machine; 0 and 1 are the drive's own
 
 
-def tolerated(
-    section: Node, known: Collection[str], unused: Mapping[str, str], misnamed: Mapping[str, str]
-) -> set[str]:
+def tolerated(section: Node, keys: Collection[str], unused: Mapping[str, str], misnamed: Mapping[str, str]) -> set[str]:
     """Check the keys of a section that are not `known`; return those that the conversion must ignore.
 
     A key similar to a known one, or listed in `misnamed`, is an error. Any other is a warning: ros2_canopen ignores
     unknown keys, so that files with such keys are in use.
     """
-    found = set(unused)
+    tolerated_keys = set(unused)
     for key, place in section.keys().items():
-        if key in known or key in unused:
+        if key in keys or key in unused:
             continue
-        found.add(key)
-        if meant := _meant(key, section, known, misnamed):
+        tolerated_keys.add(key)
+        if meant := _meant(key, section, keys, misnamed):
             place.error(f"unknown key {key!r}; write {meant}")
         elif _node_id_below(section, key) is not None:
             place.error(f"unknown key {key!r}: a node belongs at the margin or under `nodes:`; it is indented too far")
-        elif close := difflib.get_close_matches(key, [*known, *unused], 1, 0.6):
+        elif close := difflib.get_close_matches(key, [*keys, *unused], 1, 0.6):
             place.error(f"unknown key {key!r}, did you mean {close[0]!r}?")
         else:
             place.warning(f"unknown key {key!r}: it has no effect, here as in ros2_canopen; remove it")
-    return found
+    return tolerated_keys
 
 
 def _node_id_below(section: Node, key: str) -> Node | None:
@@ -99,9 +97,9 @@ _MODES: Final = {1: "position", 7: "position", 8: "position", 2: "velocity", 3: 
 }
 
 
-def _meant(key: str, section: Node, known: Collection[str], misnamed: Mapping[str, str]) -> str:
+def _meant(key: str, section: Node, keys: Collection[str], misnamed: Mapping[str, str]) -> str:
     """Return the correct spelling of a key, "" if it is unknown."""
-    if (pdo := _PDO_KEY.fullmatch(key)) and pdo[1].lower() in known:
+    if (pdo := _PDO_KEY.fullmatch(key)) and pdo[1].lower() in keys:
         return f"`{pdo[2]}:` under `{pdo[1].lower()}:`"
     meant, place = misnamed.get(key, ""), section.get(key)
     number = place.value if place is not None else None
@@ -122,15 +120,15 @@ def _require_modes(motion: MotionKeys, node: Node) -> None:
         place = node.get(key) or node
         fits = ", ".join(f"{mode} ({OperationMode(mode).name})" for mode, of in sorted(_MODES.items()) if of == served)
         if number < 0:
-            what = (
+            problem = (
                 f"{key}: {number} is a mode of the manufacturer, whose target object is not known here; give it by "
                 f"`{served}_target`, such as `{served}_target: {_TARGET_EXAMPLES[served]}`"
             )
             fits = f"or {fits}"
-            place.error(f"{what}, {fits}")
+            place.error(f"{problem}, {fits}")
             continue
-        what = f"{key}: {mode_name(number)} serves no {served} interface"
-        place.error(f"{what}; give one of {fits}")
+        problem = f"{key}: {mode_name(number)} serves no {served} interface"
+        place.error(f"{problem}; give one of {fits}")
 
 
 _TARGET_EXAMPLES: Final = {"position": "0x607A", "velocity": "0x60FF", "effort": "0x6071"}
@@ -226,8 +224,8 @@ def _required(keys: BootKeys, node: Node) -> bool:
         place.error("`required` and `mandatory` mean the same and differ; keep one")
     if not keys.wanted and (keys.required or keys.mandatory):
         place.error("a node with `boot: false` is never started, so nothing can wait for it")
-    wanted = keys.mandatory if keys.required is None else keys.required
-    return keys.wanted if wanted is None else wanted
+    mandatory = keys.mandatory if keys.required is None else keys.required
+    return keys.wanted if mandatory is None else mandatory
 
 
 def _effort_mode(keys: MotionKeys, node: Node) -> int | None:
@@ -262,12 +260,12 @@ def _check_scales(keys: UnitKeys, node: Node) -> None:
         if not 1e-15 < abs(getattr(keys, key)) < 1e15:
             (node.get(key) or node).error(f"{key} {getattr(keys, key)!r} cannot be used: finite and not 0 is wanted")
             return
-    for what in ("pos", "vel"):
-        given = node.get(f"scale_{what}_to_dev") or node.get(f"scale_{what}_from_dev")
-        product = getattr(keys, f"scale_{what}_to_dev") * getattr(keys, f"scale_{what}_from_dev")
-        if given is not None and abs(product - 1) > 0.01:
-            given.warning(
-                f"scale_{what}_to_dev times scale_{what}_from_dev is {product:.6g}, not 1: "
+    for name in ("pos", "vel"):
+        scale = node.get(f"scale_{name}_to_dev") or node.get(f"scale_{name}_from_dev")
+        product = getattr(keys, f"scale_{name}_to_dev") * getattr(keys, f"scale_{name}_from_dev")
+        if scale is not None and abs(product - 1) > 0.01:
+            scale.warning(
+                f"scale_{name}_to_dev times scale_{name}_from_dev is {product:.6g}, not 1: "
                 "what is commanded and what comes back would differ"
             )
 
@@ -301,15 +299,15 @@ class Sources:
 
     def find(self, name: str, dcf_path: str = "") -> Path:
         """Return the path of a file; NotFound with the places and unset variables."""
-        wanted = Path(self.expanded(name)).expanduser()
+        path = Path(self.expanded(name)).expanduser()
         folders = [Path(self.expanded(text)).expanduser() for text in (dcf_path, self._dcf_path) if text]
-        places = [folder / wanted for folder in [*folders, self._folder]]
-        places += self._folder / wanted.name, data_path("eds", wanted.name)
+        places = [folder / path for folder in [*folders, self._folder]]
+        places += self._folder / path.name, data_path("eds", path.name)
         for place in places:
             if place.is_file():
                 return place
         sought = ", ".join(dict.fromkeys(str(place.parent) for place in places))
-        unset = "; a variable of the environment is not set" if "$" in sought or "$" in str(wanted) else ""
+        unset = "; a variable of the environment is not set" if "$" in sought or "$" in str(path) else ""
         raise NotFound(f"no file {name!r}; sought in {sought}{unset}")
 
     def dictionary(self, path: Path, node_id: int | None) -> ObjectDictionary:
@@ -411,9 +409,9 @@ class _Reader:
         unclear = len(self._root.problems.errors)  # a key of `master` that could not be read explains what follows
         nodes = self._nodes(master)
         self._check_node_ids(master, nodes)
-        found = {name: self._dictionary(config, node) for name, (config, node) in nodes.items()}
-        paths = {name: each[0] for name, each in found.items() if each is not None}
-        dictionaries = {name: each[1] for name, each in found.items() if each is not None}
+        read_files = {name: self._dictionary(config, node) for name, (config, node) in nodes.items()}
+        paths = {name: pair[0] for name, pair in read_files.items() if pair is not None}
+        dictionaries = {name: pair[1] for name, pair in read_files.items() if pair is not None}
         plans = {name: self._plan(master, *nodes[name], dictionaries[name], paths[name]) for name in paths}
         self._check_cob_ids(nodes, plans)
         if not unclear:
@@ -476,8 +474,8 @@ class _Reader:
         self._unused["master.baudrate"] = f"{place.text} is taken as bit/s: write {kbits}, the unit is kbit/s"
         copy = Node("scalar", place.line, place.column, place.where, place.problems)
         pairs["baudrate"] = pairs["baudrate"][0], Node.scalar(copy, str(kbits), kbits, quoted=False)
-        whole = Node("mapping", section.line, section.column, section.where, section.problems)
-        return Node.mapping(whole, pairs)
+        root = Node("mapping", section.line, section.column, section.where, section.problems)
+        return Node.mapping(root, pairs)
 
     def _period_line(self) -> int:
         section = self._root.get("master")
@@ -492,7 +490,7 @@ class _Reader:
         else:
             section = self._misnamed_nodes()
         pairs = section.items() if section is not None else self._root.items()
-        found = {}
+        nodes = {}
         for name, node in pairs:
             if name.startswith(".") or (section is None and name in _SECTIONS):
                 continue
@@ -504,15 +502,15 @@ class _Reader:
             if (config := node_config(name, merged, master, self._options)) is not None:
                 if self._allow_unsupervised:
                     config = replace(config, supervision=replace(config.supervision, allow_unsupervised=True))
-                found[name] = (config, merged)
+                nodes[name] = (config, merged)
             else:
                 node_id = place.value if place is not None else 0
                 self._unreadable[name] = node_id if type(node_id) is int else 0
-        if not found:
+        if not nodes:
             self._report_indented_nodes()
-        if not found and not self._root.problems.errors:
+        if not nodes and not self._root.problems.errors:
             self._root.error("no nodes; list the drives under `nodes:`")
-        return found
+        return nodes
 
     def _report_indented_nodes(self) -> None:
         """Report nodes, and the section `nodes`, that are inside `defaults`, where no node is read."""
@@ -524,8 +522,8 @@ class _Reader:
     def _misnamed_nodes(self) -> Node | None:
         """Report a section with nodes under another name and return it; None in the flat form."""
         for name, section in self._root.items():
-            below = [each for _, each in section.items()]
-            if name not in _SECTIONS and below and all(each.get("node_id") is not None for each in below):
+            below = [child for _, child in section.items()]
+            if name not in _SECTIONS and below and all(child.get("node_id") is not None for child in below):
                 self._root.keys()[name].error(f"unknown key {name!r}; write `nodes:`")
                 return section
         return None
@@ -548,9 +546,9 @@ class _Reader:
         owner = {master.node_id: "the master"}
         for name, (config, node) in nodes.items():
             if not (node_id := config.node_id):
-                if (found := self._dictionary(config, node)) is None:
+                if (dictionary := self._dictionary(config, node)) is None:
                     continue
-                if (node_id := found[1].node_id or 0) == 0:
+                if (node_id := dictionary[1].node_id or 0) == 0:
                     node.error(f"missing key 'node_id'; {config.identity.dcf} has none either")
                     continue
                 nodes[name] = (replace(config, node_id=node_id), node)
@@ -670,12 +668,12 @@ def _place(node: Node, key: str) -> Node:
     place = node
     for part in key.replace("[", ".").replace("]", "").split("."):
         if part.isdigit() and (elements := place.elements()):
-            found: Node | None = elements[int(part)] if int(part) < len(elements) else None
+            element: Node | None = elements[int(part)] if int(part) < len(elements) else None
         else:
-            found = place.get(part)
-        if found is None:
+            element = place.get(part)
+        if element is None:
             break
-        place = found
+        place = element
     return place
 
 

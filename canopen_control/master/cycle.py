@@ -107,7 +107,7 @@ class ReceivedPdo:
         if order == list(range(len(addresses))):
             self.unpack = unpack
         else:
-            self.unpack = lambda data: tuple([found[position] for found in (unpack(data),) for position in order])
+            self.unpack = lambda data: tuple([values[position] for values in (unpack(data),) for position in order])
 
     def allow(self, missed: int) -> None:
         """Set the number of frames that may be missing before it is overdue."""

@@ -118,13 +118,13 @@ class DirectBus:
         client = self.client(node_id)
         self._transfer(client, client.write(index, subindex, data, block=block, now=time.monotonic_ns()))
 
-    def read_many(self, wanted: Iterable[tuple[int, int, int]]) -> dict[tuple[int, int, int], bytes | CanopenError]:
+    def read_many(self, addresses: Iterable[tuple[int, int, int]]) -> dict[tuple[int, int, int], bytes | CanopenError]:
         """Upload (node_id, index, subindex) from many nodes at once; a refusal is returned as an error."""
         by_node: dict[int, list[tuple[int, int]]] = {}
-        for node_id, index, subindex in wanted:
+        for node_id, index, subindex in addresses:
             by_node.setdefault(node_id, []).append((index, subindex))
         nodes = list(by_node)
-        found: dict[tuple[int, int, int], bytes | CanopenError] = {}
+        answers: dict[tuple[int, int, int], bytes | CanopenError] = {}
         for start in range(0, len(nodes), PARALLEL):
             batch = nodes[start : start + PARALLEL]
             requests = [
@@ -132,8 +132,8 @@ class DirectBus:
             ]
             self.serve([self.client(node_id) for node_id in batch], partial(_all_done, requests))
             for node_id, request in requests:
-                found[node_id, request.index, request.subindex] = self._error(request) or request.data
-        return found
+                answers[node_id, request.index, request.subindex] = self._error(request) or request.data
+        return answers
 
     def client(self, node_id: int) -> SdoClient:
         """Return the SDO client of a node: one per node, so that late answers are recognised."""

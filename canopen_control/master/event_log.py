@@ -116,25 +116,25 @@ class EventLog:
     @property
     def recent(self) -> list[Event]:
         """Newest events, oldest first."""
-        return [each.sum() for each in self._recent]
+        return [repeated.sum() for repeated in self._recent]
 
     def add(self, event: Event) -> list[Event]:
         """Add an event; return the events to report now. If they are not fetched only the newest are kept."""
         self.version += 1
         key = (event.kind, event.node, _NUMBER.sub("#", event.text))
-        known = self._open.get(key)
-        if known is None or event.time >= known.until + known.window_ns:
-            told = self._close_oldest() if len(self._open) >= _MOST_OPEN else []
-            known = self._open[key] = _Repeated(event)
-            self._recent.append(known)
-            self._due = min(self._due, known.until)
+        repeated = self._open.get(key)
+        if repeated is None or event.time >= repeated.until + repeated.window_ns:
+            events = self._close_oldest() if len(self._open) >= _MOST_OPEN else []
+            repeated = self._open[key] = _Repeated(event)
+            self._recent.append(repeated)
+            self._due = min(self._due, repeated.until)
         else:
-            told = []
-            known.event, known.count = event, known.count + event.count
-        if known.count <= _few(event) or known.count == event.count:
-            known.told = known.count
-            told.append(event)
-        return self._tell(told)
+            events = []
+            repeated.event, repeated.count = event, repeated.count + event.count
+        if repeated.count <= _few(event) or repeated.count == event.count:
+            repeated.told = repeated.count
+            events.append(event)
+        return self._report(events)
 
     def is_due(self, now: int) -> bool:
         """Whether `tick` has summaries to return."""
@@ -142,36 +142,36 @@ class EventLog:
 
     def tick(self, now: int) -> list[Event]:
         """Return the summaries that are due."""
-        told: list[Event] = []
-        for key, each in list(self._open.items()):
-            if now >= each.until:
-                told += self._end_window(key, each)
-        self._due = min((each.until for each in self._open.values()), default=_NEVER)
-        return self._tell(told)
+        events: list[Event] = []
+        for key, repeated in list(self._open.items()):
+            if now >= repeated.until:
+                events += self._end_window(key, repeated)
+        self._due = min((repeated.until for repeated in self._open.values()), default=_NEVER)
+        return self._report(events)
 
     def flush(self) -> list[Event]:
         """Return all pending summaries, at the end."""
-        told = [each.sum() for each in self._open.values() if each.count > each.told]
+        events = [repeated.sum() for repeated in self._open.values() if repeated.count > repeated.told]
         self._open.clear()
         self._due = _NEVER
-        return self._tell(told)
+        return self._report(events)
 
-    def _end_window(self, key: tuple[str, str, str], each: _Repeated) -> list[Event]:
-        if each.count == each.told:
+    def _end_window(self, key: tuple[str, str, str], repeated: _Repeated) -> list[Event]:
+        if repeated.count == repeated.told:
             del self._open[key]
             return []
-        each.told = each.count
-        each.window_ns = min(2 * each.window_ns, WIDEST_WINDOW_NS)
-        each.until += each.window_ns
-        return [each.sum()]
+        repeated.told = repeated.count
+        repeated.window_ns = min(2 * repeated.window_ns, WIDEST_WINDOW_NS)
+        repeated.until += repeated.window_ns
+        return [repeated.sum()]
 
     def _close_oldest(self) -> list[Event]:
         """Close the oldest series to make room; its summary is reported."""
         key = next(iter(self._open))
-        each = self._open.pop(key)
-        return [each.sum()] if each.count > each.told else []
+        repeated = self._open.pop(key)
+        return [repeated.sum()] if repeated.count > repeated.told else []
 
-    def _tell(self, events: list[Event]) -> list[Event]:
+    def _report(self, events: list[Event]) -> list[Event]:
         for event in events:
             if len(self.waiting) >= self._capacity:
                 self.waiting.popleft()

@@ -60,7 +60,7 @@ MISNAMED_ROOT = {
     "drives": "`nodes:`",
 }
 MISNAMED_OPTIONS = {
-    **{each: f"`{each}:` at the margin; it is indented too far" for each in ("master", "defaults", "nodes")},
+    **{name: f"`{name}:` at the margin; it is indented too far" for name in ("master", "defaults", "nodes")},
     "node_id": "`node_id` under `master:`",
     "sync_period": "`sync_period` under `master:`",
     "baudrate": "`baudrate` under `master:`",
@@ -213,12 +213,12 @@ class MasterConfig:
             return "no SYNC"
         every = f"SYNC every {self.sync_period / 1000:g} ms"
         if by_kernel or self.sync_producer == "other":
-            who = "by the kernel" if by_kernel else "by another node"
+            sender = "by the kernel" if by_kernel else "by another node"
             behind = "an eighth of" if self.follows_closely else "half"
-            return f"{every} {who}, the cycle follows {behind} a period after it"
-        where, order = ("before", "first") if self.sends_sync_first else ("after", "last")
+            return f"{every} {sender}, the cycle follows {behind} a period after it"
+        position, order = ("before", "first") if self.sends_sync_first else ("after", "last")
         can = "" if by_kernel is False else _BY_KERNEL.get(self.sync_producer, "")
-        return f"{every}, {where} the RPDOs of its cycle (sync_order: {order}){can}"
+        return f"{every}, {position} the RPDOs of its cycle (sync_order: {order}){can}"
 
 
 _ANY = "; 0 accepts any"
@@ -367,8 +367,8 @@ class MotionKeys:
         text = getattr(self, f"{interface}_target")
         if isinstance(text, int):
             return (text, 0) if 0 < text <= 0xFFFF else None
-        found = None if text is None else object_of(text)
-        return None if found is None else found[:2]
+        address = None if text is None else object_of(text)
+        return None if address is None else address[:2]
 
 
 @dataclass(frozen=True)

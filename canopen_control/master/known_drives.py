@@ -26,8 +26,8 @@ def known_drive(vendor: int, product: int, words: str) -> Personality | None:
 
     A name counts where the file of the manufacturer's drives has no vendor id, or the device has none.
     """
-    if vendor and (found := personality_of(vendor, product)) is not None:
-        return found
+    if vendor and (match := personality_of(vendor, product)) is not None:
+        return match
     names = re.split(r"[^0-9a-z]+", words.lower())
     for name in personality_names():
         if any(word.startswith(name) for word in names):
@@ -38,7 +38,7 @@ def known_drive(vendor: int, product: int, words: str) -> Personality | None:
 
 
 def proposals(
-    drive: Personality, sync_us: int, given: Collection[str], written: Collection[int], commanded: Collection[str]
+    drive: Personality, sync_us: int, keys: Collection[str], written: Collection[int], commanded: Collection[str]
 ) -> Iterator[tuple[BusKey, str]]:
     """Yield the keys that a drive needs and that are not `given`, each with its line of bus.yml.
 
@@ -50,6 +50,6 @@ def proposals(
             has = all(int(index, 16) in written for index in _INDEX.findall(text))
         else:
             interface = key.key.removesuffix("_mode")
-            has = key.key in given or (interface != key.key and interface not in commanded)
+            has = key.key in keys or (interface != key.key and interface not in commanded)
         if not has:
             yield key, text

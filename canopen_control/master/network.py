@@ -59,8 +59,8 @@ class _Seen:
 
     __slots__ = ("count", "evidence", "examples", "what")
 
-    def __init__(self, evidence: Evidence, what: str) -> None:
-        self.evidence, self.what, self.count = evidence, what, 0
+    def __init__(self, evidence: Evidence, title: str) -> None:
+        self.evidence, self.what, self.count = evidence, title, 0
         self.examples: list[str] = []
 
     def __str__(self) -> str:
@@ -79,7 +79,7 @@ class SecondMasterDetector:
         self._sync_since = self._syncs = 0
         self._last = -_FORGET_NS
 
-    def saw(self, can_id: int, evidence: Evidence, what: str, now: int, example: str = "") -> None:
+    def saw(self, can_id: int, evidence: Evidence, title: str, now: int, example: str = "") -> None:
         """Take a frame that this master did not send."""
         if now - self._last >= _FORGET_NS:
             self._told = 0
@@ -87,7 +87,7 @@ class SecondMasterDetector:
         self._last = now
         seen = self._seen.get(can_id)
         if seen is None:
-            seen = self._seen[can_id] = _Seen(evidence, what)
+            seen = self._seen[can_id] = _Seen(evidence, title)
         seen.count += 1
         if example and example not in seen.examples and len(seen.examples) < _EXAMPLES:
             seen.examples.append(example)
@@ -100,12 +100,12 @@ class SecondMasterDetector:
         if self.deadline is None or now < self.deadline:
             return
         self.deadline = None
-        clearest = max(seen.evidence for seen in self._seen.values())
+        clearest = max(identifiers.evidence for identifiers in self._seen.values())
         self._told = clearest
-        seen = ", ".join(str(self._seen[can_id]) for can_id in sorted(self._seen))
+        identifiers = ", ".join(str(self._seen[can_id]) for can_id in sorted(self._seen))
         kind, level, text = _TELLING[clearest]
         details = EventDetails(identifiers=tuple(f"0x{can_id:03X}" for can_id in sorted(self._seen)))
-        self._report(Event(now, kind, "", text.format(bus=self._name, seen=seen), level, details))
+        self._report(Event(now, kind, "", text.format(bus=self._name, seen=identifiers), level, details))
 
     def handlers(
         self, own_id: int, sync: int, nodes: dict[int, RemoteNode]
@@ -133,13 +133,13 @@ class SecondMasterDetector:
         if self._syncs > _SYNCS + _SYNCS // 2:
             self.saw(can_id, Evidence.MASTER, f"SYNC 0x{can_id:03X} beside the kernel's", now)
 
-    def _handler(self, can_id: int, evidence: Evidence, what: str) -> Callable[[bytes, int, int], None]:
-        return lambda _data, _length, now: self.saw(can_id, evidence, what, now)
+    def _handler(self, can_id: int, evidence: Evidence, title: str) -> Callable[[bytes, int, int], None]:
+        return lambda _data, _length, now: self.saw(can_id, evidence, title, now)
 
     def _on_sdo(self, can_id: int, node: RemoteNode) -> Callable[[bytes, int, int], None]:
         """Return what takes requests to a node that is used; whoever brings one asks first whether its id is free."""
-        what = f"SDO 0x{can_id:03X} to {node.who}"
-        return lambda _data, _length, now: self.saw(can_id, Evidence.SDO, what, now) if node.ready else None
+        title = f"SDO 0x{can_id:03X} to {node.who}"
+        return lambda _data, _length, now: self.saw(can_id, Evidence.SDO, title, now) if node.ready else None
 
     def _on_nmt(self, data: bytes, length: int, now: int) -> None:
         example = data[:length].hex() or "empty"
@@ -441,7 +441,7 @@ class Network:
         output = self.image.output(node.node_id, index, subindex)
         if output is None or output.driven:
             return
-        mapped = next(each for sent in node.sent for each in sent.codec.objects if each[:2] == (index, subindex))
+        mapped = next(entry for sent in node.sent for entry in sent.codec.objects if entry[:2] == (index, subindex))
         if (value := value_of(mapped, data)) is not None:
             output.know(value)
 
@@ -518,4 +518,4 @@ class Network:
         if self._guarding is not None:
             deadlines.append(self._guarding.next_deadline())
         deadlines.extend(node.next_deadline() for node in self.nodes.values())
-        return min((each for each in deadlines if each is not None), default=None)
+        return min((deadline for deadline in deadlines if deadline is not None), default=None)

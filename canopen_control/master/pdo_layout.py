@@ -126,12 +126,12 @@ def _of_axis(config: BusConfig, plan: NodePlan, mapped: MappedObject, linear: Co
     return _Meaning(factors[quantity.scale], scale.offset_pos_from_dev if quantity.absolute else 0.0, unit)
 
 
-def _is_scaled(config: BusConfig, node: str, axis: int, what: str) -> bool:
+def _is_scaled(config: BusConfig, node: str, axis: int, quantity: str) -> bool:
     """Whether bus.yml says what a number of an axis is; upstream's defaults for want of that are no knowledge."""
     units = config.nodes[node].units
-    if units.counts_per_revolution is not None and what != "eff":
+    if units.counts_per_revolution is not None and quantity != "eff":
         return True
-    keys = (f"scale_{what}_from_dev", f"scale_{what}_to_dev")
+    keys = (f"scale_{quantity}_from_dev", f"scale_{quantity}_to_dev")
     own = units.channels[axis] if axis < len(units.channels) else None
     section = config.sections[node]
     return any(section.get(key) is not None or getattr(own, key, None) is not None for key in keys)

@@ -158,25 +158,32 @@ class PlanInput:
     spare_cob_ids: Iterator[int] = field(default_factory=lambda: itertools.count(0x680))
 
 
-def make_plan(given: PlanInput) -> NodePlan:
+def make_plan(plan_input: PlanInput) -> NodePlan:
     """Plan a node; where something was complained of the plan is not to be used."""
-    node, od = given.node, given.od
+    node, od = plan_input.node, plan_input.od
     builder = PlanBuilder(
-        node, od, given.complain, given.warn, given.note, given.spare_cob_ids, given.downloads, given.remark
+        node,
+        od,
+        plan_input.complain,
+        plan_input.warn,
+        plan_input.note,
+        plan_input.spare_cob_ids,
+        plan_input.downloads,
+        plan_input.remark,
     )
     _warn_of_two_motors(builder)
-    _plan_communication(builder, given.master)
+    _plan_communication(builder, plan_input.master)
     profile = Profile(node.profile) if node.profile else profile_of(od)
     signals = plan_signals(builder, profile, tuple(_axes(od)))
-    heartbeat_ms = _plan_values(builder, given.master)
+    heartbeat_ms = _plan_values(builder, plan_input.master)
     guard = _guard(node.supervision) if node.supervision.guarded and not heartbeat_ms else None
-    watches = _watches(builder, given.master, guarded=guard is not None)
+    watches = _watches(builder, plan_input.master, guarded=guard is not None)
     if not watches:
         warn_of_unwatched_outputs(builder, signals.values())
     return NodePlan(
         node.name,
         node.node_id,
-        given.source,
+        plan_input.source,
         _identity(node, od),
         builder.ordered_writes(),
         tuple(builder.layouts["rpdo"]),
@@ -192,13 +199,13 @@ def make_plan(given: PlanInput) -> NodePlan:
         restore=_store_object(builder, 0x1011, node.boot.restore_configuration, "restore_configuration"),
         save=_store_object(builder, 0x1010, node.boot.save_configuration, "save_configuration"),
         boot_up_ns=node.boot.boot_timeout_ms * _MILLISECOND,
-        sdo_timeout_ns=given.master.boot_timeout * _MILLISECOND if given.master.boot_timeout else None,
+        sdo_timeout_ns=plan_input.master.boot_timeout * _MILLISECOND if plan_input.master.boot_timeout else None,
         profile=profile,
         signals=signals,
         reads=tuple(builder.reads),
         expected=tuple(_expected(builder)),
         turns=_turns(node, od),
-        unsupervised=_why_unsupervised(builder, given.master, watches=watches),
+        unsupervised=_why_unsupervised(builder, plan_input.master, watches=watches),
     )
 
 
@@ -219,7 +226,7 @@ def _plan_communication(builder: PlanBuilder, master: MasterConfig) -> None:
 def _plan_values(builder: PlanBuilder, master: MasterConfig) -> int:
     """Plan the `sdo` list, supervision after it, then what stores all of it; return the heartbeat of the node in ms."""
     sdo = list(enumerate(builder.node.boot.sdo))
-    storing = list(itertools.takewhile(lambda each: each[1].index == STORE, reversed(sdo)))[::-1]
+    storing = list(itertools.takewhile(lambda pair: pair[1].index == STORE, reversed(sdo)))[::-1]
     _plan_sdo_list(builder, sdo[: len(sdo) - len(storing)])
     plan_interpolation(builder, tuple(_axes(builder.od)), master.sync_period)
     heartbeat_ms = _plan_error_control(builder, master)
@@ -244,11 +251,11 @@ def two_motors(od: ObjectDictionary) -> tuple[int, ...]:
 
 def _warn_of_two_motors(builder: PlanBuilder) -> None:
     """Name a drive whose targets and actual values are in subindices: what can be done with it, and what not."""
-    found = two_motors(builder.od)
-    if not found or any((builder.node.motion.own_target(name) or (0,))[0] in found for name in _INTERFACES):
+    motors = two_motors(builder.od)
+    if not motors or any((builder.node.motion.own_target(name) or (0,))[0] in motors for name in _INTERFACES):
         return
-    names = ", ".join(f"0x{index:04X}" for index in found)
-    target = next((index for index in (TARGET_VELOCITY, TARGET_POSITION, TARGET_TORQUE) if index in found), None)
+    names = ", ".join(f"0x{index:04X}" for index in motors)
+    target = next((index for index in (TARGET_VELOCITY, TARGET_POSITION, TARGET_TORQUE) if index in motors), None)
     way = ""
     if target is not None:
         kind = {TARGET_POSITION: "position", TARGET_TORQUE: "effort"}.get(target, "velocity")
@@ -265,13 +272,13 @@ def _warn_of_two_motors(builder: PlanBuilder) -> None:
 
 def _check_identity(builder: PlanBuilder) -> None:
     """Warn where bus.yml names another vendor or product than the EDS: then the file is that of another device."""
-    given, device = builder.node.identity, builder.od.device
-    for key, value, known in (
-        ("vendor_id", given.vendor_id, device.vendor_number),
-        ("product_code", given.product_code, device.product_number),
+    expected, device = builder.node.identity, builder.od.device
+    for key, value, actual in (
+        ("vendor_id", expected.vendor_id, device.vendor_number),
+        ("product_code", expected.product_code, device.product_number),
     ):
-        if value and known and value != known:
-            text = f"0x{value:X} is asked of the device, {builder.file} is for 0x{known:X}; correct one of them"
+        if value and actual and value != actual:
+            text = f"0x{value:X} is asked of the device, {builder.file} is for 0x{actual:X}; correct one of them"
             builder.warn(key, text)
 
 
@@ -282,10 +289,10 @@ def _identity(node: NodeConfig, od: ObjectDictionary) -> Identity:
     7.5.2.21), and some have not even that. What [DeviceInfo] says cannot be asked of them.
     """
 
-    def default(index: int, subindex: int, device: int | None, given: int | None = None) -> int:
+    def default(index: int, subindex: int, device: int | None, number: int | None = None) -> int:
         entry = od.get(index, subindex)
-        if given is not None:
-            return given
+        if number is not None:
+            return number
         if entry is None:
             return 0
         return entry.default if isinstance(entry.default, int) else device or 0
@@ -302,12 +309,12 @@ def _identity(node: NodeConfig, od: ObjectDictionary) -> Identity:
 
 def _turns(node: NodeConfig, od: ObjectDictionary) -> dict[int, float]:
     """Return the position counts of one turn of the motor by axis; none where bus.yml leaves that to the drive."""
-    found = {}
+    turns = {}
     for number, offset in enumerate(_axes(od)):
         to_device = node.units.of_axis(number)["pos_to_dev"]
         if to_device != UnitKeys().scale_pos_to_dev:
-            found[offset] = node.units.counts_per_revolution or abs(to_device) * math.tau
-    return found
+            turns[offset] = node.units.counts_per_revolution or abs(to_device) * math.tau
+    return turns
 
 
 def _expected(builder: PlanBuilder) -> Iterator[PlannedWrite]:
@@ -467,8 +474,8 @@ def _plan_reactions(builder: PlanBuilder) -> None:
                 builder.write(index, 0, FAULT_REACTION, "dcf", _STOPS)
                 builder.note_overruled(index, 0, "the default")
         by_nmt = by_nmt or not (builder.can_write(index, 0) or builder.default(index, 0))
-    asked = 1 in keys.error_behavior or builder.listed_value(ERROR_BEHAVIOUR, 1) is not None
-    if asked or (ERROR_BEHAVIOUR, 1) not in builder.od:
+    is_configured = 1 in keys.error_behavior or builder.listed_value(ERROR_BEHAVIOUR, 1) is not None
+    if is_configured or (ERROR_BEHAVIOUR, 1) not in builder.od:
         return
     if by_nmt and watches:
         builder.write(ERROR_BEHAVIOUR, 1, STOPPED, "error_behavior", _STOPS)
@@ -481,8 +488,8 @@ def _watches(builder: PlanBuilder, master: MasterConfig, *, guarded: bool) -> bo
     """Whether a node that holds what the plan writes notices that the master is gone."""
     if guarded and builder.final(GUARD_TIME, 0) and builder.final(LIFE_TIME, 0):
         return True
-    seen = [parse_consumer_entry(builder.final(CONSUMER, sub) or 0) for sub in builder.od.subindices(CONSUMER)[1:]]
-    times = [ms for node_id, ms in seen if node_id == master.node_id and ms]
+    consumers = [parse_consumer_entry(builder.final(CONSUMER, sub) or 0) for sub in builder.od.subindices(CONSUMER)[1:]]
+    times = [ms for node_id, ms in consumers if node_id == master.node_id and ms]
     if times and min(times) <= master.heartbeat_ms:
         builder.warn(
             "heartbeat_consumer",
@@ -571,17 +578,17 @@ def _plan_downloads(builder: PlanBuilder) -> None:
 
 
 def _plan_sdo_list(builder: PlanBuilder, entries: Sequence[tuple[int, SdoEntry]]) -> None:
-    seen: dict[tuple[int, int], object] = {}
+    written: dict[tuple[int, int], object] = {}
     for number, entry in entries:
         if is_pdo_record(entry.index) and (entry.index, entry.sub_index) in builder.od:
             continue  # planned with its PDO
         address = entry.index, entry.sub_index
-        if seen.get(address) == entry.value:
+        if written.get(address) == entry.value:
             builder.warn(
                 f"sdo[{number}].index",
                 f"0x{address[0]:04X}:{address[1]:02X} is written twice; was one meant for another?",
             )
-        seen[address] = entry.value
+        written[address] = entry.value
         builder.write(*address, _signature(entry.value), f"sdo[{number}]")
 
 

@@ -43,8 +43,8 @@ RpdoKeys = dict[int, PdoConfig]
 
 def add_feed_forward(builder: PlanBuilder, axes: Sequence[int]) -> None:
     """Put the offsets that are asked for into the node's RPDOs, for each axis by the offset of its objects."""
-    wanted = [(name, _OFFSETS[name] + offset, offset) for name in builder.node.motion.feed_forward for offset in axes]
-    for name, index, offset in wanted:
+    offsets = [(name, _OFFSETS[name] + offset, offset) for name in builder.node.motion.feed_forward for offset in axes]
+    for name, index, offset in offsets:
         rpdos = builder.node.boot.rpdo
         if any(index in _mapped(builder, number, pdo) for number, pdo in rpdos.items() if pdo.enabled):
             continue
@@ -87,7 +87,7 @@ def _put(builder: PlanBuilder, number: int, pdo: PdoConfig) -> str:
 
 def _has_room(builder: PlanBuilder, number: int, mapping: Sequence[PdoObjectKeys], index: int) -> bool:
     od = builder.od
-    entries = [od.get(each.index, each.sub_index) for each in (*mapping, PdoObjectKeys(index))]
+    entries = [od.get(keys.index, keys.sub_index) for keys in (*mapping, PdoObjectKeys(index))]
     bits = sum((entry.data_type.bits or 0) if entry is not None else MAX_BITS for entry in entries)
     last_slot = (_MAPPING + number - 1, len(entries))
     return bits <= MAX_BITS and (_COMMUNICATION + number - 1, 1) in od and last_slot in od
@@ -96,7 +96,7 @@ def _has_room(builder: PlanBuilder, number: int, mapping: Sequence[PdoObjectKeys
 def _mapped(builder: PlanBuilder, number: int, pdo: PdoConfig) -> list[int]:
     """Return the indices that an RPDO of bus.yml carries."""
     if pdo.mapping is not None:
-        return [each.index for each in pdo.mapping]
+        return [mapped.index for mapped in pdo.mapping]
     slots = range(1, (builder.default(_MAPPING + number - 1, 0) or 0) + 1)
     return [(builder.default(_MAPPING + number - 1, slot) or 0) >> 16 for slot in slots]
 
@@ -137,18 +137,18 @@ def _compare_cycle_period(builder: PlanBuilder, sync_period_us: int) -> None:
 
     Delta's ASDA-A2 reports an alarm of SYNC where it is not 0x60C2 (canfestival-rtt, issue 18; canopen, issue 407).
     """
-    held, line = builder.asked_value(_CYCLE_PERIOD), f"{{index: 0x1006, sub_index: 0, value: {sync_period_us}}}"
+    period, line = builder.asked_value(_CYCLE_PERIOD), f"{{index: 0x1006, sub_index: 0, value: {sync_period_us}}}"
     if builder.asked_for(_CYCLE_PERIOD):
-        if held is not None and held not in (0, sync_period_us):
+        if period is not None and period not in (0, sync_period_us):
             number = next((n for n, entry in enumerate(builder.node.boot.sdo) if entry.index == _CYCLE_PERIOD), None)
             key = "dcf" if number is None else f"sdo[{number}]"
-            builder.warn(key, f"0x1006 is {held} us, SYNC comes every {sync_period_us} us; write `{line}`")
+            builder.warn(key, f"0x1006 is {period} us, SYNC comes every {sync_period_us} us; write `{line}`")
     elif builder.node.motion.position_mode == _IP and builder.can_write(_CYCLE_PERIOD, 0):
-        held = builder.default(_CYCLE_PERIOD, 0)
-        if held != sync_period_us:
+        period = builder.default(_CYCLE_PERIOD, 0)
+        if period != sync_period_us:
             builder.remark(
                 "position_mode",
-                f"0x1006, the period of SYNC in us, stays {held or 0}; drives that report an alarm of SYNC in IP "
+                f"0x1006, the period of SYNC in us, stays {period or 0}; drives that report an alarm of SYNC in IP "
                 f"(Delta ASDA-A2) need `{line}` under `sdo:`",
             )
 
@@ -279,17 +279,17 @@ class PlanBuilder:
 
     def __post_init__(self) -> None:
         self._downloaded = {(index, subindex): data for index, subindex, data in self.downloads}
-        for place, each in enumerate(self.node.boot.sdo):
-            pdo, entry = pdo_of(each.index), self.od.get(each.index, each.sub_index)
+        for place, write in enumerate(self.node.boot.sdo):
+            pdo, entry = pdo_of(write.index), self.od.get(write.index, write.sub_index)
             if pdo is None or entry is None:
                 continue  # what the EDS lacks is told where the list is planned
             try:
-                data = encode(_bytes_of(each.value, entry.data_type), entry.data_type)
+                data = encode(_bytes_of(write.value, entry.data_type), entry.data_type)
             except ValueError as error:
-                self.complain(f"sdo[{place}]", f"0x{each.index:04X}:{each.sub_index:02X} {entry.name}: {error}")
+                self.complain(f"sdo[{place}]", f"0x{write.index:04X}:{write.sub_index:02X} {entry.name}: {error}")
                 continue
-            self._records.setdefault(pdo, {})[each.index, each.sub_index] = place, data
-            self._downloaded[each.index, each.sub_index] = data
+            self._records.setdefault(pdo, {})[write.index, write.sub_index] = place, data
+            self._downloaded[write.index, write.sub_index] = data
 
     def listed_pdos(self, kind: str) -> set[int]:
         """Return the numbers of the PDOs that the `sdo:` list of bus.yml writes to."""
@@ -330,18 +330,18 @@ class PlanBuilder:
         if entry is None:
             self._cannot(key, reason, f"0x{index:04X}:{subindex:02X} is not in {self.file}")
             return
-        where = f"0x{index:04X}:{subindex:02X} {entry.name}"
+        place = f"0x{index:04X}:{subindex:02X} {entry.name}"
         if not entry.writable and not pdo:  # PDO records: many an EDS says `ro` or `const` of what can be written
             if not reason or self.default(index, subindex) != value:  # else it is as it is to be
-                self._cannot(key, reason, f"{where} is {entry.access}, it cannot be written")
+                self._cannot(key, reason, f"{place} is {entry.access}, it cannot be written")
             return
         try:
             data = encode(_bytes_of(value, entry.data_type), entry.data_type)
         except ValueError as error:
-            self._cannot(key, reason, f"{where}: {error}")
+            self._cannot(key, reason, f"{place}: {error}")
             return
         if isinstance(value, int | float) and value != entry.value and outside_limits(entry, value):
-            self.warn(key, f"{where}: {value} is outside the limits of the EDS, {entry.low} to {entry.high}")
+            self.warn(key, f"{place}: {value} is outside the limits of the EDS, {entry.low} to {entry.high}")
         self._add(index, subindex, data, reason, optional, pdo)
 
     def can_write(self, index: int, subindex: int) -> bool:
@@ -366,12 +366,12 @@ class PlanBuilder:
     ) -> None:
         """Add one write of bytes that come from a file."""
         entry = self.od.get(index, subindex)
-        where = f"0x{index:04X}:{subindex:02X}"
+        place = f"0x{index:04X}:{subindex:02X}"
         key = "configuration_file" if self.node.boot.configuration_file else "dcf"
         if entry is None:
-            self.warn(key, f"{where} is written {self.download_reason} and is not in {self.file}")
+            self.warn(key, f"{place} is written {self.download_reason} and is not in {self.file}")
         elif (bits := entry.data_type.bits) is not None and len(data) != (bits + 7) // 8:
-            self.complain(key, f"{where} {entry.name}: {len(data)} bytes, {entry.data_type.name} has {(bits + 7) // 8}")
+            self.complain(key, f"{place} {entry.name}: {len(data)} bytes, {entry.data_type.name} has {(bits + 7) // 8}")
             return
         self._add(index, subindex, data, reason, False, pdo)
 
@@ -391,8 +391,8 @@ class PlanBuilder:
     def downloaded_value(self, index: int, subindex: int = 0) -> int | None:
         """Return the number that a file writes there."""
         data = self._downloaded.get((index, subindex))
-        found = self.od.get(index, subindex)
-        signed = found is not None and found.data_type.signed
+        entry = self.od.get(index, subindex)
+        signed = entry is not None and entry.data_type.signed
         return None if data is None else int.from_bytes(data, "little", signed=signed)
 
     def final(self, index: int, subindex: int) -> int | None:
@@ -415,17 +415,17 @@ class PlanBuilder:
 
     def note_overruled(self, index: int, subindex: int, key: str) -> None:
         """Note that a value of the file, or warn that one of the `sdo:` list, is not what the node holds in the end."""
-        final, where = self.final(index, subindex), f"0x{index:04X}:{subindex:02X}"
+        final, place = self.final(index, subindex), f"0x{index:04X}:{subindex:02X}"
         listed, downloaded = self.listed_value(index, subindex), self.downloaded_value(index, subindex)
         if listed is not None and listed != final:
-            self.warn("sdo", f"{where} = 0x{listed:X} is overruled by {key}, which is written last: 0x{final or 0:X}")
+            self.warn("sdo", f"{place} = 0x{listed:X} is overruled by {key}, which is written last: 0x{final or 0:X}")
         elif downloaded is not None and downloaded != final and final is not None:
-            self.remark("dcf", f"{where} = 0x{downloaded:X} {self.download_reason} is overruled by {key}: 0x{final:X}")
+            self.remark("dcf", f"{place} = 0x{downloaded:X} {self.download_reason} is overruled by {key}: 0x{final:X}")
 
     def asked_for(self, index: int) -> bool:
         """Whether the `sdo:` list of bus.yml or a file writes the object."""
         return any(entry.index == index for entry in self.node.boot.sdo) or any(
-            each[0] == index for each in self.downloads
+            download[0] == index for download in self.downloads
         )
 
     def asked_value(self, index: int, subindex: int = 0) -> int | None:

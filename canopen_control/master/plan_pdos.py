@@ -87,21 +87,21 @@ def _configured(
             return None
         signal = known
     else:
-        found = _object(builder, f"{key}.object", keys.object)
-        if found is None:
+        address = _object(builder, f"{key}.object", keys.object)
+        if address is None:
             return None
-        entry, bit = found
+        entry, bit = address
         signal = Signal(keys.name, entry.index, entry.subindex, _is_output(builder, entry), bit)
     fits = [_fits_type(builder, key, keys, signal), _fits_numbers(builder, key, keys, signal)]
     return _with(keys, signal) if all(fits) else None
 
 
 def _object(builder: PlanBuilder, key: str, text: int | str) -> tuple[Entry, int | None] | None:
-    found = (text, 0, None) if isinstance(text, int) else object_of(text)
-    if found is None:
+    address = (text, 0, None) if isinstance(text, int) else object_of(text)
+    if address is None:
         builder.complain(key, f"{text!r} is no object: 0x6401:01, or 0x6000:01.3 for bit 3 of one")
         return None
-    index, subindex, bit = found
+    index, subindex, bit = address
     entry = builder.od.get(index, subindex)
     if entry is None:
         builder.complain(key, f"0x{index:04X}:{subindex:02X} is not in {builder.file}")
@@ -125,10 +125,10 @@ def _mapped_signals(builder: PlanBuilder, kind: str) -> set[Address]:
 
 def _fits_type(builder: PlanBuilder, key: str, keys: SignalKeys, signal: Signal) -> bool:
     entry = builder.od.get(*signal.address)
-    wanted = None if keys.type is None else TYPES[keys.type]
-    if entry is None or wanted is None or wanted.bits == entry.data_type.bits:
+    data_type = None if keys.type is None else TYPES[keys.type]
+    if entry is None or data_type is None or data_type.bits == entry.data_type.bits:
         return True
-    builder.complain(f"{key}.type", f"{keys.type} has {wanted.bits} bits, {signal.where} {entry.data_type.bits}")
+    builder.complain(f"{key}.type", f"{keys.type} has {data_type.bits} bits, {signal.where} {entry.data_type.bits}")
     return False
 
 
@@ -171,17 +171,17 @@ def _with(keys: SignalKeys, signal: Signal) -> Signal:
 def _plan_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
     """Plan safe values of outputs without the master, and report outputs that have none."""
     live = _mapped_signals(builder, "rpdo")
-    outputs = [each for each in safe_outputs(signals, builder.od) if each.output in live]
-    keeping = [each for each in outputs if not _plan_safe(builder, each)]
+    outputs = [safe_output for safe_output in safe_outputs(signals, builder.od) if safe_output.output in live]
+    keeping = [output for output in outputs if not _plan_safe(builder, output)]
     if keeping:
-        where = ", ".join(f"0x{each.output[0]:04X}:{each.output[1]:02X}" for each in keeping)
-        builder.warn("dcf", f"the outputs {where} keep their values when the master dies: nothing switches them off")
+        places = ", ".join(f"0x{each.output[0]:04X}:{each.output[1]:02X}" for each in keeping)
+        builder.warn("dcf", f"the outputs {places} keep their values when the master dies: nothing switches them off")
 
 
 def warn_of_unwatched_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
     """Warn of outputs of a node that does not detect the loss of its master."""
     live = _mapped_signals(builder, "rpdo")
-    if any(each.output in live for each in safe_outputs(signals, builder.od)):
+    if any(safe_output.output in live for safe_output in safe_outputs(signals, builder.od)):
         builder.warn(
             "dcf", "the outputs are not switched off when the master dies: the node has no heartbeat consumer (0x1016)"
         )
@@ -191,9 +191,9 @@ def _plan_safe(builder: PlanBuilder, output: SafeOutput) -> bool:
     """Plan error mode and error value of one object; return False if an output is unsafe by accident."""
     if output.mode_at is None:
         return not output.mode  # bus.yml says of each of them that it keeps what it has
-    asked = builder.asked_value(*output.mode_at)
-    if asked is not None:
-        return asked != 0
+    mode = builder.asked_value(*output.mode_at)
+    if mode is not None:
+        return mode != 0
     builder.write(*output.mode_at, output.mode, "dcf", _SAFE, optional=True)
     if output.value_at is not None and builder.asked_value(*output.value_at) is None and output.mode:
         builder.write(*output.value_at, output.value, "dcf", _SAFE, optional=True)
@@ -223,13 +223,13 @@ def _plan_analogue_inputs(builder: PlanBuilder) -> None:
 def _plan_reads(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
     """Plan reads of initial input values, and of the objects with scales."""
     sent = _mapped_signals(builder, "tpdo")
-    wanted: dict[Address, None] = {}
+    addresses: dict[Address, None] = {}
     for signal in signals:
         objects = [*signal.needs, *([] if signal.status is None else [signal.status])]
         if not signal.output and signal.address in sent:
             objects.append(signal.address)
-        wanted.update(dict.fromkeys(objects))
-    for index, subindex in wanted:
+        addresses.update(dict.fromkeys(objects))
+    for index, subindex in addresses:
         entry = builder.od.get(index, subindex)
         if entry is not None and entry.readable and (bits := entry.data_type.bits) is not None:
             builder.reads.append(MappedObject(index, subindex, bits, entry.data_type))
@@ -345,11 +345,11 @@ def _downloaded(builder: PlanBuilder, kind: str) -> set[int]:
 def _compare_listed(builder: PlanBuilder, kind: str, number: int) -> None:
     """Report an entry of `sdo:` that contradicts `rpdo` or `tpdo`."""
     for address, (place, data) in builder.listed_records(kind, number).items():
-        final, wanted = builder.final(*address), int.from_bytes(data, "little")
-        same = final is not None and (final ^ wanted) & (~NO_RTR_BIT if address[1] == 1 else -1) == 0
-        if not same and not (address[0] >= MAPPING[kind] and not address[1] and not wanted):
+        final, listed = builder.final(*address), int.from_bytes(data, "little")
+        same = final is not None and (final ^ listed) & (~NO_RTR_BIT if address[1] == 1 else -1) == 0
+        if not same and not (address[0] >= MAPPING[kind] and not address[1] and not listed):
             where = f"0x{address[0]:04X}:{address[1]:02X}"
-            text = f"{where} = 0x{wanted:X} is not what {kind}.{number} says (0x{final or 0:X}); keep one of them"
+            text = f"{where} = 0x{listed:X} is not what {kind}.{number} says (0x{final or 0:X}); keep one of them"
             builder.complain(f"sdo[{place}]", text)
 
 
@@ -367,12 +367,12 @@ def plan_downloaded_pdos(builder: PlanBuilder) -> None:
         _plan_record(builder, kind, number, values, builder.download_reason)
     for kind in COMMUNICATION:
         for number in sorted(builder.listed_pdos(kind) - builder.node.boot.pdos(kind).keys()):
-            found = builder.listed_records(kind, number)
+            listed = builder.listed_records(kind, number)
             cob_id = builder.default(COMMUNICATION[kind] + number - 1, 1) or 0
             if not cob_id & INVALID_BIT and not _usable(cob_id):
-                place = next(iter(found.values()))[0]
+                place = next(iter(listed.values()))[0]
                 builder.complain(f"sdo[{place}]", f"{kind.upper()} {number} would have COB-ID 0x{cob_id:X}, {_NONE}")
-            _plan_record(builder, kind, number, {address: data for address, (_, data) in found.items()}, "")
+            _plan_record(builder, kind, number, {address: data for address, (_, data) in listed.items()}, "")
 
 
 def _plan_record(
@@ -416,95 +416,95 @@ def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig, reas
     if 1 <= number <= COUNT and (index, 1) not in builder.od and not pdo.enabled:
         return  # what the device does not have is off
     if not 1 <= number <= COUNT or (index, 1) not in builder.od:
-        known = sum((COMMUNICATION[kind] + each, 1) in builder.od for each in range(COUNT))
-        builder.complain(key, f"{builder.file} has no {kind.upper()} {number} (0x{index:04X}); it has {known}")
+        count = sum((COMMUNICATION[kind] + index, 1) in builder.od for index in range(COUNT))
+        builder.complain(key, f"{builder.file} has no {kind.upper()} {number} (0x{index:04X}); it has {count}")
         return
     off = not pdo.enabled and (builder.default(index, 1) or 0) & INVALID_BIT
     settings = _settings(builder, kind, number, pdo)
-    wanted = _Wanted(kind, number, key, _cob_id(builder, kind, number, pdo), settings, reason)
-    if not builder.is_fixed_cob_id(index, 1, wanted.cob_id) or not pdo.enabled:
-        _check_fixed(builder, wanted, pdo)
-        _write(builder, wanted, 1, wanted.cob_id | INVALID_BIT, STORED if off else reason)
+    planned = _Wanted(kind, number, key, _cob_id(builder, kind, number, pdo), settings, reason)
+    if not builder.is_fixed_cob_id(index, 1, planned.cob_id) or not pdo.enabled:
+        _check_fixed(builder, planned, pdo)
+        _write(builder, planned, 1, planned.cob_id | INVALID_BIT, STORED if off else reason)
     if not pdo.enabled:
         return
     objects = _mapped(builder, kind, number, pdo)
     if not objects and pdo.mapping is None:
         builder.warn(key, f"{kind.upper()} {number} has no mapping here and none in {builder.file}: it is left off")
         return
-    _plan_live(builder, wanted, objects, stored_mapping=pdo.mapping is None)
+    _plan_live(builder, planned, objects, stored_mapping=pdo.mapping is None)
     if not reason:
-        _check_fixed_mapping(builder, wanted, objects)
+        _check_fixed_mapping(builder, planned, objects)
     transmission = pdo.transmission if pdo.transmission is not None else builder.default(index, 2)
-    timer = wanted.settings[_EVENT_TIMER][1]
+    timer = planned.settings[_EVENT_TIMER][1]
     timer = builder.default(index, 5) or 0 if timer is None else timer
-    builder.layouts[kind].append(PlannedPdo(number, wanted.cob_id & 0x7FF, _or_255(transmission), objects, timer))
+    builder.layouts[kind].append(PlannedPdo(number, planned.cob_id & 0x7FF, _or_255(transmission), objects, timer))
 
 
-def _check_fixed(builder: PlanBuilder, wanted: _Wanted, pdo: PdoConfig) -> None:
+def _check_fixed(builder: PlanBuilder, planned: _Wanted, pdo: PdoConfig) -> None:
     """Warn of a COB-ID that differs and is read-only in the EDS.
 
     It is tried anyway: EDS files declare `ro` or `const` for COB-IDs that can be written.
     """
-    entry, held = builder.od.get(wanted.communication, 1), builder.default(wanted.communication, 1)
-    if entry is None or entry.writable or held is None or (held & INVALID_BIT and not pdo.enabled):
+    entry, default = builder.od.get(planned.communication, 1), builder.default(planned.communication, 1)
+    if entry is None or entry.writable or default is None or (default & INVALID_BIT and not pdo.enabled):
         return
-    name = f"{wanted.kind.upper()} {wanted.number}"
-    what = f"0x{wanted.communication:04X}:01 is {entry.access} in {builder.file}, so the COB-ID of {name} "
+    name = f"{planned.kind.upper()} {planned.number}"
+    problem = f"0x{planned.communication:04X}:01 is {entry.access} in {builder.file}, so the COB-ID of {name} "
     if not pdo.enabled:
-        builder.remark(wanted.key, f"{what}may not be made invalid; its mapping is emptied then")
-    elif held & INVALID_BIT:
-        builder.warn(wanted.key, f"{what}may not be made valid; use another {wanted.kind.upper()}")
+        builder.remark(planned.key, f"{problem}may not be made invalid; its mapping is emptied then")
+    elif default & INVALID_BIT:
+        builder.warn(planned.key, f"{problem}may not be made valid; use another {planned.kind.upper()}")
     else:
-        text = f"{what}may stay 0x{held & 0x7FF:03X}, and 0x{wanted.cob_id & 0x7FF:03X} is asked for"
-        builder.warn(f"{wanted.key}.cob_id", f"{text}; give `cob_id: 0x{held & 0x7FF:03X}`")
+        text = f"{problem}may stay 0x{default & 0x7FF:03X}, and 0x{planned.cob_id & 0x7FF:03X} is asked for"
+        builder.warn(f"{planned.key}.cob_id", f"{text}; give `cob_id: 0x{default & 0x7FF:03X}`")
 
 
-def _check_fixed_mapping(builder: PlanBuilder, wanted: _Wanted, objects: tuple[MappedObject, ...]) -> None:
+def _check_fixed_mapping(builder: PlanBuilder, planned: _Wanted, objects: tuple[MappedObject, ...]) -> None:
     """Warn of a mapping or transmission type that differs and is read-only in the EDS."""
-    asked = {0: len(objects), **{slot: mapping_entry(each) for slot, each in enumerate(objects, 1)}}
-    differs = any(builder.default(wanted.mapping, subindex) != value for subindex, value in asked.items())
-    for subindex, value in asked.items():
-        entry, held = builder.od.get(wanted.mapping, subindex), builder.default(wanted.mapping, subindex)
+    mapping = {0: len(objects), **{slot: mapping_entry(entry) for slot, entry in enumerate(objects, 1)}}
+    differs = any(builder.default(planned.mapping, subindex) != value for subindex, value in mapping.items())
+    for subindex, value in mapping.items():
+        entry, held = builder.od.get(planned.mapping, subindex), builder.default(planned.mapping, subindex)
         fixed = entry is not None and not entry.writable and held is not None
         if entry is not None and fixed and (held != value or (differs and not subindex)):
-            default = _default_mapping(builder, wanted.kind, wanted.number)
+            default = _default_mapping(builder, planned.kind, planned.number)
             own = ", ".join(f"0x{index:04X}:{sub:02X}" for index, sub, _ in default) or "which is empty"
-            text = f"0x{wanted.mapping:04X}:{subindex:02X} is {entry.access} in {builder.file}"
-            builder.warn(f"{wanted.key}.mapping", f"{text}: the drive may keep its own mapping, {own}; give that")
+            text = f"0x{planned.mapping:04X}:{subindex:02X} is {entry.access} in {builder.file}"
+            builder.warn(f"{planned.key}.mapping", f"{text}: the drive may keep its own mapping, {own}; give that")
             break
-    (_, transmission), *_ = wanted.settings
-    entry, held = builder.od.get(wanted.communication, 2), builder.default(wanted.communication, 2)
+    (_, transmission), *_ = planned.settings
+    entry, held = builder.od.get(planned.communication, 2), builder.default(planned.communication, 2)
     if entry is not None and not entry.writable and None not in (transmission, held) and transmission != held:
-        text = f"0x{wanted.communication:04X}:02 is {entry.access} in {builder.file}: the drive may keep transmission"
-        builder.warn(f"{wanted.key}.transmission", f"{text} {held}; give that")
+        text = f"0x{planned.communication:04X}:02 is {entry.access} in {builder.file}: the drive may keep transmission"
+        builder.warn(f"{planned.key}.transmission", f"{text} {held}; give that")
 
 
 def _plan_live(
-    builder: PlanBuilder, wanted: _Wanted, objects: tuple[MappedObject, ...], *, stored_mapping: bool
+    builder: PlanBuilder, planned: _Wanted, objects: tuple[MappedObject, ...], *, stored_mapping: bool
 ) -> None:
-    for subindex, value in wanted.settings:
-        default = builder.default(wanted.communication, subindex)
+    for subindex, value in planned.settings:
+        default = builder.default(planned.communication, subindex)
         if value is not None:
-            _write(builder, wanted, subindex, value, STORED if value == default else wanted.reason)
-        elif subindex in _RELIED_ON and default is not None and (wanted.communication, subindex) in builder.od:
-            _write(builder, wanted, subindex, default, STORED, optional=True)
-    pdo, mapping = (wanted.kind, wanted.number), wanted.mapping
+            _write(builder, planned, subindex, value, STORED if value == default else planned.reason)
+        elif subindex in _RELIED_ON and default is not None and (planned.communication, subindex) in builder.od:
+            _write(builder, planned, subindex, default, STORED, optional=True)
+    pdo, mapping = (planned.kind, planned.number), planned.mapping
     if (mapping, 0) in builder.od:
-        reason = STORED if stored_mapping else wanted.reason
-        builder.write(mapping, 0, 0, wanted.key, reason, pdo=pdo)
+        reason = STORED if stored_mapping else planned.reason
+        builder.write(mapping, 0, 0, planned.key, reason, pdo=pdo)
         for slot, mapped in enumerate(objects, 1):
-            builder.write(mapping, slot, mapping_entry(mapped), f"{wanted.key}.mapping[{slot - 1}]", reason, pdo=pdo)
-        builder.write(mapping, 0, len(objects), wanted.key, reason, pdo=pdo)
+            builder.write(mapping, slot, mapping_entry(mapped), f"{planned.key}.mapping[{slot - 1}]", reason, pdo=pdo)
+        builder.write(mapping, 0, len(objects), planned.key, reason, pdo=pdo)
     elif not stored_mapping:
-        builder.complain(f"{wanted.key}.mapping", f"0x{mapping:04X} is not in {builder.file}")
-    _write(builder, wanted, 1, wanted.cob_id, wanted.reason)
+        builder.complain(f"{planned.key}.mapping", f"0x{mapping:04X} is not in {builder.file}")
+    _write(builder, planned, 1, planned.cob_id, planned.reason)
 
 
 def _write(
-    builder: PlanBuilder, wanted: _Wanted, subindex: int, value: int, reason: str = "", *, optional: bool = False
+    builder: PlanBuilder, planned: _Wanted, subindex: int, value: int, reason: str = "", *, optional: bool = False
 ) -> None:
-    pdo = wanted.kind, wanted.number
-    builder.write(wanted.communication, subindex, value, wanted.key, reason, optional=optional, pdo=pdo)
+    pdo = planned.kind, planned.number
+    builder.write(planned.communication, subindex, value, planned.key, reason, optional=optional, pdo=pdo)
 
 
 def _settings(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> tuple[tuple[int, int | None], ...]:
@@ -514,19 +514,19 @@ def _settings(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> t
     inhibit time and SYNC start are no concern of an RPDO), which ros2_canopen's generator reads of TPDOs only.
     """
     timer = pdo.event_timer if pdo.event_timer is not None else pdo.event_deadline
-    found = dict(zip(_SETTINGS, (pdo.transmission, pdo.inhibit_time, timer, pdo.sync_start), strict=True))
+    values = dict(zip(_SETTINGS, (pdo.transmission, pdo.inhibit_time, timer, pdo.sync_start), strict=True))
     of_tpdos = {3: ("inhibit_time", pdo.inhibit_time), 5: ("event_timer", pdo.event_timer)}
     of_tpdos[6] = ("sync_start", pdo.sync_start)
-    for subindex, value in found.items():
+    for subindex, value in values.items():
         if value is None or (COMMUNICATION[kind] + number - 1, subindex) in builder.od:
             continue
-        key, given = of_tpdos.get(subindex, ("", None))
-        if kind == "rpdo" and given is not None:
+        key, listed = of_tpdos.get(subindex, ("", None))
+        if kind == "rpdo" and listed is not None:
             builder.note(f"{kind}.{number}.{key}", f"it is that of a TPDO, and {builder.file} has none here")
-            found[subindex] = None
+            values[subindex] = None
         elif key and not value:
-            found[subindex] = None
-    return tuple(found.items())
+            values[subindex] = None
+    return tuple(values.items())
 
 
 def _cob_id(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> int:
@@ -565,12 +565,12 @@ def _spare(builder: PlanBuilder, key: str, pdo: PdoConfig) -> int:
 def _mapped(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig | None) -> tuple[MappedObject, ...]:
     """Return the objects of a PDO, from bus.yml or as in the device, with the types of the EDS."""
     key = f"{kind}.{number}.mapping"
-    wanted = _default_mapping(builder, kind, number)
+    mapping = _default_mapping(builder, kind, number)
     if pdo is not None and pdo.mapping is not None:
-        wanted = [(entry.index, entry.sub_index, 0) for entry in pdo.mapping]
+        mapping = [(entry.index, entry.sub_index, 0) for entry in pdo.mapping]
         for slot, entry in enumerate(pdo.mapping):
             _check_bits(builder, f"{key}[{slot}].bits", entry)
-    found = [_map_one(builder, kind, f"{key}[{slot}]", *each) for slot, each in enumerate(wanted)]
+    found = [_map_one(builder, kind, f"{key}[{slot}]", *each) for slot, each in enumerate(mapping)]
     objects = tuple(mapped for mapped in found if mapped is not None)
     if (bits := sum(mapped.bits for mapped in objects)) > MAX_BITS:
         builder.complain(key, f"{bits} bits, a PDO holds {MAX_BITS}")

@@ -68,7 +68,7 @@ class NodeLog:
         self._gate = EmcyGate()
         self._duplicates = DuplicateWatch(period_ns)
 
-    def tell(
+    def report(
         self, now: int, kind: str, text: str, level: Level = Level.INFO, details: EventDetails | None = None
     ) -> None:
         """Report an event of the node; `text` follows its name and a colon."""
@@ -81,8 +81,8 @@ class NodeLog:
 
     def tick(self, now: int) -> None:
         """Report the number of suppressed emergencies."""
-        if held := self._gate.summary(now):
-            self.tell(now, "emcy_flood", f"{held} more EMCY within a second, not listed one by one", Level.WARNING)
+        if count := self._gate.summary(now):
+            self.report(now, "emcy_flood", f"{count} more EMCY within a second, not listed one by one", Level.WARNING)
 
     def heartbeat_changed(self, period_ns: int) -> None:
         """Expect heartbeats of the node in another period."""
@@ -93,35 +93,35 @@ class NodeLog:
 
         `hints` are advice by EMCY code, before the general one.
         """
-        told = self._gate.passes(now)
+        is_passed = self._gate.passes(now)
         if message.is_reset:
-            if told:
-                left = ", ".join(f"0x{code:04X}" for code in self.errors.active)
-                also = f"; still active: {left}" if left else ""
+            if is_passed:
+                active = ", ".join(f"0x{code:04X}" for code in self.errors.active)
+                also = f"; still active: {active}" if active else ""
                 gone = f"an error is gone (EMCY 0x{message.error_code:04X}){also}"
-                self.tell(now, "emcy_reset", gone, details=_details(message))
+                self.report(now, "emcy_reset", gone, details=_details(message))
             return None
         text = f"EMCY 0x{message.error_code:04X} ({error_text(message.error_code)})"
-        if told:
+        if is_passed:
             raw = f"register 0x{message.error_register:02X}, data {message.data.hex(' ') or 'none'}"
             short = "" if message.is_complete else f"; {len(message.data) + 3} bytes, the standard has 8"
             hint = (hints or {}).get(message.error_code, _HINTS.get(message.error_code, ""))
-            self.tell(now, "emcy", f"{text}, {raw}{short}{hint}", Level.WARNING, _details(message))
+            self.report(now, "emcy", f"{text}, {raw}{short}{hint}", Level.WARNING, _details(message))
         return text
 
     def pdo(self, pdo: ReceivedPdo, now: int) -> None:
         """Report that a TPDO is missing, or received again."""
-        what = f"TPDO with identifier 0x{pdo.cob_id:03X}"
+        title = f"TPDO with identifier 0x{pdo.cob_id:03X}"
         if not pdo.overdue:
-            self.tell(now, "pdo_back", f"its {what} is back")
+            self.report(now, "pdo_back", f"its {title} is back")
         elif pdo.stamp < 0:
             advice = self._astray_words(pdo) or "check its transmission type and inhibit time"
-            text = f"its {what} has not come within {pdo.silent} SYNCs of its start; {advice}"
-            self.tell(now, "pdo_missing", text, Level.ERROR)
+            text = f"its {title} has not come within {pdo.silent} SYNCs of its start; {advice}"
+            self.report(now, "pdo_missing", text, Level.ERROR)
         else:
             astray = self._astray_words(pdo)
-            text = f"no {what} for {pdo.silent} SYNCs; what it carries is stale{astray and f'; {astray}'}"
-            self.tell(now, "pdo_stale", text, Level.ERROR)
+            text = f"no {title} for {pdo.silent} SYNCs; what it carries is stale{astray and f'; {astray}'}"
+            self.report(now, "pdo_stale", text, Level.ERROR)
 
     def _astray_words(self, pdo: ReceivedPdo) -> str:
         """Return the text that frames with the TPDO's default identifier are received instead, "" otherwise."""
@@ -140,7 +140,7 @@ class NodeLog:
         pdo.told_lengths |= 1 << length
         kind, reaction = ("short", "it is dropped") if length < pdo.codec.length else ("long", "the rest is ignored")
         text = f"its TPDO 0x{pdo.cob_id:03X} is too {kind}: {length} bytes instead of {pdo.codec.length}; {reaction}"
-        self.tell(now, f"pdo_{kind}", text, Level.WARNING)
+        self.report(now, f"pdo_{kind}", text, Level.WARNING)
 
     def heartbeat(self, now: int, since: int | None = None) -> None:
         """Process a heartbeat: too many come from two nodes."""
@@ -164,11 +164,11 @@ class NodeLog:
                 "did not leave INITIALISING after a reset. Its program has to (a LocalNode of python canopen: "
                 "node.nmt.state = 'PRE-OPERATIONAL' after each reset), or restart it"
             )
-            self.tell(now, "boot_up_repeated", text, Level.ERROR)
+            self.report(now, "boot_up_repeated", text, Level.ERROR)
 
-    def _tell_duplicate(self, what: str, now: int) -> None:
-        text = f"two devices seem to have this node id: {what}; give one of them another (lss, or its switches)"
-        self.tell(now, "duplicate_node", text, Level.ERROR)
+    def _tell_duplicate(self, evidence: str, now: int) -> None:
+        text = f"two devices seem to have this node id: {evidence}; give one of them another (lss, or its switches)"
+        self.report(now, "duplicate_node", text, Level.ERROR)
 
 
 def _details(message: EmcyMessage) -> EventDetails:
@@ -328,9 +328,9 @@ class RemoteNode:
     def _on_return(self, now: int) -> None:
         """Process returning heartbeats: a removed node stays removed, because a user may be writing to it."""
         if self.is_taken_out:
-            self.log.tell(now, "heartbeat_back", "its heartbeat is back; it was taken out, and nmt start boots it")
+            self.log.report(now, "heartbeat_back", "its heartbeat is back; it was taken out, and nmt start boots it")
             return
-        self.log.tell(now, "heartbeat_back", "its heartbeat is back; booting it again")
+        self.log.report(now, "heartbeat_back", "its heartbeat is back; booting it again")
         self.begin_boot(now)
 
     def on_state(self, state: NmtState | None, now: int, since: int | None = None) -> None:
@@ -363,10 +363,10 @@ class RemoteNode:
         """Report an event of guarding of a removed node, without further action."""
         if kind is GuardingEventKind.MISSED:
             self.nmt_state = None
-            self.log.tell(now, "guarding_lost", "no answer to node guarding; it was taken out", Level.WARNING)
+            self.log.report(now, "guarding_lost", "no answer to node guarding; it was taken out", Level.WARNING)
         elif kind is GuardingEventKind.RESOLVED:
             text = "it answers node guarding again; it was taken out, and nmt start boots it"
-            self.log.tell(now, "guarding_back", text)
+            self.log.report(now, "guarding_back", text)
 
     def on_emcy(self, frame: CanFrame, now: int) -> None:
         """Record the newest EMCY and the active errors, and report them."""
@@ -388,7 +388,7 @@ class RemoteNode:
 
     def on_pdo(self, pdo: ReceivedPdo, now: int) -> None:
         """Process a missing or returning TPDO."""
-        self.stale = any(each.overdue for each in self.received)
+        self.stale = any(tpdo.overdue for tpdo in self.received)
         self.log.pdo(pdo, now)
 
     def pump(self, now: int) -> None:
@@ -426,9 +426,9 @@ class RemoteNode:
         """Return when `tick` has something to do."""
         task = self._task.next_deadline() if self._task is not None else None
         earliest = self.sdo.next_deadline()
-        for each in (task, self._retry_at, self._farewell_until, self.log.deadline):
-            if each is not None and (earliest is None or each < earliest):
-                earliest = each
+        for deadline in (task, self._retry_at, self._farewell_until, self.log.deadline):
+            if deadline is not None and (earliest is None or deadline < earliest):
+                earliest = deadline
         return earliest
 
     def age_ns(self, now: int) -> int | None:
@@ -464,7 +464,7 @@ class RemoteNode:
             self._drop(now, f"{self.who}: {text}; booting it again", Level.ERROR, kind="guarding_toggle")
             self._retry_at = now + RETRY_NS
         else:
-            self.log.tell(now, "guarding_toggle", text, Level.WARNING)
+            self.log.report(now, "guarding_toggle", text, Level.WARNING)
 
     def _left_operational(self, state: NmtState | None, now: int) -> None:
         name = "an unknown state" if state is None else state.name
@@ -548,15 +548,15 @@ class RemoteNode:
         if not self.plan.supervision_ns and self.nmt_state is not NmtState.OPERATIONAL:
             self.nmt_state = NmtState.OPERATIONAL
             text = "it has neither heartbeat nor guarding: NMT OPERATIONAL is what was commanded, nothing confirms it"
-            self.log.tell(now, "nmt_unconfirmed", text)
+            self.log.report(now, "nmt_unconfirmed", text)
         self._lay_out(result)
         for received in self.received:
             received.expected, received.told_lengths = True, 0
         for sent in self.sent:
             sent.start()
         for warning in result.warnings:
-            self.log.tell(now, "boot_warning", warning, Level.WARNING)
-        self.log.tell(
+            self.log.report(now, "boot_warning", warning, Level.WARNING)
+        self.log.report(
             now,
             "ready",
             f"operational after {(now - started) / 1e9:.3f} s, {result.writes} objects written, {result.reads} read",
@@ -580,13 +580,13 @@ class RemoteNode:
         ms = int.from_bytes(request.data, "little")
         if not ms:
             text = "0x1017 was set to 0 by SDO: its heartbeat ends, and it will count as lost"
-            self.log.tell(now, "heartbeat_changed", text, Level.WARNING)
+            self.log.report(now, "heartbeat_changed", text, Level.WARNING)
             return
         self.log.heartbeat_changed(ms * 1_000_000)
         timeout = round(ms * self.config.supervision.multiplier * 1_000_000)
         self._watch(self.node_id, timeout)
         text = f"0x1017 was set to {ms} ms by SDO: it counts as lost after {timeout / 1e9:g} s, until it boots again"
-        self.log.tell(now, "heartbeat_changed", text)
+        self.log.report(now, "heartbeat_changed", text)
 
     def _failed(self, error: CanopenError | None, now: int) -> None:
         text = str(error)

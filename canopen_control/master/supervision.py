@@ -92,9 +92,9 @@ class PdoWatch:
         return False
 
 
-def _is_like(gap: int, other: int) -> bool:
+def _is_like(gap: int, code: int) -> bool:
     """Whether two intervals are equal except for jitter."""
-    return 4 * abs(gap - other) < other
+    return 4 * abs(gap - code) < code
 
 
 class EmcyGate:
@@ -119,8 +119,8 @@ class EmcyGate:
         """Return the number of suppressed messages once the second is over; 0 for none."""
         if not self.held or now - self._window < _SECOND:
             return 0
-        held, self.held = self.held, 0
-        return held
+        count, self.held = self.held, 0
+        return count
 
     @property
     def deadline(self) -> int | None:
@@ -196,14 +196,14 @@ class DuplicateWatch:
     def boot_up(self, now: int, since: int | None = None) -> bool:
         """Process a boot-up; True if another one was too recent, and fewer resets were sent."""
         self._age_resets(now)
-        asked = self._resets > 0
-        self._resets -= asked
+        expected = self._resets > 0
+        self._resets -= expected
         late = since is not None and now - since >= _BOOT_UPS_APART_NS
         gap, before, self._boot_up = now - self._boot_up, self._gap, now
         self._gap = gap
-        self._alike = self._alike + 1 if not asked and gap < _LONGEST_BEAT_NS and _is_like(gap, before) else 0
+        self._alike = self._alike + 1 if not expected and gap < _LONGEST_BEAT_NS and _is_like(gap, before) else 0
         self.stuck = self._alike >= _STUCK
-        close = gap < _BOOT_UPS_APART_NS and not (late or asked or self._alike or _is_like(gap, self._period))
+        close = gap < _BOOT_UPS_APART_NS and not (late or expected or self._alike or _is_like(gap, self._period))
         self._window = self._count = 0
         return close and self._is_new(now)
 

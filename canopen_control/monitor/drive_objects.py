@@ -63,8 +63,8 @@ def _tune(node: str, parts: Sequence[str]) -> list[str]:
 
 
 def _scope(node: str, parts: Sequence[str]) -> list[str]:
-    signals = [each if ":" in each else f"{node}:{each}" for each in parts if not each.startswith("-")]
-    return ["scope", *signals, *(each for each in parts if each.startswith("-"))]
+    signals = [part if ":" in part else f"{node}:{part}" for part in parts if not part.startswith("-")]
+    return ["scope", *signals, *(part for part in parts if part.startswith("-"))]
 
 
 def _on_node(verb: str) -> Words:
@@ -140,10 +140,10 @@ class WorkRun:
 
     def fresh(self) -> list[str]:
         """Return the lines since the last call."""
-        found = []
+        rows = []
         while self._lines:
-            found.append(self._lines.popleft())
-        return found
+            rows.append(self._lines.popleft())
+        return rows
 
     def end(self) -> None:
         """Ask for its end, as Ctrl-C does; a no-op once it has ended."""
@@ -230,10 +230,10 @@ class DriveObjects:
             raise ConfigError(f"set: {self._why}")
         if not (equals and address.strip() and value.strip()):
             raise ConfigError(f"set {text}: write an object and its value, as in 0x6081=1000")
-        entry, *others = select_objects(od, [address.strip()])
-        if others:
+        entry, *further = select_objects(od, [address.strip()])
+        if further:
             raise ConfigError(
-                f"set {text}: {address} is {1 + len(others)} objects; name one, as {_address(entry.address)}"
+                f"set {text}: {address} is {1 + len(further)} objects; name one, as {_address(entry.address)}"
             )
         with self._editing, node.session() as session:
             return self._history(node).write(session, entry, value).words
@@ -264,16 +264,16 @@ class DriveObjects:
             return {}
         if not self._cells:
             self._list(od, node.place.node_id)
-        known = [each for each in list(node.live.values()) if each[0] > self._sent]
-        if known:
-            self._sent = max(number for number, _ in known)
-            self._show(od, node.place.node_id, [live for _, live in known])
+        values = [value for value in list(node.live.values()) if value[0] > self._sent]
+        if values:
+            self._sent = max(number for number, _ in values)
+            self._show(od, node.place.node_id, [live for _, live in values])
         return self._cells
 
     def look(self, addresses: Iterable[str]) -> None:
         """Have these rows read, and no others."""
         if self._node is not None:
-            entries = [self._entries[each] for each in addresses if each in self._entries]
+            entries = [self._entries[address] for address in addresses if address in self._entries]
             self._reader.watch(_SCREEN, self._node, entries)
 
     def leave(self) -> None:
@@ -290,9 +290,9 @@ class DriveObjects:
         self._show(od, node_id, [LiveObject(entry) for entry in entries])
 
     def _show(self, od: ObjectDictionary, node_id: int, objects: list[LiveObject]) -> None:
-        wanted = [each for each in objects if _address(each.entry.address) in self._entries]
-        for each, row in zip(wanted, rows_of(od, wanted, node_id), strict=True):
-            self._cells[_address(each.entry.address)] = _cells(row)
+        shown = [entry for entry in objects if _address(entry.entry.address) in self._entries]
+        for item, row in zip(shown, rows_of(od, shown, node_id), strict=True):
+            self._cells[_address(item.entry.address)] = _cells(row)
 
 
 def _address(address: Address) -> str:

@@ -106,16 +106,16 @@ class TraceLog:
         if self.filter.wants(decoded):
             self._fresh.append(decoded)
 
-    def choose(self, wanted: Filter) -> None:
+    def choose(self, chosen: Filter) -> None:
         """Change the filter; what is kept and passes is fresh again."""
-        self.filter = wanted
-        self._fresh = deque((each for each in self._all if wanted.wants(each)), maxlen=KEPT)
+        self.filter = chosen
+        self._fresh = deque((frame for frame in self._all if chosen.wants(frame)), maxlen=KEPT)
 
     def fresh(self) -> list[DecodedFrame]:
         """Return what came since the last call and is wanted."""
-        found = list(self._fresh)
+        frames = list(self._fresh)
         self._fresh.clear()
-        return found
+        return frames
 
 
 class LoadMeter:

@@ -165,14 +165,14 @@ def _text(cell: Cell) -> Text:
 
 def frame_rows(table: FrameTable) -> dict[str, tuple[Cell, ...]]:
     """Return a row for each identifier, by identifier."""
-    found = {}
+    rows = {}
     for can_id, row in sorted(table.rows.items()):
         last = row.last
         node = last.node or ("" if last.node_id is None else f"node {last.node_id}")
         period = "" if row.period_ns is None else f"{row.period_ns / 1e6:.0f}"
         words = (identifier_text(can_id), str(row.count), period, node, last.subject, last.data.hex(" "), last.text)
-        found[str(can_id)] = tuple(plain(word) for word in words)
-    return found
+        rows[str(can_id)] = tuple(plain(word) for word in words)
+    return rows
 
 
 # The monitor's tab of one drive: its objects, what may be done with it, and what came of that.
@@ -236,7 +236,7 @@ class DrivePane(Vertical):
         """Show what this verb tells from now on."""
         self._run, self._ended = run, False
         self.told.add_class("shown")
-        self._tell(run.title, Tone.IDLE)
+        self._report(run.title, Tone.IDLE)
 
     def end(self) -> None:
         """Ask the verb for its end, as Ctrl-C does."""
@@ -255,12 +255,12 @@ class DrivePane(Vertical):
             return
         code = run.code  # before its last lines are taken
         for line in run.fresh():
-            self._tell(line, Tone.PLAIN)
+            self._report(line, Tone.PLAIN)
         if code is not None:
             self._ended = True
-            self._tell("done" if code == 0 else f"ended with {code}", Tone.GOOD if code == 0 else Tone.BAD)
+            self._report("done" if code == 0 else f"ended with {code}", Tone.GOOD if code == 0 else Tone.BAD)
 
-    def _tell(self, line: str, tone: Tone) -> None:
+    def _report(self, line: str, tone: Tone) -> None:
         self.told.write(Text(line, style=TONE_STYLES[tone]))
 
 
@@ -453,7 +453,7 @@ class MonitorApp(App[None]):
     def _watch(self, taps: list[BusTap]) -> None:
         """Let the event loop read the ports as soon as something has come: a kernel buffer is small."""
         for tap in taps:
-            if not any(tap is each for each in self._watched):
+            if not any(tap is watched for watched in self._watched):
                 tap.watch(_Reader(tap))
         self._watched = list(taps)
 
@@ -484,9 +484,9 @@ class MonitorApp(App[None]):
 
     def action_axis(self, action: str, node: str = "") -> None:
         """Enable, disable or fault-reset the selected drive, or all."""
-        who = node or self._selected
-        if who:
-            self._ask(f"{action} {who}", AxisRequest(action=action, node=who, source=SOURCE))
+        target = node or self._selected
+        if target:
+            self._ask(f"{action} {target}", AxisRequest(action=action, node=target, source=SOURCE))
 
     def action_tab(self, name: str) -> None:
         """Show one of the tabs."""
@@ -521,8 +521,8 @@ class MonitorApp(App[None]):
     def action_leave_filter(self) -> None:
         """Put the line and the choice away."""
         self._chosen = ""
-        for each in (self.query_one(FilterLine), self._drive.choice):
-            each.remove_class("shown")
+        for widget in (self.query_one(FilterLine), self._drive.choice):
+            widget.remove_class("shown")
         (self._drives if self._looking is None else self._drive.objects).focus()
 
     def action_work(self) -> None:
@@ -574,26 +574,26 @@ class MonitorApp(App[None]):
             return
         self.action_leave_filter()
 
-    def _ask(self, what: str, request: Request[Any]) -> None:
+    def _ask(self, title: str, request: Request[Any]) -> None:
         """Ask the robot on a thread of its own, and tell how it went."""
 
         def ask() -> str:
             self.source.command(request)
             return "done"
 
-        self._on_thread(what, ask)
+        self._on_thread(title, ask)
 
-    def _on_thread(self, what: str, work: Callable[[], str]) -> None:
+    def _on_thread(self, title: str, work: Callable[[], str]) -> None:
         """Do what waits on a thread of its own, and tell what it returns, or raises."""
 
         def run() -> None:
             try:
-                self._told.append((f"{what}: {work()}", "information"))
+                self._told.append((f"{title}: {work()}", "information"))
             except CanopenError as error:
-                self._told.append((f"{what}: {error}", "error"))
+                self._told.append((f"{title}: {error}", "error"))
 
         # Not one of textual's workers: those are few, and a STOP may not wait for the others.
-        threading.Thread(target=run, name=what, daemon=True).start()
+        threading.Thread(target=run, name=title, daemon=True).start()
 
 
 class FilterLine(Input):

@@ -183,8 +183,8 @@ class BusTable:
         node.nmt = state or node.nmt
 
     def _note(self, decoded: DecodedFrame) -> None:
-        who = "" if decoded.node_id is None or decoded.service == "nmt" else f"{self._who(decoded.node_id)}: "
-        text = f"{who}{decoded.subject}: {decoded.text}"
+        sender = "" if decoded.node_id is None or decoded.service == "nmt" else f"{self._who(decoded.node_id)}: "
+        text = f"{sender}{decoded.subject}: {decoded.text}"
         line = LogLine(decoded.time / _SECOND, text, _LEVELS.get(decoded.mark, Tone.PLAIN))
         self._log.append(line)
         if decoded.service == "emcy":
@@ -301,10 +301,10 @@ class RobotLink:
 
     def events(self) -> list[RobotEvent]:
         """Return what happened since the last call."""
-        found = []
+        events = []
         while self._events:
-            found.append(self._events.popleft())
-        return found
+            events.append(self._events.popleft())
+        return events
 
     def ask(self, request: Request[A], timeout: float) -> A:
         """Ask the robot and wait up to `timeout` seconds; RemoteError. For threads that may wait."""
@@ -479,7 +479,7 @@ class ScreenSource(Protocol):
     def tick(self) -> None:
         """Do what is due; called a few times a second."""
 
-    def listen(self, wanted: bool) -> None:
+    def listen(self, on: bool) -> None:
         """Frames are looked at from now on, or not any more."""
 
     def choose(self, node: str) -> DriveObjects | None:
@@ -497,7 +497,7 @@ class ScreenSource(Protocol):
     def command(self, request: Request[Any]) -> None:
         """Ask the robot and wait; RemoteError. For threads that may wait."""
 
-    def begin(self, what: str, text: str, node: str) -> WorkRun:
+    def begin(self, title: str, text: str, node: str) -> WorkRun:
         """Begin a verb on a node, with the line that was filled in; CanopenError where it cannot be."""
         ...
 
@@ -535,17 +535,17 @@ class LiveRobot:
         for tap in self.taps:
             tap.close()
 
-    def listen(self, wanted: bool) -> None:
+    def listen(self, on: bool) -> None:
         """Open its buses, or leave them."""
-        if wanted is not self._listening:
-            self._listening = wanted
+        if on is not self._listening:
+            self._listening = on
             self._tap()
 
     def tick(self) -> None:
         """Listen to the robot's buses as soon as it has told which they are, where that is wanted."""
         if self._link.layouts is not self._layouts:
             self._layouts = self._link.layouts
-            self._networks = [network_of_layout(each) for each in self._layouts.values()]
+            self._networks = [network_of_layout(layout) for layout in self._layouts.values()]
             self._tap()
         for tap in self.taps:
             tap.tick(time.monotonic_ns())
@@ -570,16 +570,16 @@ class LiveRobot:
 
     def emergencies(self) -> list[LogLine]:
         """Return the emergencies among what `log` has returned."""
-        found, self._emergencies = self._emergencies, []
-        return found
+        emergencies, self._emergencies = self._emergencies, []
+        return emergencies
 
     def command(self, request: Request[Any]) -> None:
         """Ask the robot."""
         self._link.ask(request, TIMEOUT_S)
 
-    def begin(self, what: str, text: str, node: str) -> WorkRun:
+    def begin(self, title: str, text: str, node: str) -> WorkRun:
         """Begin it through the running robot."""
-        return WorkRun(work_words(what, text, node, self._link.name or ""))
+        return WorkRun(work_words(title, text, node, self._link.name or ""))
 
     def _tap(self) -> None:
         """Listen to the buses of a robot that was found, or has come back, perhaps with others; or not any more."""
@@ -608,7 +608,7 @@ class BusSource:
     def start(self, on_sample: Callable[[], None] = lambda: None) -> None:
         """Do nothing: `tick` opens the bus, and its frames are all there is."""
 
-    def listen(self, wanted: bool) -> None:
+    def listen(self, on: bool) -> None:
         """Do nothing: it always listens."""
 
     def close(self) -> None:
@@ -646,9 +646,9 @@ class BusSource:
             "LocalProtocolError", f"{ROBOT.of(type(request)).name}: this monitor only listens on {self.network.channel}"
         )
 
-    def begin(self, what: str, text: str, node: str) -> WorkRun:  # noqa: ARG002 - as every source has it
+    def begin(self, title: str, text: str, node: str) -> WorkRun:  # noqa: ARG002 - as every source has it
         """Refuse, likewise."""
-        raise ConfigError(f"{what}: this monitor only listens on {self.network.channel}")
+        raise ConfigError(f"{title}: this monitor only listens on {self.network.channel}")
 
     def _take(self, decoded: DecodedFrame) -> None:
         self._table.feed(decoded)

@@ -204,16 +204,16 @@ def _one_line(value: str) -> str:
 
 
 def _sections(od: ObjectDictionary, *, is_dcf: bool = False) -> Iterator[tuple[str, _Lines]]:
-    kept = {title.lower(): title for title in od.sections}
+    by_title = {title.lower(): title for title in od.sections}
     device_sections = _device_sections(od)
     for name in _FIRST:
         if name in device_sections:
             yield device_sections[name]
-        elif name in kept:
-            yield _TITLES[name], _respelled(od.sections[kept[name]])
-    yield from _commissioning(od, kept, is_dcf)
+        elif name in by_title:
+            yield _TITLES[name], _respelled(od.sections[by_title[name]])
+    yield from _commissioning(od, by_title, is_dcf)
     compact = _compact_companions(od)
-    for name, title in kept.items():
+    for name, title in by_title.items():
         if name not in _FIRST and name not in COMMISSIONING and name not in compact:
             yield title, od.sections[title]
     yield from _lists(od)
@@ -281,12 +281,12 @@ def _unknown(old: Section | None, lines: _Lines) -> _Lines:
     return {} if old is None else {key: value for key, value in old.texts().items() if key.lower() not in known_keys}
 
 
-def _commissioning(od: ObjectDictionary, kept: dict[str, str], is_dcf: bool) -> Iterator[tuple[str, _Lines]]:
-    name = next((name for name in COMMISSIONING if name in kept), None)
-    old = od.sections[kept[name]] if name is not None else None
+def _commissioning(od: ObjectDictionary, section: dict[str, str], is_dcf: bool) -> Iterator[tuple[str, _Lines]]:
+    name = next((name for name in COMMISSIONING if name in section), None)
+    old = od.sections[section[name]] if name is not None else None
     if not is_dcf:
         if name is not None and old is not None:
-            yield kept[name], old
+            yield section[name], old
         return
     more = od.commissioning
     lines: dict[str, object] = {

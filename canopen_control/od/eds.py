@@ -176,32 +176,32 @@ def _check_cob_id(entry: Entry, node_id: int, report: Report) -> None:
 def _check_structure(od: ObjectDictionary, info: ObjectInfo, subindices: list[int], report: Report) -> None:
     if info.code not in _LISTS:
         return
-    where = f"0x{info.index:04X} ({clip(info.name)})"
+    place = f"0x{info.index:04X} ({clip(info.name)})"
     if not subindices:
-        report.warning(info.line, "sub-missing", f"{where} is {info.code.name} and has no subindices")
+        report.warning(info.line, "sub-missing", f"{place} is {info.code.name} and has no subindices")
         return
     # CiA 301, 7.4.4: subindex 0 of arrays and records is the highest subindex
     if 0 not in subindices:
-        report.warning(info.line, "sub0-missing", f"{where} has no subindex 0, which holds the highest one")
+        report.warning(info.line, "sub0-missing", f"{place} has no subindex 0, which holds the highest one")
     else:
         _check_sub0(od[info.index, 0], max((sub for sub in subindices if sub != _STRUCTURE_SUB), default=0), report)
-    _check_sub_number(info, len(subindices), where, report)
+    _check_sub_number(info, len(subindices), place, report)
     _check_code(od, info, subindices, report)
 
 
 def _check_code(od: ObjectDictionary, info: ObjectInfo, subindices: list[int], report: Report) -> None:
     """Report an array that should be a record and vice versa (CiA 301, 7.4.3, 7.5.2; CiA 402-2)."""
-    where = f"0x{info.index:04X} ({clip(info.name)})"
+    place = f"0x{info.index:04X} ({clip(info.name)})"
     types = {od[info.index, sub].data_type for sub in subindices if sub not in (0, _STRUCTURE_SUB)}
     base = info.index
     if base >= _PROFILE_START:
         base = _PROFILE_START + (base - _PROFILE_START) % AXIS_STEP
-    expected = next((code for code, indices in _CODES_OF.items() if any(base in each for each in indices)), None)
+    expected = next((code for code, indices in _CODES_OF.items() if any(base in index for index in indices)), None)
     if info.code is ObjectCode.ARRAY and len(types) > 1:
         named = ", ".join(sorted(each.name for each in types))
-        report.warning(info.line, "object-code", f"{where} is an ARRAY with entries of {named}; it is a RECORD")
+        report.warning(info.line, "object-code", f"{place} is an ARRAY with entries of {named}; it is a RECORD")
     elif expected is not None and info.code in (ObjectCode.ARRAY, ObjectCode.RECORD) and info.code is not expected:
-        report.note(info.line, "object-code", f"{where} is {info.code.name}; the standard has {expected.name} there")
+        report.note(info.line, "object-code", f"{place} is {info.code.name}; the standard has {expected.name} there")
 
 
 def _check_sub0(entry: Entry, highest: int, report: Report) -> None:
@@ -215,7 +215,7 @@ def _check_sub0(entry: Entry, highest: int, report: Report) -> None:
         report.warning(entry.line, "sub0-count", text)
 
 
-def _check_sub_number(info: ObjectInfo, count: int, where: str, report: Report) -> None:
+def _check_sub_number(info: ObjectInfo, count: int, place: str, report: Report) -> None:
     texts = {key.lower(): value for key, value in info.texts.items()}
     text = texts.get("subnumber", "")
     if not text or "compactsubobj" in texts:
@@ -223,11 +223,11 @@ def _check_sub_number(info: ObjectInfo, count: int, where: str, report: Report) 
     try:
         declared = parse_number(text)[0]
     except ValueError:
-        report.warning(info.line, "sub-number", f"{where}: SubNumber={clip(text)} is no number; ignored")
+        report.warning(info.line, "sub-number", f"{place}: SubNumber={clip(text)} is no number; ignored")
         return
     # CiA 306-1, 4.6.3.3
     if declared != count:
-        report.warning(info.line, "sub-number", f"{where}: SubNumber says {declared}, {count} subindices are described")
+        report.warning(info.line, "sub-number", f"{place}: SubNumber says {declared}, {count} subindices are described")
 
 
 def _check_pdos(od: ObjectDictionary, report: Report) -> None:

@@ -408,7 +408,7 @@ class EntryReader:
 
     def _traits(self, section: Section, code: int) -> _Traits:
         text = section.values.get
-        told = (
+        remark = (
             code,
             text("datatype"),
             text("accesstype"),
@@ -417,7 +417,7 @@ class EntryReader:
             text("highlimit"),
             text("objflags"),
         )
-        traits = self.kept.get(told)
+        traits = self.kept.get(remark)
         if traits is not None:
             return traits
         issues = len(self.report.issues)
@@ -428,7 +428,7 @@ class EntryReader:
         obj_flags = read_number(section, "objflags", 0, self.report)
         traits = _Traits(data_type, is_known, access, pdo_mappable, low, high, obj_flags, {})
         if len(self.report.issues) == issues:
-            self.kept[told] = traits
+            self.kept[remark] = traits
         return traits
 
     def _data_type(self, section: Section, code: int) -> tuple[DataType, bool]:
@@ -446,9 +446,9 @@ class EntryReader:
             if "datatype" in section.values
             else f"[{section.title}] has no DataType"
         )
-        kept = " and its values kept as text" if any(section.get(key) for key in _VALUE_KEYS) else ""
+        remark = " and its values kept as text" if any(section.get(key) for key in _VALUE_KEYS) else ""
         self.report.warning(
-            section.line_of("datatype"), "data-type", f"{description}; handled as bytes of any length{kept}"
+            section.line_of("datatype"), "data-type", f"{description}; handled as bytes of any length{remark}"
         )
         return DataType.DOMAIN, False
 

@@ -272,10 +272,10 @@ class ObjectDictionary:
         A sub-object may be named together with its object, ``Object.Sub``. Case is significant only if names differ in
         nothing else.
         """
-        exact = self._named(lambda known: known == name)
+        exact = self._named(lambda candidate: candidate == name)
         if len(exact) != 1:
             folded = name.casefold()
-            exact = exact or self._named(lambda known: known.casefold() == folded)
+            exact = exact or self._named(lambda candidate: candidate.casefold() == folded)
         return exact[0] if len(exact) == 1 else None
 
     def _named(self, matches: Callable[[str], bool]) -> list[Entry]:

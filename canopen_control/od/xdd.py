@@ -120,11 +120,11 @@ class _Element:
 
     def find(self, tag: str) -> _Element | None:
         """Return the first element of this name below, None without one."""
-        return next((each for each in self.descendants() if each.tag == tag), None)
+        return next((descendant for descendant in self.descendants() if descendant.tag == tag), None)
 
     def value_of(self, tag: str) -> str | None:
         """Return the attribute `value` of a child of this name, None without one."""
-        return next((each.attributes.get("value") for each in self.children if each.tag == tag), None)
+        return next((child.attributes.get("value") for child in self.children if child.tag == tag), None)
 
 
 def is_xml(text: str) -> bool:
@@ -140,9 +140,9 @@ def xdd_sections(text: str, report: Report) -> Sections:
             report.path, root.line, f"is XML and no device description of CiA 311: it is a <{clip(root.tag)}>"
         )
     parameters = {
-        each.attributes["uniqueID"]: each
-        for each in root.descendants()
-        if each.tag == _PARAMETER and "uniqueID" in each.attributes
+        descendant.attributes["uniqueID"]: descendant
+        for descendant in root.descendants()
+        if descendant.tag == _PARAMETER and "uniqueID" in descendant.attributes
     }
     sections: Sections = {}
     for section in (*_device_sections(root), *_object_sections(root, parameters, report)):
@@ -182,7 +182,7 @@ def _parse(text: str, path: str) -> _Element:
     parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, data
     parser.StartDoctypeDeclHandler = doctype
     try:
-        parser.Parse(_DECLARATION.sub(lambda found: "\n" * found[0].count("\n"), text), True)
+        parser.Parse(_DECLARATION.sub(lambda match: "\n" * match[0].count("\n"), text), True)
     except xml.parsers.expat.ExpatError as error:
         reason = xml.parsers.expat.ErrorString(error.code)
         raise EdsError(path, error.lineno, f"is XML, as an XDD (CiA 311) is, and not well-formed: {reason}") from None
@@ -200,9 +200,9 @@ def _section(title: str, line: int, texts: Mapping[str, str]) -> Section:
 def _device_sections(root: _Element) -> Iterator[Section]:
     if info := _device_info(root):
         yield _section("DeviceInfo", root.line, info)
-    dummies = [each.attributes.get("entry", "") for each in root.descendants() if each.tag == "dummy"]
+    dummies = [descendant.attributes.get("entry", "") for descendant in root.descendants() if descendant.tag == "dummy"]
     if dummies:
-        yield _section("DummyUsage", root.line, dict(each.partition("=")[::2] for each in dummies))
+        yield _section("DummyUsage", root.line, dict(dummy.partition("=")[::2] for dummy in dummies))
     if (commissioning := root.find("deviceCommissioning")) is not None:
         texts = _renamed(commissioning.attributes, _COMMISSIONING)
         if rate := _RATE.match(texts.get("Baudrate", "")):
@@ -215,15 +215,15 @@ def _device_info(root: _Element) -> dict[str, str]:
     for tag in ("identity", "DeviceIdentity"):  # of the communication profile, and of the device profile, which counts
         if (identity := root.find(tag)) is not None:
             info |= {
-                _IDENTITY[each.tag]: text
-                for each in identity.children
-                if each.tag in _IDENTITY and (text := each.text.strip())
+                _IDENTITY[child.tag]: text
+                for child in identity.children
+                if child.tag in _IDENTITY and (text := child.text.strip())
             }
     for tag in ("CANopenGeneralFeatures", "CANopenMasterFeatures"):
         if (features := root.find(tag)) is not None:
             info |= _renamed(features.attributes, _FEATURES)
-    for each in root.descendants():
-        if each.tag == "supportedBaudRate" and (rate := _RATE.match(each.attributes.get("value", ""))):
+    for descendant in root.descendants():
+        if descendant.tag == "supportedBaudRate" and (rate := _RATE.match(descendant.attributes.get("value", ""))):
             info[f"BaudRate_{rate[1]}"] = "1"
     return info
 
@@ -266,34 +266,34 @@ def _number(element: _Element, attribute: str, highest: int, report: Report) -> 
 def _texts(element: _Element, parameters: Mapping[str, _Element], report: Report) -> dict[str, str]:
     """Return the keys of an EDS that an object, or a subindex, and its parameter say."""
     reference = element.attributes.get("uniqueIDRef")
-    found = {}
+    texts = {}
     if reference is not None and (parameter := parameters.get(reference)) is not None:
-        found = _of_parameter(parameter)
+        texts = _of_parameter(parameter)
     elif reference is not None and "dataType" not in element.attributes:
         report.warning(element.line, "parameter-missing", f"there is no <{_PARAMETER}> {clip(reference)!r}")
     for name, key in _ATTRIBUTES.items():
         if (text := element.attributes.get(name, "")) and name != "PDOmapping":
-            found[key] = f"0x{text}" if name in _HEXADECIMAL and not text.startswith("0x") else text
+            texts[key] = f"0x{text}" if name in _HEXADECIMAL and not text.startswith("0x") else text
     mapping = element.attributes.get("PDOmapping", "no").lower()
-    if "DataType" in found or mapping != "no":
-        found["PDOMapping"] = "0" if mapping == "no" else "1"
-    if found.get("AccessType") == "rw" and mapping in _DIRECTIONS:
-        found["AccessType"] = _DIRECTIONS[mapping]
-    return found
+    if "DataType" in texts or mapping != "no":
+        texts["PDOMapping"] = "0" if mapping == "no" else "1"
+    if texts.get("AccessType") == "rw" and mapping in _DIRECTIONS:
+        texts["AccessType"] = _DIRECTIONS[mapping]
+    return texts
 
 
 def _of_parameter(parameter: _Element) -> dict[str, str]:
-    found: dict[str, str | None] = {"AccessType": _ACCESS.get(parameter.attributes.get("access", ""))}
-    label = next((each.text.strip() for each in parameter.children if each.tag == "label"), "")
-    found["ParameterName"] = label or None
-    kind = next((each.tag for each in parameter.children if each.tag in _SIMPLE_TYPES), None)
-    found["DataType"] = None if kind is None else f"0x{_SIMPLE_TYPES[kind]:04X}"
-    found["DefaultValue"] = parameter.value_of("defaultValue")
-    found["ParameterValue"] = parameter.value_of("actualValue")
+    fields: dict[str, str | None] = {"AccessType": _ACCESS.get(parameter.attributes.get("access", ""))}
+    label = next((child.text.strip() for child in parameter.children if child.tag == "label"), "")
+    fields["ParameterName"] = label or None
+    kind = next((child.tag for child in parameter.children if child.tag in _SIMPLE_TYPES), None)
+    fields["DataType"] = None if kind is None else f"0x{_SIMPLE_TYPES[kind]:04X}"
+    fields["DefaultValue"] = parameter.value_of("defaultValue")
+    fields["ParameterValue"] = parameter.value_of("actualValue")
     limits = parameter.find("range")
     if limits is not None:
-        found |= {"LowLimit": limits.value_of("minValue"), "HighLimit": limits.value_of("maxValue")}
-    return {key: text for key, text in found.items() if text}
+        fields |= {"LowLimit": limits.value_of("minValue"), "HighLimit": limits.value_of("maxValue")}
+    return {key: text for key, text in fields.items() if text}
 
 
 # --- Writing ---

@@ -309,14 +309,16 @@ def _told(
 ) -> list[str]:
     """Return sentences about detected wheels and guessed values."""
     wheels = [touch.joint for touch in ground.touches if touch.part is ContactPart.WHEEL]
-    others = [touch.geom.partition(" shape ")[0] for touch in ground.touches if touch.part is ContactPart.ROLLER]
-    what = f"on wheels: {', '.join(wheels)}" if wheels else "on no driven wheels"
-    rolling = f", {', '.join(others)} turning freely" if others else ""
-    lines = [f"the robot stands {what}{rolling}" if free else "no wheel carries the robot: it is bolted to the ground"]
+    touched = [touch.geom.partition(" shape ")[0] for touch in ground.touches if touch.part is ContactPart.ROLLER]
+    contact = f"on wheels: {', '.join(wheels)}" if wheels else "on no driven wheels"
+    rolling = f", {', '.join(touched)} turning freely" if touched else ""
+    lines = [
+        f"the robot stands {contact}{rolling}" if free else "no wheel carries the robot: it is bolted to the ground"
+    ]
     guessed = [name for name, axis in axes.items() if axis.rated_torque is None]
     if guessed:
-        told = ", ".join(f"{name} {motors[name].rated_torque:.3g} Nm" for name in guessed)
-        lines.append(f"rated torques are estimated: {told}")
+        motors_text = ", ".join(f"{name} {motors[name].rated_torque:.3g} Nm" for name in guessed)
+        lines.append(f"rated torques are estimated: {motors_text}")
     return lines
 
 
@@ -400,7 +402,7 @@ def _check_mjcf_joints(spec: Any, axes: Mapping[str, AxisSettings], file: Path, 
     moving = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     problems = [
         f"{path}:{axis.here.line}:{axis.here.column}: {file} has no joint {name!r} that a drive can move"
-        f"{nearest(name, [each for each, kind in kinds.items() if kind in moving])}"
+        f"{nearest(name, [candidate for candidate, kind in kinds.items() if kind in moving])}"
         for name, axis in axes.items()
         if kinds.get(name) not in moving
     ]

@@ -55,8 +55,8 @@ class Disturbances:
         self._bodies = dict(bodies)
         self._model = next(iter(bodies.values())).model
         self._data: Any = None
-        self._wheels = tuple(each for body in bodies.values() for each in body.wheels)
-        self._casters = tuple(each for body in bodies.values() for each in body.casters)
+        self._wheels = tuple(wheel for body in bodies.values() for wheel in body.wheels)
+        self._casters = tuple(caster for body in bodies.values() for caster in body.casters)
         self._floor, self._slide, self.patches = floor.friction, floor.caster_friction, world.patches
         self._grip = self._floor
         self._before = {name: getattr(self._model, name).copy() for name in _CHANGED}
@@ -66,11 +66,11 @@ class Disturbances:
         self._timeline, self._steps = world.timeline(), world.steps
         names = {str(self._model.body(number).name): number for number in range(1, self._model.nbody)}
         boxes = {name: number for name, number in names.items() if name.startswith(BOX)}
-        own = {robot: {name: each for name, each in body.links.items() if name not in boxes}
+        own = {robot: {name: link for name, link in body.links.items() if name not in boxes}
                for robot, body in bodies.items()}  # fmt: skip
         self._links = {robot: {**links, **boxes} for robot, links in own.items()}
         masses = self._model.body_mass
-        self._heaviest = {robot: max(links.values(), key=lambda each: float(masses[each]), default=0)
+        self._heaviest = {robot: max(links.values(), key=lambda link: float(masses[link]), default=0)
                           for robot, links in own.items()}  # fmt: skip
 
     def problems(self) -> Iterator[str]:
@@ -118,36 +118,36 @@ class Disturbances:
         """Apply the disturbances that are due; return whether there were any."""
         happened = False
         while self._due and self._due[0][0] <= now:
-            at_ns, _, what, robot = heapq.heappop(self._due)
-            if isinstance(what, _EndOfPush):
-                self._data.xfrc_applied[what.link, :3] -= what.force
+            at_ns, _, world_act, robot = heapq.heappop(self._due)
+            if isinstance(world_act, _EndOfPush):
+                self._data.xfrc_applied[world_act.link, :3] -= world_act.force
             else:
-                self.act(what, at_ns, robot)
+                self.act(world_act, at_ns, robot)
             happened = True
         return happened
 
-    def act(self, what: WorldAct, now: int, robot: str = "") -> None:
+    def act(self, world_act: WorldAct, now: int, robot: str = "") -> None:
         """Apply a disturbance at `now` to a robot, or to the floor; ConfigError for a missing link, joint or robot."""
-        self._check(what, robot)
-        if isinstance(what, AddPayload):
-            self._load(self._link(what.on, robot), what.mass, np.array(what.position))
-        elif isinstance(what, PushRobot):
-            self._push(self._link(what.on, robot), np.array(what.force), now, round(what.seconds * 1e9))
-        elif isinstance(what, BlockJoint):
+        self._check(world_act, robot)
+        if isinstance(world_act, AddPayload):
+            self._load(self._link(world_act.on, robot), world_act.mass, np.array(world_act.position))
+        elif isinstance(world_act, PushRobot):
+            self._push(self._link(world_act.on, robot), np.array(world_act.force), now, round(world_act.seconds * 1e9))
+        elif isinstance(world_act, BlockJoint):
             if self.blocker is not None:
-                self.blocker.block(robot, what.joint, what.on)
+                self.blocker.block(robot, world_act.joint, world_act.on)
         else:
-            self._grip = what.friction
+            self._grip = world_act.friction
             self.look_at_grip()
 
-    def _check(self, what: WorldAct, robot: str) -> None:
-        if isinstance(what, BlockJoint):
+    def _check(self, world_act: WorldAct, robot: str) -> None:
+        if isinstance(world_act, BlockJoint):
             joints = self._bodies[robot].joints
-            if what.joint not in joints:
-                raise ConfigError(f"no drive moves a joint {what.joint!r}{nearest(what.joint, joints)}")
-        elif not isinstance(what, SetGrip):
-            self._link(what.on, robot)
-            numbers = [what.mass, *what.position] if isinstance(what, AddPayload) else [*what.force]
+            if world_act.joint not in joints:
+                raise ConfigError(f"no drive moves a joint {world_act.joint!r}{nearest(world_act.joint, joints)}")
+        elif not isinstance(world_act, SetGrip):
+            self._link(world_act.on, robot)
+            numbers = [world_act.mass, *world_act.position] if isinstance(world_act, AddPayload) else [*world_act.force]
             if not np.isfinite(numbers).all():
                 raise ConfigError(f"{numbers}: these numbers are finite")
 
@@ -158,9 +158,9 @@ class Disturbances:
             raise ConfigError(f"the robot has no link {name!r}{nearest(name, links)}")
         return links[name] if name else self._heaviest[robot]
 
-    def _plan(self, at_ns: int, what: WorldAct | _EndOfPush, robot: str = "") -> None:
+    def _plan(self, at_ns: int, world_act: WorldAct | _EndOfPush, robot: str = "") -> None:
         self._count += 1
-        heapq.heappush(self._due, (at_ns, self._count, what, robot))
+        heapq.heappush(self._due, (at_ns, self._count, world_act, robot))
 
     # -- payload
 

@@ -42,7 +42,7 @@ def make_of(file: PhysicsFile, path: Path) -> PhysicsWorld:
     if world.robots:
         raise PhysicsError(f"{path.parent / file.world}: it has robots of its own: canopen-control run --world FILE")
     sensors = _sensors(file)
-    floor, where = world.floor or file.floor, path.parent / file.world
+    floor, scene_path = world.floor or file.floor, path.parent / file.world
     notes: tuple[str, ...] = ()
     if file.mjcf:
         body = _of_mjcf(file, path, world, sensors)
@@ -50,7 +50,7 @@ def make_of(file: PhysicsFile, path: Path) -> PhysicsWorld:
         robot, notes = _prepared(file, path, floor, world.start or Start(), sensors)
         body = _alone(robot, world, file)
     robots = {"": _in_world("", body, file, path, sensors)}
-    return _world(robots, world, floor, where, (*notes, *body.notes))
+    return _world(robots, world, floor, scene_path, (*notes, *body.notes))
 
 
 def make_shared(plants: Mapping[str, Path], where: Path) -> PhysicsWorld:
@@ -59,7 +59,7 @@ def make_shared(plants: Mapping[str, Path], where: Path) -> PhysicsWorld:
 
     require_physics()
     world = read_world_description(where)
-    starts = {each.name: each for each in world.robots}
+    starts = {robot.name: robot for robot in world.robots}
     floor = world.floor or FloorContact()
     members, notes = {}, list[str]()
     for name, path in plants.items():
@@ -67,11 +67,11 @@ def make_shared(plants: Mapping[str, Path], where: Path) -> PhysicsWorld:
             raise PhysicsError(f"{where}: there is no robot {name!r} in it{nearest(name, starts)}")
         members[name] = _member(name, path, floor, starts[name])
         notes += [f"{name}: {note}" for note in members[name].notes]
-    model = joined({name: (each.robot, starts[name]) for name, each in members.items()}, world, str(where))
+    model = joined({name: (member.robot, starts[name]) for name, member in members.items()}, world, str(where))
     robots = {}
-    for name, each in members.items():
-        body = each.robot.body(model, f"{name}/")
-        robots[name] = _in_world(name, body, each.file, each.path, each.sensors)
+    for name, member in members.items():
+        body = member.robot.body(model, f"{name}/")
+        robots[name] = _in_world(name, body, member.file, member.path, member.sensors)
     return _world(robots, world, floor, where, tuple(notes))
 
 
@@ -115,7 +115,7 @@ def _member(name: str, path: Path, floor: FloorContact, start: RobotStart) -> _M
 def _sensors(file: PhysicsFile) -> list[WorldSensor]:
     from canopen_control.physics.world_sensors import WorldSensor  # 150 ms
 
-    return [WorldSensor.of(name, each) for name, each in file.sensors.items()]
+    return [WorldSensor.of(name, sensor) for name, sensor in file.sensors.items()]
 
 
 def _in_world(name: str, body: Body, file: PhysicsFile, path: Path, sensors: list[WorldSensor]) -> WorldRobot:
@@ -123,29 +123,29 @@ def _in_world(name: str, body: Body, file: PhysicsFile, path: Path, sensors: lis
     from canopen_control.physics.world_robot import WorldRobot
 
     joints = [str(body.model.joint(number).name) for number in range(body.model.njnt)]
-    own = [each.removeprefix(body.prefix) for each in joints if each.startswith(body.prefix)]
+    own = [joint.removeprefix(body.prefix) for joint in joints if joint.startswith(body.prefix)]
     problems = [
-        f"{path}:{each.here.line}:{each.here.column}: there is no joint {each.joint!r} for an encoder to sit on"
-        f"{nearest(each.joint, own)}"
-        for each in file.encoders.values()
-        if each.joint not in own
+        f"{path}:{encoder.here.line}:{encoder.here.column}: there is no joint {encoder.joint!r} for an encoder"
+        f"{nearest(encoder.joint, own)}"
+        for encoder in file.encoders.values()
+        if encoder.joint not in own
     ]
     if problems:
         raise PhysicsError("\n".join(problems))
-    axes = {axis_address(each): axis for each, axis in file.axes.items()}
-    encoders = {axis_address(each)[:2]: encoder for each, encoder in file.encoders.items()}
+    axes = {axis_address(address): axis for address, axis in file.axes.items()}
+    encoders = {axis_address(address)[:2]: encoder for address, encoder in file.encoders.items()}
     return WorldRobot(name, body, axes, sensors, encoders)
 
 
 def _world(
-    robots: Mapping[str, WorldRobot], world: WorldDescription, floor: FloorContact, where: Path, notes: tuple[str, ...]
+    robots: Mapping[str, WorldRobot], world: WorldDescription, floor: FloorContact, path: Path, notes: tuple[str, ...]
 ) -> PhysicsWorld:
     """Put robots into a world; PhysicsError for a disturbance that is impossible."""
     from canopen_control.physics.disturbances import Disturbances
     from canopen_control.physics.physics_world import PhysicsWorld
 
     disturbances = Disturbances({name: robot.body for name, robot in robots.items()}, floor, world)
-    if problems := [f"{where}:{problem}" for problem in disturbances.problems()]:
+    if problems := [f"{path}:{problem}" for problem in disturbances.problems()]:
         raise PhysicsError("\n".join(problems))
     return PhysicsWorld(robots, disturbances, (*notes, *world.notes))
 

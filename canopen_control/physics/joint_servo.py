@@ -96,14 +96,14 @@ class ServoLoop:
         """Return the torque of the velocity loop, within a limit."""
         torque = self.kp * lacking + self._integral
         if torque > limit:
-            held = limit
+            force = limit
         elif torque < -limit:
-            held = -limit
+            force = -limit
         else:
-            held = torque
-        if held == torque or lacking * torque < 0.0:  # anti-windup
+            force = torque
+        if force == torque or lacking * torque < 0.0:  # anti-windup
             self._integral += self._ki * lacking
-        return held
+        return force
 
     def _hold(self, limit: float) -> float:
         """Return the torque at a position that is right within one count, without hunting."""
@@ -253,9 +253,9 @@ class JointPlant:
 
     def control(self, clock: int) -> None:
         """Set the torque of the step that begins at `clock`."""
-        owner, held, newtons = self.owner, self._stalled, 0.0
+        owner, is_stalled, newtons = self.owner, self._stalled, 0.0
         if owner is None or not owner.powered:
-            held = held or self.place.motor.brake
+            is_stalled = is_stalled or self.place.motor.brake
             self.loop.rest()
         else:
             limit = min(self._peak, owner.torque_limit * self.rated_torque / 1000.0)
@@ -267,9 +267,9 @@ class JointPlant:
             else:
                 newtons = max(-limit, min(limit, owner.torque.at(clock)[1] * self._per_mille))
                 self.loop.rest(newtons)
-        if held is not self._held:
-            self._held = held
-            self._world.set_lock(self.place, held)
+        if is_stalled is not self._held:
+            self._held = is_stalled
+            self._world.set_lock(self.place, is_stalled)
         self.torque = newtons / self._per_mille
         self._world.efforts[self.place.dof] = newtons + self._external * self._per_mille
 

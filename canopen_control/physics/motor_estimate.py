@@ -65,13 +65,13 @@ def estimated_motors(
     share = float(model.body_subtreemass[0]) / len(driven)
     inertias, weights = _in_postures(model, axes)
     gravity = float(np.linalg.norm(model.opt.gravity))
-    found = {}
+    motors = {}
     for name, axis in axes.items():
         radius, inertia, weight = wheels.get(name, 0.0), inertias[name], weights[name]
         inertia += share * radius * radius
         need = _RATED * share * gravity * radius + (0.0 if radius else 2.0 * (weight + inertia * _ARM_ACCELERATION))
-        found[name] = _motor(axis, described.get(name, Described()), inertia, max(need, 1e-6), wheel=radius > 0.0)
-    return found
+        motors[name] = _motor(axis, described.get(name, Described()), inertia, max(need, 1e-6), wheel=radius > 0.0)
+    return motors
 
 
 def _motor(axis: AxisSettings, described: Described, inertia: float, need: float, *, wheel: bool) -> EstimatedMotor:

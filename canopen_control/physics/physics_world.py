@@ -71,11 +71,11 @@ def _shapes(model: Any, data: Any, own: str) -> Iterator[WorldShape]:  # noqa: A
     for number in range(model.ngeom):
         kind, name = int(model.geom_type[number]), str(model.geom(number).name)
         is_world = bool(model.geom_contype[number] & _WORLD)
-        other = bool(own) and not is_world and not name.startswith(own)
+        is_other = bool(own) and not is_world and not name.startswith(own)
         stands = is_world and (kind == _GEOMS.mjGEOM_BOX or name.startswith(SOLID))
-        if kind == _GEOMS.mjGEOM_MESH and (other or stands):
+        if kind == _GEOMS.mjGEOM_MESH and (is_other or stands):
             kind = int(_GEOMS.mjGEOM_BOX)  # the bounding box is enough for another robot, and for a convex part
-        if kind not in _KINDS or not (other or stands):
+        if kind not in _KINDS or not (is_other or stands):
             continue
         turn = np.zeros(4)
         mujoco.mju_mat2Quat(turn, data.geom_xmat[number])
@@ -89,7 +89,7 @@ def _shapes(model: Any, data: Any, own: str) -> Iterator[WorldShape]:  # noqa: A
             position=(x, y, z),
             rotation=(qw, qx, qy, qz),
             moves=bool(model.geom_bodyid[number]),
-            robot=name.partition("/")[0] if other else "",
+            robot=name.partition("/")[0] if is_other else "",
         )
 
 
@@ -112,7 +112,7 @@ def _middle(model: Any, data: Any, number: int) -> Any:  # noqa: ANN401 - as abo
 
 
 def _rounded(values: Any) -> list[float]:  # noqa: ANN401 - numpy's
-    return [round(float(each), _DIGITS) + 0.0 for each in values]
+    return [round(float(value), _DIGITS) + 0.0 for value in values]
 
 
 _NS: Final = 1e-9
@@ -144,7 +144,7 @@ class PhysicsWorld:
         self._asleep = False
         self._orders: list[tuple[object, ...]] = []
         self._began: int | None = None  # grid point from which the world's own times count
-        self._awake_ns = _SHAFT_NS if any(each.encoders for each in self._robots.values()) else _AWAKE_NS
+        self._awake_ns = _SHAFT_NS if any(robot.encoders for robot in self._robots.values()) else _AWAKE_NS
         for robot in self._robots.values():
             robot.begin(self.data)
         self._settle()
@@ -223,8 +223,8 @@ class PhysicsWorld:
 
     def _serve_others(self, now: int) -> None:
         """Serve the timers of the other axes, in order, up to `now`."""
-        while (found := self._next(now)) is not None:
-            due, plant = found
+        while (event := self._next(now)) is not None:
+            due, plant = event
             plant.busy = True
             try:
                 if plant.owner is not None:
@@ -233,14 +233,14 @@ class PhysicsWorld:
                 plant.busy = False
 
     def _next(self, now: int) -> tuple[int, JointPlant] | None:
-        found: tuple[int, JointPlant] | None = None
+        nearest: tuple[int, JointPlant] | None = None
         for plant in self._plants.values():
             if plant.owner is None or plant.busy:
                 continue
             due = plant.owner.next_event()
-            if due is not None and due <= now and (found is None or due < found[0]):
-                found = due, plant
-        return found
+            if due is not None and due <= now and (nearest is None or due < nearest[0]):
+                nearest = due, plant
+        return nearest
 
     def _advance(self, now: int) -> None:
         """Step to the last grid point that is not after `now`."""
@@ -275,9 +275,9 @@ class PhysicsWorld:
         due = self._disturbances.next_ns()
         return last if due is None else min(last, (self._began or 0) - (-due // self.step_ns))
 
-    def act(self, what: WorldAct, robot: str | None = None) -> None:
+    def act(self, world_act: WorldAct, robot: str | None = None) -> None:
         """Apply a disturbance now, at the time to which the world was advanced."""
-        self._disturbances.act(what, self._age_ns(), self._first if robot is None else robot)
+        self._disturbances.act(world_act, self._age_ns(), self._first if robot is None else robot)
         self.wake()
 
     def block(self, robot: str, joint: str, on: bool) -> None:
@@ -358,9 +358,9 @@ class WorldSide:
         """Return the true pose of the base, and the measurements of the sensors."""
         return self._robot.describe(self._world.shown_ns)
 
-    def act(self, what: WorldAct) -> None:
+    def act(self, world_act: WorldAct) -> None:
         """Apply a disturbance to this robot now."""
-        self._world.act(what, self._robot.name)
+        self._world.act(world_act, self._robot.name)
 
     def shapes(self) -> tuple[WorldShape, ...]:
         """Return the shapes around this robot."""

@@ -78,7 +78,7 @@ class LidarSettings:
 
 def tag_lidars(tag: Ros2ControlSystem, root: str, path: str) -> list[LidarSettings]:
     """Return the lidars of a tag; PhysicsError with all mistakes and their places in the file at `path`."""
-    found, problems = [], list[str]()
+    lidars, problems = [], list[str]()
     for part in tag.sensors:
         if not any(key in part.parameters for key in _NEEDED):
             continue
@@ -86,24 +86,24 @@ def tag_lidars(tag: Ros2ControlSystem, root: str, path: str) -> list[LidarSettin
         lidar = _lidar(part, tag.parameters, root, place, wrong)
         problems += [f"{place}: sensor {part.name}: {text}" for text in wrong]
         if not wrong:
-            found.append(lidar)
+            lidars.append(lidar)
     if problems:
         raise PhysicsError("\n".join(problems))
-    return found
+    return lidars
 
 
 def _lidar(part: ControlJoint, hardware: Mapping[str, str], root: str, place: str, wrong: list[str]) -> LidarSettings:
     """Return a lidar; mistakes are added to `wrong`."""
-    given = part.parameters
-    wrong += [f"no {key}; a lidar has {', '.join(_NEEDED)} in rad" for key in _NEEDED if key not in given]
-    number = {key: _number(given, key, 0.0, wrong) for key in _NEEDED}
-    number |= {key: _number(given, key, default, wrong) for key, default in _DEFAULTS.items()}
+    params = part.parameters
+    wrong += [f"no {key}; a lidar has {', '.join(_NEEDED)} in rad" for key in _NEEDED if key not in params]
+    number = {key: _number(params, key, 0.0, wrong) for key in _NEEDED}
+    number |= {key: _number(params, key, default, wrong) for key, default in _DEFAULTS.items()}
     rate = _number(hardware, _RATE, 5.0, wrong)
     least, most, increment = (number[key] for key in _NEEDED)
     lidar = LidarSettings(
         part.name,
-        given.get("frame_name", given.get("frame_id", root)).strip(),
-        given.get("laserscan_topic", "/scan").strip(),
+        params.get("frame_name", params.get("frame_id", root)).strip(),
+        params.get("laserscan_topic", "/scan").strip(),
         least,
         most,
         increment if increment > 0.0 else 1.0,
@@ -133,14 +133,14 @@ def _lidar(part: ControlJoint, hardware: Mapping[str, str], root: str, place: st
     return lidar
 
 
-def _number(given: Mapping[str, str], key: str, default: float, wrong: list[str]) -> float:
+def _number(params: Mapping[str, str], key: str, default: float, wrong: list[str]) -> float:
     try:
-        value = float(given.get(key, default))
+        value = float(params.get(key, default))
     except ValueError:
         value = math.nan
     if math.isfinite(value):
         return value
-    wrong.append(f"{key} is {given[key]!r}; it is a finite number")
+    wrong.append(f"{key} is {params[key]!r}; it is a finite number")
     return default
 
 
@@ -156,7 +156,7 @@ def camera_notes(parts: Iterable[ControlJoint], cameras: Iterable[str] = ()) -> 
 
 def frame_error(lidar: LidarSettings, frames: Iterable[str]) -> PhysicsError:
     """Return the error of a lidar without its frame."""
-    names = [each for each in frames if each]
+    names = [frame for frame in frames if frame]
     return PhysicsError(
         f"{lidar.place}: sensor {lidar.name}: no link {lidar.frame!r} for its frame_name{nearest(lidar.frame, names)}"
     )
@@ -216,15 +216,17 @@ class LidarScanner:
             range_min=settings.range_min,
             range_max=settings.range_max,
             scan_time=1.0 / settings.rate,
-            ranges=[self._told(float(each), hit) for each, hit in zip(self._found, self._hit.tolist(), strict=True)],
+            ranges=[
+                self._told(float(distance), hit) for distance, hit in zip(self._found, self._hit.tolist(), strict=True)
+            ],
         )
 
     def _told(self, distance: float, hit: int) -> float:
         settings = self._settings
         if hit < 0:
             return _NOTHING
-        seen = distance + (self._random.gauss(0.0, settings.noise) if settings.noise else 0.0)
-        return round(seen, _DIGITS) if settings.range_min <= seen <= settings.range_max else _NOTHING
+        measured = distance + (self._random.gauss(0.0, settings.noise) if settings.noise else 0.0)
+        return round(measured, _DIGITS) if settings.range_min <= measured <= settings.range_max else _NOTHING
 
 
 _NS: Final = 1_000_000_000
@@ -247,8 +249,8 @@ def axes_of(tag: Ros2ControlSystem) -> dict[str, AxisSettings]:
 def sensors_of(description: UrdfDescription, tag: Ros2ControlSystem) -> list[WorldSensor]:
     """Return the sensors of a tag that a world supports; PhysicsError with their mistakes."""
     model = description.model
-    found = urdf_sensors(tag.sensors, model.links, model.root, description.path)
-    return [WorldSensor.of(name, each) for name, each in found.items()]
+    sensors = urdf_sensors(tag.sensors, model.links, model.root, description.path)
+    return [WorldSensor.of(name, sensor) for name, sensor in sensors.items()]
 
 
 @dataclass(slots=True)
@@ -432,9 +434,9 @@ class DriverlessRobot:
         """Return the scans of its lidars at `seconds` of the simulation."""
         return [lidar.scan(seconds) for lidar in self.lidars]
 
-    def act(self, what: WorldAct) -> None:
+    def act(self, world_act: WorldAct) -> None:
         """Apply a disturbance now; ConfigError for a missing link or joint."""
-        self._disturbances.act(what, self._steps * self._period_ns)
+        self._disturbances.act(world_act, self._steps * self._period_ns)
 
     def block(self, robot: str, joint: str, on: bool) -> None:
         """Block a joint, or release it."""
@@ -446,8 +448,8 @@ class DriverlessRobot:
         names = [self.model.key(number).name for number in range(self.model.nkey)]
         if keyframe:
             if keyframe not in names:
-                there = nearest(keyframe, names) if names else ", since its model has none"
-                raise ControlError(f"no key frame {keyframe!r}{there}")
+                hint = nearest(keyframe, names) if names else ", since its model has none"
+                raise ControlError(f"no key frame {keyframe!r}{hint}")
             mujoco.mj_resetDataKeyframe(self.model, self.data, names.index(keyframe))
         elif self._start is not None:
             mujoco.mj_setState(self.model, self.data, self._start, _STATE)
@@ -463,7 +465,7 @@ class DriverlessRobot:
 
     def _look(self) -> None:
         for name, numbers in self._reader.read().items():
-            kind = next(each.kind for each in self._sensors if each.name == name)
+            kind = next(sensor.kind for sensor in self._sensors if sensor.name == name)
             self._seen.update({f"{name}/{part}": value for part, value in zip(INTERFACES[kind], numbers, strict=True)})
 
 
@@ -482,7 +484,7 @@ def make_simulated(
     robot = _made(description, tag, scene, loops or {}, WorldDescription() if world is None else world)
     model = robot.model
     robot.notes += tuple(camera_notes(tag.sensors, [model.cam(number).name for number in range(model.ncam)]))
-    robot.lidars = [LidarScanner(model, robot.data, each) for each in lidars]
+    robot.lidars = [LidarScanner(model, robot.data, lidar) for lidar in lidars]
     return robot
 
 

@@ -37,7 +37,7 @@ from canopen_control.physics import SDF_SUFFIXES
 from canopen_control.physics.physics_file import FloorContact, PhysicsError
 from canopen_control.physics.sdf_world import Solid, read_sdf_world
 from canopen_control.rpc.messages.drive import BlockJoint, WorldAct
-from canopen_control.virtual.scenario import Happening, seconds_of
+from canopen_control.virtual.scenario import WorldEvent, seconds_of
 from canopen_control.yamlfile.convert import derived, position, setting
 from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
 from canopen_control.yamlfile.reader import load
@@ -128,7 +128,7 @@ class Wall:
 
 
 @dataclass(frozen=True)
-class WorldStep(Happening):
+class WorldStep(WorldEvent):
     """Disturbance at a time."""
 
     at: float | str
@@ -166,15 +166,15 @@ class WorldDescription:
 
     def timeline(self) -> list[Timed]:
         """Return the disturbances in order; times in ns from the start."""
-        return sorted((each for step in self.steps for each in step.timed()), key=lambda each: each[0])
+        return sorted((item for step in self.steps for item in step.timed()), key=lambda item: item[0])
 
 
 def read_world_description(path: Path) -> WorldDescription:
     """Return the file, YAML or SDF by its suffix; PhysicsError with all mistakes and their lines."""
     if path.suffix.lower() in SDF_SUFFIXES:
         return _with_solids(WorldDescription(), path)
-    found = load(path, WorldDescription, error=PhysicsError, check=_check)
-    return _with_solids(found, path.parent / found.sdf) if found.sdf else found
+    description = load(path, WorldDescription, error=PhysicsError, check=_check)
+    return _with_solids(description, path.parent / description.sdf) if description.sdf else description
 
 
 def _with_solids(world: WorldDescription, sdf: Path) -> WorldDescription:

@@ -66,7 +66,7 @@ def convex_parts(stl: bytes, scale: Sequence[float]) -> tuple[MeshPart, ...]:
     parts = tuple(_solid(keys[list(piece)] * _GRAIN_M) for piece in _pieces(faces.reshape(-1, 3), len(keys)))
     if len(parts) > _MOST_PARTS:
         raise ValueError(f"{len(parts)} separate pieces are more than the {_MOST_PARTS} that are simulated")
-    return tuple(MeshPart(each) for each in parts)
+    return tuple(MeshPart(part) for part in parts)
 
 
 def _pieces(faces: Any, count: int) -> Iterator[list[int]]:  # noqa: ANN401 - numpy's
@@ -132,7 +132,7 @@ def read_sdf_world(path: Path) -> SdfWorld:
     reader = _Reader()
     root = reader.root(path)
     if root is not None:
-        worlds = [each for each in root.children if each.tag == "world"]
+        worlds = [child for child in root.children if child.tag == "world"]
         if not worlds:
             reader.mistake(path, root, "there is no <world> in it; give the file of a world, not that of a model")
         for number, world in enumerate(worlds):
@@ -156,8 +156,8 @@ class _Scope:
     open: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
-        named = [each for each in self.element.children if each.tag in ("link", "frame", "model")]
-        self.frames = {each.attributes.get("name", ""): each for each in named}
+        named = [child for child in self.element.children if child.tag in ("link", "frame", "model")]
+        self.frames = {element.attributes.get("name", ""): element for element in named}
 
 
 class _Reader:

@@ -146,8 +146,8 @@ def _check_dynamics(description: UrdfDescription, problems: list[str]) -> None:
     for joint in description.joints.values():
         for name, value in (("damping", joint.dynamics.damping), ("friction", joint.dynamics.friction)):
             if value is not None and value < 0.0:
-                where = f"{description.path}:{joint.place.line}:{joint.place.column}: joint {joint.name}"
-                problems.append(f"{where}: {name}={value:g} of <dynamics> is below 0; give 0 or more")
+                place = f"{description.path}:{joint.place.line}:{joint.place.column}: joint {joint.name}"
+                problems.append(f"{place}: {name}={value:g} of <dynamics> is below 0; give 0 or more")
 
 
 def _check_inertia(link: ET.Element, description: UrdfDescription, notes: list[str], problems: list[str]) -> None:
@@ -157,30 +157,30 @@ def _check_inertia(link: ET.Element, description: UrdfDescription, notes: list[s
         return
     name = link.get("name", "")
     known_link = description.links.get(name)
-    where = f"{description.path}: link {name}"
+    place = f"{description.path}: link {name}"
     if known_link is not None:
-        where = f"{description.path}:{known_link.place.line}:{known_link.place.column}: link {name}"
+        place = f"{description.path}:{known_link.place.line}:{known_link.place.column}: link {name}"
     try:
         xx, yy, zz, xy, xz, yz = (float(element.get(key, "0")) for key in _MOMENTS)
     except ValueError:
-        problems.append(f"{where}: its <inertia> has what is no number; correct it")
+        problems.append(f"{place}: its <inertia> has what is no number; correct it")
         return
     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     if not np.isfinite(matrix).all():
-        problems.append(f"{where}: its <inertia> has what is no number; correct it")
+        problems.append(f"{place}: its <inertia> has what is no number; correct it")
         return
     moments, axes = np.linalg.eigh(matrix)
     listed = ", ".join(f"{moment:.4g}" for moment in moments)
     if moments[0] < _LEAST_MOMENT and (matrix.any() or _is_moved(description, name)):
         advice = "correct it, or leave <inertial> away: then the shapes give it"
-        problems.append(f"{where}: no body of {mass:g} kg has the moments of inertia {listed} kg m²; {advice}")
+        problems.append(f"{place}: no body of {mass:g} kg has the moments of inertia {listed} kg m²; {advice}")
         return
     most = moments[0] + moments[1]
     if moments[2] <= most:
         return
     if moments[2] > most * _ROUNDED:
         notes.append(
-            f"{where}: its moments of inertia {listed} kg m² are impossible, the largest is more than the sum of the "
+            f"{place}: its moments of inertia {listed} kg m² are impossible, the largest is more than the sum of the "
             f"others; simulated with {most:.4g} instead of {moments[2]:.4g}"
         )
     moments[2] = most * (1.0 - 1e-9)

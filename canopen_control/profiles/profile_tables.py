@@ -206,7 +206,7 @@ def io_signals(od: ObjectDictionary) -> Iterator[Signal]:
     """Yield the lines of an I/O module."""
     for group in _GROUPS:
         for index, lines in group.objects:
-            subindices = [each for each in od.subindices(index) if 1 <= each < 0xFF]
+            subindices = [subindex for subindex in od.subindices(index) if 1 <= subindex < 0xFF]
             if not subindices:
                 continue
             for subindex in subindices:

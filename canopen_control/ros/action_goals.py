@@ -102,8 +102,8 @@ class JudgedActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, withou
 
     def answer(self, uuid: bytes, refusal: RosMessage | None) -> None:
         """Accept a goal, or refuse it with a result that contains the reason."""
-        taken = self._taken.pop(uuid, None)
-        if taken is None:
+        waiting = self._taken.pop(uuid, None)
+        if waiting is None:
             return
         self._accepts = refusal is None
         if refusal is not None:
@@ -111,7 +111,7 @@ class JudgedActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, withou
             while len(self._refused) > _KEPT:
                 self._refused.popitem(last=False)
         with contextlib.suppress(StopIteration):
-            super()._execute_goal_request(taken).send(None)  # it waits for nothing: its callbacks are no coroutines
+            super()._execute_goal_request(waiting).send(None)  # it waits for nothing: its callbacks are no coroutines
         handle = self.known(uuid)
         if handle is not None and handle.status == _ACCEPTED:  # nobody could be told
             _is_executing(handle)
@@ -140,22 +140,22 @@ class JudgedActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, withou
         response.status, response.result = status, result
         return response
 
-    async def _execute_goal_request(self, taken: Any) -> None:  # noqa: ANN401 - rclpy's
-        header, request = taken
+    async def _execute_goal_request(self, received: Any) -> None:  # noqa: ANN401 - rclpy's
+        header, request = received
         uuid = bytes(request.goal_id.uuid)
         if uuid in self._taken:
             return  # the same request once more, and it is being judged
         if uuid in self._goal_handles:
-            await super()._execute_goal_request(taken)  # refused, whatever its callback would say
+            await super()._execute_goal_request(received)  # refused, whatever its callback would say
             return
-        self._taken[uuid] = taken
+        self._taken[uuid] = received
         self._on_goal(GoalRequest(uuid, request.goal, client_of(header)))
 
-    async def _execute_get_result_request(self, taken: Any) -> None:  # noqa: ANN401 - rclpy's
-        header, request = taken
+    async def _execute_get_result_request(self, received: Any) -> None:  # noqa: ANN401 - rclpy's
+        header, request = received
         refused = self._refused.get(bytes(request.goal_id.uuid))
         if refused is None:
-            await super()._execute_get_result_request(taken)
+            await super()._execute_get_result_request(received)
         else:
             self._handle.send_result_response(header, self._response(_ABORTED, refused))
 
@@ -404,8 +404,8 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         if self._goals.pop(followed.uuid, None) is None:
             return
         followed.sender.close()
-        told = self.told(result, by_others=result.state == "canceled" and not followed.cancelled)
-        self._ros.call(partial(self._server.finish, followed.uuid, result.state, told))
+        response = self.told(result, by_others=result.state == "canceled" and not followed.cancelled)
+        self._ros.call(partial(self._server.finish, followed.uuid, result.state, response))
 
     def _cancel(self, uuid: bytes) -> None:
         """Cancel a goal at the client's request."""
@@ -418,9 +418,9 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         if followed is None or followed.verdict is None or followed.is_to_end:
             return
         followed.is_to_end = True
-        followed.sender.client.ask(self.cancels(why), lambda _done, error: self._tell(error))
+        followed.sender.client.ask(self.cancels(why), lambda _done, error: self._report(error))
 
-    def _tell(self, error: str | None) -> None:
+    def _report(self, error: str | None) -> None:
         if error is not None:
             self._ros.warn(self._topic, f"{self._topic}: {error}")
 
@@ -443,7 +443,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
 
     def _followed(self, state: StateSample) -> list[FollowedGoal[V]]:
         """Return the executed goals, and check whether their clients are still present."""
-        followed = [each for each in self._goals.values() if each.verdict is not None]
+        followed = [goal for goal in self._goals.values() if goal.verdict is not None]
         if followed and not self._watched <= state.time < self._watched + _WATCH_S:  # a clock may be set back
             self._watched = state.time
             self._watch(followed)
@@ -456,8 +456,8 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
 
     def _watch(self, followed: list[FollowedGoal[V]]) -> None:
         """End the goals whose client is gone."""
-        watched = [each for each in followed if each.verdict is not None and not each.verdict.outlives_client]
+        watched = [goal for goal in followed if goal.verdict is not None and not goal.verdict.outlives_client]
         present = self._clients.present() if watched else set()
-        for each in watched:
-            if each.is_alone(present):
-                self._give_up(each.uuid, _CLIENT_GONE)
+        for goal in watched:
+            if goal.is_alone(present):
+                self._give_up(goal.uuid, _CLIENT_GONE)

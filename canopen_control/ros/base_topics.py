@@ -63,9 +63,9 @@ class TwistSubscription:
         self._subscription: object = None
         self._quality = quality
         self._type, self._next = "", 0.0
-        wanted = first if self._auto else kind
-        if wanted:
-            self._subscribe(f"{_PACKAGE}{wanted}")
+        topic_kind = first if self._auto else kind
+        if topic_kind:
+            self._subscribe(f"{_PACKAGE}{topic_kind}")
 
     def look(self, state: StateSample) -> None:
         """Look, from time to time, who publishes; for every sample of the state stream."""
@@ -74,12 +74,12 @@ class TwistSubscription:
         if not self._auto or time < self._next <= time + _LOOK_S:
             return
         self._next = time + _LOOK_S
-        published = {each.topic_type for each in self._ros.node.get_publishers_info_by_topic(self._topic)}
-        known = [name for name in _TYPES if name in published]
-        if len(known) > 1:
-            self._ros.warn(self._topic, f"{self._topic} is published as {' and as '.join(known)}; {self._type} counts")
-        if known and self._type not in known:
-            self._change(known[0])
+        published = {publisher.topic_type for publisher in self._ros.node.get_publishers_info_by_topic(self._topic)}
+        kinds = [name for name in _TYPES if name in published]
+        if len(kinds) > 1:
+            self._ros.warn(self._topic, f"{self._topic} is published as {' and as '.join(kinds)}; {self._type} counts")
+        if kinds and self._type not in kinds:
+            self._change(kinds[0])
 
     def close(self) -> None:
         """Leave the topic."""
@@ -147,8 +147,8 @@ class OdometrySetting(Endpoint):
         if tilted:
             fill(None, f"{self._controller} drives in the plane; {', '.join(tilted)} must be 0")
         else:
-            wanted = SetOdometry(controller=self._controller, x=request.x, y=request.y, heading=request.yaw)
-            self._ros.ask(wanted, fill)
+            command = SetOdometry(controller=self._controller, x=request.x, y=request.y, heading=request.yaw)
+            self._ros.ask(command, fill)
 
 
 class OdometryReset(Endpoint):
@@ -178,15 +178,15 @@ def send_twist(ros: Ros, controller: ControllerReading, message: Twist | TwistSt
         made = message.header.stamp
         twist, stamp = message.twist, ros.unix(seconds_of(made.sec, made.nanosec))
     name, lateral = controller.name, twist.linear.y if controller.drives_sideways else 0.0
-    wanted = {"linear.x": twist.linear.x, "linear.y": lateral, "angular.z": twist.angular.z}
+    fields = {"linear.x": twist.linear.x, "linear.y": lateral, "angular.z": twist.angular.z}
     key = f"{name}/{controller.topic}"
     if not controller.active:
         ros.warn(key, f"{name} is {controller.state}; activate it before commanding it")
-    elif not all(map(math.isfinite, wanted.values())):
-        text = ", ".join(f"{axis} {value:g}" for axis, value in wanted.items() if axis != "linear.y" or lateral)
+    elif not all(map(math.isfinite, fields.values())):
+        text = ", ".join(f"{axis} {value:g}" for axis, value in fields.items() if axis != "linear.y" or lateral)
         ros.warn(key, f"{name}: a twist is not finite: {text}; it was dropped")
     else:
-        linear, angular = wanted["linear.x"], wanted["angular.z"]
+        linear, angular = fields["linear.x"], fields["angular.z"]
         ros.command(
             TwistController(
                 controller=name,
@@ -222,8 +222,8 @@ class SharedTwist(Endpoint):
         self._subscription.close()
 
     def _on_message(self, message: Twist | TwistStamped) -> None:
-        bases = [each for each in self._ros.controllers.values() if each.is_base]
-        active = [each for each in bases if each.active] or bases
+        bases = [controller for controller in self._ros.controllers.values() if controller.is_base]
+        active = [base for base in bases if base.active] or bases
         if len(active) == 1:
             send_twist(self._ros, active[0], message)
             return

@@ -120,8 +120,8 @@ class Bridge:
             self._context, self._node = start(NODE_NAME, namespace, ros_arguments)
         except Exception as error:
             raise CanopenError(f"ROS 2 could not be started: {in_words(error)}") from error
-        given = BridgeOptions(self._arguments.rate, self._arguments.tf, self._frame_prefix())
-        self._options = with_parameters(self._node, given)
+        options = BridgeOptions(self._arguments.rate, self._arguments.tf, self._frame_prefix())
+        self._options = with_parameters(self._node, options)
         if self._node.get_parameter("use_sim_time").value:
             _say(_SIM_TIME)
 
@@ -161,9 +161,9 @@ class Bridge:
             self._on_end(str(error))
 
     def _frame_prefix(self) -> str:
-        given = self._arguments.frame_prefix
+        prefix = self._arguments.frame_prefix
         namespace = str(self._node.get_namespace()).strip("/")
-        return str(given) if given is not None else f"{namespace}/" if namespace else ""
+        return str(prefix) if prefix is not None else f"{namespace}/" if namespace else ""
 
     def _on_end(self, why: str) -> None:
         _say(why)

@@ -43,16 +43,16 @@ class BridgeOptions:
 
 def with_parameters(node: Node, options: BridgeOptions) -> BridgeOptions:
     """Return the options as the parameters of the node have them; raises ConfigError."""
-    given = {}
-    for each in fields(BridgeOptions):
-        default = getattr(options, each.name)
-        if not node.has_parameter(each.name):
+    values = {}
+    for field in fields(BridgeOptions):
+        default = getattr(options, field.name)
+        if not node.has_parameter(field.name):
             try:
-                node.declare_parameter(each.name, default)
+                node.declare_parameter(field.name, default)
             except Exception as error:
-                raise ConfigError(f"parameter {each.name}: {error}") from error
-        given[each.name] = node.get_parameter(each.name).value
-    return _checked(replace(options, **given))
+                raise ConfigError(f"parameter {field.name}: {error}") from error
+        values[field.name] = node.get_parameter(field.name).value
+    return _checked(replace(options, **values))
 
 
 def _checked(options: BridgeOptions) -> BridgeOptions:

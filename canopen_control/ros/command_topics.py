@@ -123,8 +123,8 @@ def outputs_of(message: RosMessage, controller: ControllerReading) -> dict[str, 
     if len(groups) != len(inner):
         raise ValueError(f"{len(groups)} interface_groups with {len(inner)} interface_values; give as many")
     known, found = controller.required_command_interfaces, dict[str, float]()
-    for group, each in zip(groups, inner, strict=True):
-        names, values = list(each.interface_names), list(each.values)
+    for group, group_values in zip(groups, inner, strict=True):
+        names, values = list(group_values.interface_names), list(group_values.values)
         if len(names) != len(values):
             raise ValueError(f"{group}: {len(names)} interface_names with {len(values)} values; give as many")
         for name, value in zip((f"{group}/{name}" for name in names), values, strict=True):
@@ -239,21 +239,21 @@ class FeedForwardSwitch(Endpoint):
         self._ros.unserve(self._service)
 
     def _answer(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
-        wanted = SetFeedForward(controller=self._controller, enabled=request.data)
-        self._ros.ask(wanted, success_of(response, reply))
+        command = SetFeedForward(controller=self._controller, enabled=request.data)
+        self._ros.ask(command, success_of(response, reply))
 
 
 def _dofs_of(controller: ControllerReading) -> list[str]:
     """Return the degrees of freedom by the names of their references, in the order of the parameters."""
     firsts = controller.reference_interfaces[: controller.width]
-    return [each.removeprefix(f"{controller.name}/").rpartition("/")[0] for each in firsts]
+    return [first.removeprefix(f"{controller.name}/").rpartition("/")[0] for first in firsts]
 
 
 def _order(names: Sequence[str], dofs: Sequence[str]) -> list[int]:
     """Return where in a message each degree of freedom is; ValueError if it does not name each once."""
     if sorted(names) == sorted(dofs):
-        return [names.index(each) for each in dofs]
-    strange = next((each for each in names if each not in dofs), None)
+        return [names.index(dof) for dof in dofs]
+    strange = next((name for name in names if name not in dofs), None)
     if strange is not None:
         raise ValueError(f"{strange!r} is none of {', '.join(dofs)}")
     raise ValueError(f"it names {', '.join(names)}; name each of {', '.join(dofs)} once")
@@ -263,8 +263,8 @@ def _sorted(field: str, values: Sequence[float], order: Sequence[int], dofs: Seq
     """Return the values in the order of the degrees of freedom; ValueError if there is not a finite one for each."""
     if len(values) != len(order):
         raise ValueError(f"{field} has {len(values)} numbers for {', '.join(dofs)}; give {len(order)}")
-    found = [float(values[index]) for index in order]
-    for dof, value in zip(dofs, found, strict=True):
+    ordered = [float(values[index]) for index in order]
+    for dof, value in zip(dofs, ordered, strict=True):
         if not math.isfinite(value):
             raise ValueError(f"{field} of {dof} is {value}; give finite numbers")
-    return found
+    return ordered

@@ -169,10 +169,10 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         command = goal.command
         return self._wanted(command.position, command.max_effort)
 
-    def result(self, told: GripperResult | GripperSample, into: RosMessage) -> RosMessage:
+    def result(self, sample: GripperResult | GripperSample, into: RosMessage) -> RosMessage:
         """Fill a result or a feedback with where the gripper is."""
-        into.position, into.effort = unknown_as_nan(told.position), unknown_as_nan(told.effort)
-        into.stalled, into.reached_goal = told.stalled, told.reached_goal
+        into.position, into.effort = unknown_as_nan(sample.position), unknown_as_nan(sample.effort)
+        into.stalled, into.reached_goal = sample.stalled, sample.reached_goal
         return into
 
     def feedback(self, sample: GripperSample) -> RosMessage:
@@ -213,9 +213,9 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         return self.result(result, self._action.Result())
 
     def _wanted(self, position: float, effort: float, velocity: float = 0.0) -> SendGripper:
-        for what, value in (("position", position), ("max_effort", effort), ("max_velocity", velocity)):
+        for field, value in (("position", position), ("max_effort", effort), ("max_velocity", velocity)):
             if value - value != 0.0:  # nan, infinite
-                raise ValueError(f"its {what} is {value}; give finite numbers")
+                raise ValueError(f"its {field} is {value}; give finite numbers")
         return SendGripper(
             controller=self._controller,
             position=position,
@@ -236,13 +236,13 @@ class ParallelGripperAction(GripperAction):
         command = goal.command
         if len(command.position) != 1:
             raise ValueError(f"it has {len(command.position)} positions; give one")
-        effort, velocity = (next(iter(each), 0.0) for each in (command.effort, command.velocity))
+        effort, velocity = (next(iter(numbers), 0.0) for numbers in (command.effort, command.velocity))
         return self._wanted(float(command.position[0]), float(effort), float(velocity))
 
-    def result(self, told: GripperResult | GripperSample, into: RosMessage) -> RosMessage:
+    def result(self, sample: GripperResult | GripperSample, into: RosMessage) -> RosMessage:
         """Fill a result with where the gripper is."""
-        self._put(told, into.state)
-        into.stalled, into.reached_goal = told.stalled, told.reached_goal
+        self._put(sample, into.state)
+        into.stalled, into.reached_goal = sample.stalled, sample.reached_goal
         return into
 
     def feedback(self, sample: GripperSample) -> RosMessage:
@@ -253,9 +253,9 @@ class ParallelGripperAction(GripperAction):
         into.state.velocity = [unknown_as_nan(sample.velocity)]
         return into
 
-    def _put(self, told: GripperResult | GripperSample, state: RosMessage) -> None:
+    def _put(self, sample: GripperResult | GripperSample, state: RosMessage) -> None:
         state.name = [self._joint]
-        state.position, state.effort = [unknown_as_nan(told.position)], [unknown_as_nan(told.effort)]
+        state.position, state.effort = [unknown_as_nan(sample.position)], [unknown_as_nan(sample.effort)]
 
 
 #: by where its commands come (`topic` of the API)

@@ -89,34 +89,36 @@ class ControllerManagerServices(Endpoint):
         states: list[str] = []  # of the robot, which are what "*" stands for
 
         def fill(answer: tuple[ControllerReading, ...]) -> None:
-            commanded = {name for each in answer for name in each.claims}
+            commanded = {name for reading in answer for name in reading.claims}
             response.controller = [
                 made(
                     make,
-                    name=each.name,
-                    state=each.state,
-                    type=each.type,
-                    update_rate=each.update_rate,
-                    claimed_interfaces=list(each.claims),
-                    required_command_interfaces=list(each.required_command_interfaces),
+                    name=reading.name,
+                    state=reading.state,
+                    type=reading.type,
+                    update_rate=reading.update_rate,
+                    claimed_interfaces=list(reading.claims),
+                    required_command_interfaces=list(reading.required_command_interfaces),
                     required_state_interfaces=sorted(states)
-                    if each.required_state_interfaces == (_ALL_STATES,)
-                    else list(each.required_state_interfaces),
-                    is_chainable=bool(each.reference_interfaces),
-                    is_chained=not commanded.isdisjoint(each.reference_interfaces),
-                    reference_interfaces=_without_owner(each, each.reference_interfaces),
-                    exported_state_interfaces=_without_owner(each, each.exported_state_interfaces),
+                    if reading.required_state_interfaces == (_ALL_STATES,)
+                    else list(reading.required_state_interfaces),
+                    is_chainable=bool(reading.reference_interfaces),
+                    is_chained=not commanded.isdisjoint(reading.reference_interfaces),
+                    reference_interfaces=_without_owner(reading, reading.reference_interfaces),
+                    exported_state_interfaces=_without_owner(reading, reading.exported_state_interfaces),
                     chain_connections=[
                         connection(name=below.name, reference_interfaces=_without_owner(below, names))
                         for below in answer
-                        if (names := [name for name in each.claims if name in below.reference_interfaces])
+                        if (names := [name for name in reading.claims if name in below.reference_interfaces])
                     ],
                 )
-                for each in answer
+                for reading in answer
             ]
 
         def known(hardware: list[HardwareReading] | None, _error: str | None) -> None:
-            states.extend(one.name for each in hardware or () for one in each.state_interfaces)
+            states.extend(
+                state_interface.name for component in hardware or () for state_interface in component.state_interfaces
+            )
             self._ask(ListControllers(), fill, response, reply)
 
         self._ros.ask(ListHardware(), known)
@@ -135,12 +137,12 @@ class ControllerManagerServices(Endpoint):
         return handler
 
     def _switch(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
-        wanted = SwitchControllers(
+        command = SwitchControllers(
             activate=tuple(request.activate_controllers),
             deactivate=tuple(request.deactivate_controllers),
             strict=request.strictness == _STRICT,
         )
-        self._ask(wanted, lambda _: _succeed(response), response, reply)
+        self._ask(command, lambda _: _succeed(response), response, reply)
 
     def _reload(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
         """Refuse: Python code is loaded once, the runtime must be started anew."""
@@ -156,33 +158,33 @@ class ControllerManagerServices(Endpoint):
             response.component = [
                 made(
                     make,
-                    name=each.name,
-                    type=each.type,
-                    plugin_name=each.plugin,
-                    class_type=each.plugin,
-                    rw_rate=each.rate,
-                    state=self._lifecycle(each.state),
-                    command_interfaces=self._interfaces(each.command_interfaces),
-                    state_interfaces=self._interfaces(each.state_interfaces),
+                    name=reading.name,
+                    type=reading.type,
+                    plugin_name=reading.plugin,
+                    class_type=reading.plugin,
+                    rw_rate=reading.rate,
+                    state=self._lifecycle(reading.state),
+                    command_interfaces=self._interfaces(reading.command_interfaces),
+                    state_interfaces=self._interfaces(reading.state_interfaces),
                 )
-                for each in answer
+                for reading in answer
             ]
 
         self._ask(ListHardware(), fill, response, reply)
 
     def _list_interfaces(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
         def fill(answer: list[HardwareReading]) -> None:
-            commands = [one for each in answer for one in each.command_interfaces]
-            states = [one for each in answer for one in each.state_interfaces]
-            response.command_interfaces = self._interfaces(sorted(commands, key=lambda one: one.name))
-            response.state_interfaces = self._interfaces(sorted(states, key=lambda one: one.name))
+            commands = [one for reading in answer for one in reading.command_interfaces]
+            states = [state_interface for reading in answer for state_interface in reading.state_interfaces]
+            response.command_interfaces = self._interfaces(sorted(commands, key=lambda command: command.name))
+            response.state_interfaces = self._interfaces(sorted(states, key=lambda state: state.name))
 
         self._ask(ListHardware(), fill, response, reply)
 
     def _set_component_state(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
-        wanted = request.target_state
+        target = request.target_state
         by_id = {number: label for label, number in STATES.items()}
-        label = wanted.label or by_id.get(wanted.id, "unknown")
+        label = target.label or by_id.get(target.id, "unknown")
 
         def fill(answer: ComponentState) -> None:
             response.ok = answer.state == label
@@ -193,28 +195,28 @@ class ControllerManagerServices(Endpoint):
     def _lifecycle(self, label: str) -> RosMessage:
         return self._state_class(id=STATES.get(label, 0), label=label)
 
-    def _interfaces(self, told: Iterable[InterfaceReading]) -> list[Any]:
+    def _interfaces(self, readings: Iterable[InterfaceReading]) -> list[Any]:
         make = interface("controller_manager_msgs/msg/HardwareInterface")
         return [
             made(
                 make,
-                name=each.name,
+                name=reading.name,
                 data_type="double",
-                is_available=each.available,
-                is_claimed=each.claimed,
+                is_available=reading.available,
+                is_claimed=reading.claimed,
             )
-            for each in told
+            for reading in readings
         ]
 
     def _ask(
         self,
-        asked: Request[A],
+        query: Request[A],
         fill: Callable[[A], object],
         response: RosMessage,
         reply: Reply,
     ) -> None:
         """Ask the robot; `fill` puts its answer into the response, a refusal leaves it as it is and is told."""
-        method = ROBOT.of(type(asked)).name
+        method = ROBOT.of(type(query)).name
 
         def answer(result: A | None, error: str | None) -> None:
             if result is not None:
@@ -225,7 +227,7 @@ class ControllerManagerServices(Endpoint):
                     response.message = error
             reply(response)
 
-        self._ros.ask(asked, answer)
+        self._ros.ask(query, answer)
 
 
 def _succeed(response: RosMessage) -> None:
@@ -234,4 +236,4 @@ def _succeed(response: RosMessage) -> None:
 
 def _without_owner(controller: ControllerReading, names: Iterable[str]) -> list[str]:
     """Return the names of a controller's interfaces without its own before them, as upstream lists them."""
-    return [each.removeprefix(f"{controller.name}/") for each in names]
+    return [name.removeprefix(f"{controller.name}/") for name in names]

@@ -96,12 +96,12 @@ def wanted_by(parameter: RosMessage) -> ParameterValue:
 
 def matches(name: str, prefixes: Iterable[str], depth: int) -> bool:
     """Return whether a parameter is below one of the prefixes, or there are none; depth 0 is unlimited (rclcpp)."""
-    found = list(prefixes)
-    if not found:
+    names = list(prefixes)
+    if not names:
         return not depth or name.count(".") < depth
     return any(
-        name == each or (name.startswith(f"{each}.") and (not depth or name[len(each) + 1 :].count(".") < depth))
-        for each in found
+        name == prefix or (name.startswith(f"{prefix}.") and (not depth or name[len(prefix) + 1 :].count(".") < depth))
+        for prefix in names
     )
 
 
@@ -149,7 +149,7 @@ class ParameterServices(Endpoint):
 
     def _list(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
         def fill(readings: Readings) -> None:
-            names = [each.name for each in readings if matches(each.name, request.prefixes, request.depth)]
+            names = [reading.name for reading in readings if matches(reading.name, request.prefixes, request.depth)]
             response.result.names = names
             response.result.prefixes = sorted({name.rpartition(".")[0] for name in names} - {""})
 
@@ -160,9 +160,9 @@ class ParameterServices(Endpoint):
     ) -> Callable[[RosMessage, RosMessage, Reply], None]:
         def handler(request: RosMessage, response: RosMessage, reply: Reply) -> None:
             def fill(readings: Readings) -> None:
-                known = {each.name: each for each in readings}
-                if all(name in known for name in request.names):
-                    setattr(response, field, [make(known[name]) for name in request.names])
+                by_name = {reading.name: reading for reading in readings}
+                if all(name in by_name for name in request.names):
+                    setattr(response, field, [make(by_name[name]) for name in request.names])
 
             self._read(fill, response, reply)
 
@@ -185,13 +185,13 @@ class ParameterServices(Endpoint):
     def _set(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
         """Set the parameters one after the other, in the order of the request."""
         results: list[RosMessage] = []
-        wanted = list(request.parameters)
+        parameters = list(request.parameters)
 
         def go_on(result: RosMessage | None = None) -> None:
             if result is not None:
                 results.append(result)
-            if len(results) < len(wanted):
-                self._change(wanted[len(results) : len(results) + 1], reply, go_on)
+            if len(results) < len(parameters):
+                self._change(parameters[len(results) : len(results) + 1], reply, go_on)
             else:
                 response.results = results
                 reply(response)
@@ -208,28 +208,28 @@ class ParameterServices(Endpoint):
     def _change(self, parameters: list[RosMessage], reply: Reply, done: Callable[[RosMessage], None]) -> None:
         def answer(_result: Done | None, error: str | None) -> None:
             if error is None:
-                self._tell(parameters)
+                self._report(parameters)
             else:
                 self._ros.warn(f"{self._name}/set_parameters", error)
             done(self._result(successful=error is None, reason=error or ""))
 
-        values = tuple(self._of_caller(wanted_by(each), reply) for each in parameters)
+        values = tuple(self._of_caller(wanted_by(parameter), reply) for parameter in parameters)
         self._ros.ask(SetParameters(controller=self._name, values=values), answer)
 
-    def _of_caller(self, wanted: ParameterValue, reply: Reply) -> ParameterValue:
+    def _of_caller(self, parameter: ParameterValue, reply: Reply) -> ParameterValue:
         """Return a `params_file` with whole paths: a relative one is the caller's, where the caller has such a file."""
-        if not wanted.name.endswith(".params_file") or not isinstance(reply, Answer):
-            return wanted
-        folder, value = folder_of(self._ros.node, client_of(reply.request_id)), wanted.value
+        if not parameter.name.endswith(".params_file") or not isinstance(reply, Answer):
+            return parameter
+        folder, value = folder_of(self._ros.node, client_of(reply.request_id)), parameter.value
 
         def whole(text: str) -> str:
             return str(folder / text) if folder is not None and (folder / text).is_file() else text
 
         if isinstance(value, list):
-            return ParameterValue(name=wanted.name, kind=wanted.kind, value=[whole(str(each)) for each in value])
-        return ParameterValue(name=wanted.name, kind=wanted.kind, value=whole(str(value)))
+            return ParameterValue(name=parameter.name, kind=parameter.kind, value=[whole(str(each)) for each in value])
+        return ParameterValue(name=parameter.name, kind=parameter.kind, value=whole(str(value)))
 
-    def _tell(self, parameters: list[RosMessage]) -> None:
+    def _report(self, parameters: list[RosMessage]) -> None:
         """Publish changes on `/parameter_events`."""
         event = interface("rcl_interfaces/msg/ParameterEvent")
         if self._events is None:
@@ -258,9 +258,9 @@ class ControllerNodes:
 
     def forget(self, name: str) -> None:
         """Remove a node after its endpoints were closed."""
-        found = self._nodes.pop(name, None)
-        if found is not None:
-            ros, parameters = found
+        node = self._nodes.pop(name, None)
+        if node is not None:
+            ros, parameters = node
             parameters.close()
             self._spinner.remove(ros.node)
 

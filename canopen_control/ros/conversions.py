@@ -37,20 +37,22 @@ def stamp_of(unix_s: float) -> tuple[int, int]:
 
 def joint_arrays(joints: Mapping[str, JointReading], names: Sequence[str] = ()) -> JointArrays:
     """Return the joints' states in the order of `names`, alphabetically without; what is not known is nan."""
-    told = {name: each.values for name, each in joints.items()}
-    return arrays_of(told, [name for name in names if name in told] if names else sorted(told))
+    values = {name: joint.values for name, joint in joints.items()}
+    return arrays_of(values, [name for name in names if name in values] if names else sorted(values))
 
 
-def arrays_of(told: Mapping[str, Values], names: Sequence[str]) -> JointArrays:
+def arrays_of(values: Mapping[str, Values], names: Sequence[str]) -> JointArrays:
     """Return values by joint and name as arrays, in the order of `names`."""
-    columns = [[unknown_as_nan(told[name].get(kind)) for name in names] for kind in ("position", "velocity", "effort")]
+    columns = [
+        [unknown_as_nan(values[name].get(kind)) for name in names] for kind in ("position", "velocity", "effort")
+    ]
     return JointArrays(list(names), *columns)
 
 
 def positions_of(sample: JointStatesSample) -> dict[str, float]:
     """Return the known positions of the joints of a JointState, for their transforms."""
-    known = {name: sample.joints[name].get("position") for name in sample.names}
-    return {name: position for name, position in known.items() if position is not None}
+    positions = {name: sample.joints[name].get("position") for name in sample.names}
+    return {name: position for name, position in positions.items() if position is not None}
 
 
 def seconds_of(seconds: int, nanoseconds: int) -> float | None:
@@ -78,17 +80,17 @@ def transform_of(sample: Sample) -> Transform | None:
         return place_of(sample) if sample.enable_odom_tf and math.isfinite(sample.x) else None
     if not isinstance(sample, PoseSample) or sample.child_frame_id is None:
         return None
-    known = [each for each in (*sample.position, *sample.orientation) if each is not None]
-    if len(known) < len(sample.position) + len(sample.orientation):
+    numbers = [number for number in (*sample.position, *sample.orientation) if number is not None]
+    if len(numbers) < len(sample.position) + len(sample.orientation):
         return None
-    x, y, z, *around, w = known
+    x, y, z, *around, w = numbers
     return Transform(sample.frame_id, sample.child_frame_id, Pose((x, y, z), (w, around[0], around[1], around[2])))
 
 
 def frames_with_a_place(state: StateSample) -> frozenset[str]:
     """Return the frames whose pose odometry or a pose sample gives: no joint of the description may lead to them."""
-    told = (*state.told(OdometrySample).values(), *state.told(PoseSample).values())
-    return frozenset(transform.child for transform in map(transform_of, told) if transform is not None)
+    samples = (*state.told(OdometrySample).values(), *state.told(PoseSample).values())
+    return frozenset(transform.child for transform in map(transform_of, samples) if transform is not None)
 
 
 def wrong(values: Sequence[float], controller: ControllerReading) -> str | None:

@@ -43,8 +43,10 @@ def diagnose(
     `missed_before` is what was told last time.
     """
     nodes = [_node(robot, name, node) for name, node in state.nodes.items()]
-    loaded = [_controller(robot, each) for each in controllers.values()]
-    judged = [_told(robot, name, each) for name, told in state.told(DiagnosticsSample).items() for each in told.joints]
+    loaded = [_controller(robot, controller) for controller in controllers.values()]
+    judged = [
+        _told(robot, name, joint) for name, sample in state.told(DiagnosticsSample).items() for joint in sample.joints
+    ]
     return [*nodes, *loaded, *judged, _cycle(robot, state, missed_before)]
 
 

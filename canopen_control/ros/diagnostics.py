@@ -41,15 +41,15 @@ class Diagnostics(Endpoint):
 
     def on_state(self, state: StateSample) -> None:
         """Publish when it is time, or when something has become better or worse."""
-        told = diagnose(self._ros.robot, state, self._ros.controllers, self._missed)
-        levels = {each.name: int(each.level) for each in told}
+        diagnoses = diagnose(self._ros.robot, state, self._ros.controllers, self._missed)
+        levels = {diagnosis.name: int(diagnosis.level) for diagnosis in diagnoses}
         time = state.time
         # a clock that was set back does not silence it
         if levels == self._levels and time < self._next <= time + _PERIOD_S:
             return
         self._next, self._levels = time + _PERIOD_S, levels
         self._missed = state.cycle.missed
-        message = DiagnosticArray(status=[_status(each) for each in told])
+        message = DiagnosticArray(status=[_status(diagnosis) for diagnosis in diagnoses])
         message.header.stamp = time_message(time)
         self._publisher.publish(message)
 
@@ -84,13 +84,13 @@ def log_message(log: Any, event: RobotEvent, robot: str) -> Any:  # noqa: ANN401
     return message
 
 
-def _status(told: Diagnosis) -> DiagnosticStatus:
+def _status(diagnosis: Diagnosis) -> DiagnosticStatus:
     return DiagnosticStatus(
-        level=bytes([told.level]),
-        name=told.name,
-        message=told.message,
-        hardware_id=told.hardware_id,
-        values=[KeyValue(key=key, value=value) for key, value in told.values.items()],
+        level=bytes([diagnosis.level]),
+        name=diagnosis.name,
+        message=diagnosis.message,
+        hardware_id=diagnosis.hardware_id,
+        values=[KeyValue(key=key, value=value) for key, value in diagnosis.values.items()],
     )
 
 
@@ -119,7 +119,7 @@ class Rosout(Endpoint):
     def __init__(self, ros: Ros, nodes: Iterable[RosNode]) -> None:
         self._ros, self._log = ros, interface("rcl_interfaces/msg/Log")
         self._namespace = str(ros.node.get_namespace())
-        self._of_nodes = {each.name: _logger(each.namespace, ros_name(each.name)) for each in nodes}
+        self._of_nodes = {node.name: _logger(node.namespace, ros_name(node.name)) for node in nodes}
         self._own = _logger(self._namespace, str(ros.node.get_name()))
         self._publisher = ros.node.create_publisher(self._log, "/rosout", ROSOUT)
         self._causes: dict[str, _Cause] = {}

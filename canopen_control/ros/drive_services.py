@@ -123,8 +123,8 @@ class DriveServices(Endpoint):
     def _trigger(self, request: Request[Any]) -> Handler:
         def handler(_request: RosMessage, response: RosMessage, reply: Reply) -> None:
             def answer(result: AxisDone | Done | None, error: str | None) -> None:
-                told = result.text if isinstance(result, AxisDone) else ""
-                response.success, response.message = error is None, error or told
+                text = result.text if isinstance(result, AxisDone) else ""
+                response.success, response.message = error is None, error or text
                 reply(response)
 
             self._ros.ask(request, answer)
@@ -164,9 +164,14 @@ class DriveServices(Endpoint):
 
     def _controller(self, joint: str) -> ControllerReading | None:
         """Return the one that commands this joint by one value per joint, or by its target alone."""
-        for each in self._ros.controllers.values():
-            if each.active and each.topic in _TOPICS and joint in each.joints and each.width == len(each.joints):
-                return each
+        for controller in self._ros.controllers.values():
+            if (
+                controller.active
+                and controller.topic in _TOPICS
+                and joint in controller.joints
+                and controller.width == len(controller.joints)
+            ):
+                return controller
         return None
 
 

@@ -78,11 +78,11 @@ class DriveTopics(Endpoint):
         """Publish what has come of this node."""
         if not self._listeners:
             return
-        for each in nodes.get(self._view.name, ()):
-            if len(each.data) > 4:
+        for mapped in nodes.get(self._view.name, ()):
+            if len(mapped.data) > 4:
                 continue  # of more than 32 bits: COData has no room
-            value = self._objects[each.index, each.subindex] = as_uint32(each.data)
-            self._rpdo.publish(self._object(index=each.index, subindex=each.subindex, data=value))
+            value = self._objects[mapped.index, mapped.subindex] = as_uint32(mapped.data)
+            self._rpdo.publish(self._object(index=mapped.index, subindex=mapped.subindex, data=value))
 
     def close(self) -> None:
         """Leave the topics."""
@@ -102,10 +102,10 @@ class DriveTopics(Endpoint):
                 self._rpdo.publish(self._object(index=index, subindex=subindex, data=value))
 
     def _publish_nmt(self, node: NodeReading) -> None:
-        told = NMT_STATES.get(node.nmt_state, "ERROR")
-        if told != self._told:
-            self._told = told
-            self._nmt.publish(String(data=told))
+        nmt_state = NMT_STATES.get(node.nmt_state, "ERROR")
+        if nmt_state != self._told:
+            self._told = nmt_state
+            self._nmt.publish(String(data=nmt_state))
 
     def _joints(self, state: StateSample, joints: list[str]) -> JointState:
         """Return the state under the node's name, as ros2_canopen does; with several axes, the joints' names."""
@@ -134,24 +134,24 @@ class DriveTopics(Endpoint):
         address, data = Address(message.index, message.subindex, ""), int(message.data)
         drive = self._view.is_drive or self._view.joints
         if drive and 0x6000 <= address.index < 0xA000 and 0x6000 + (address.index - 0x6000) % _AXIS in _MOVING:
-            self._tell(f"{address} moves the drive, and belongs to the controllers; the message was dropped")
+            self._report(f"{address} moves the drive, and belongs to the controllers; the message was dropped")
         else:
             self._ros.hand_over(lambda: self._write(address, data))
 
     def _write(self, address: Address, data: int) -> None:
         node, bits = self._view.name, self._view.rpdo.get((address.index, address.subindex))
         if bits is None:
-            write_object(self._ros, node, address, lambda length: of_uint32(data, length), self._tell)
+            write_object(self._ros, node, address, lambda length: of_uint32(data, length), self._report)
             return
         try:
             value = of_uint32(data, (bits + 7) // 8)
         except ValueError as error:
-            self._tell(f"{address}: {error}")
+            self._report(f"{address}: {error}")
             return
         request = PdoWrite(node=node, index=address.index, subindex=address.subindex, data=value)
-        self._ros.ask(request, lambda _result, error: self._tell(error))
+        self._ros.ask(request, lambda _result, error: self._report(error))
 
-    def _tell(self, error: str | None) -> None:
+    def _report(self, error: str | None) -> None:
         if error is not None:
             self._ros.warn(f"{self._view.name}/tpdo", f"{self._view.name}/tpdo: {error}")
 
@@ -181,24 +181,24 @@ class ProxyNode(Endpoint):
 
     def on_state(self, state: StateSample) -> None:
         """Let the node publish a sample."""
-        for each in self._parts:
-            each.on_state(state)
+        for part in self._parts:
+            part.on_state(state)
 
     def on_event(self, event: RobotEvent) -> None:
         """Let the node publish an EMCY message."""
-        for each in self._parts:
-            each.on_event(event)
+        for part in self._parts:
+            part.on_event(event)
 
     def on_process_data(self, nodes: dict[str, list[MappedValue]]) -> None:
         """Let the node publish what its TPDOs carry."""
-        for each in self._parts:
-            each.on_process_data(nodes)
+        for part in self._parts:
+            part.on_process_data(nodes)
 
     def close(self) -> None:
         """Leave the graph."""
         self._closed = True
-        for each in self._parts:
-            each.close()
+        for part in self._parts:
+            part.close()
 
     def own_joint(self) -> str | None:
         """Return the joint whose axis is served; None: what moves nothing."""
@@ -207,7 +207,7 @@ class ProxyNode(Endpoint):
     def _ask(self) -> None:
         def listed(listing: NodeListing | None, error: str | None) -> None:
             if listing is None:
-                self._tell(str(error))
+                self._report(str(error))
             else:
                 self._ros.ask(GetLayout(), lambda layout, _error: self._make(listing, layout))
 
@@ -215,19 +215,19 @@ class ProxyNode(Endpoint):
 
     def _make(self, listing: NodeListing, layout: Layout | None) -> None:
         (joint,), name = self._controller.joints, self._controller.name
-        node = next((each.name for each in listing.nodes if joint in each.joints), joint)
+        node = next((node.name for node in listing.nodes if joint in node.joints), joint)
         namespace = str(self._ros.node.get_namespace())
         views = {view.name: view for view in nodes_of(listing, namespace, layout)}
         view = views.get(node)
         if view is None:
-            self._tell(f"no node drives joint {joint!r}, and none has this name; `joint` is one of a node of bus.yml")
+            self._report(f"no node drives joint {joint!r}, and none has this name; `joint` is one of a node of bus.yml")
         elif not self._closed:
             own = self.own_joint()
             moved = () if own is None else (own,)
             below = view._replace(place=ros_name(name), namespace=namespace, remappings=(), joints=moved)
             self._parts = [DriveTopics(self._ros, below), DriveServices(self._ros, below, DriveTargets(), own)]
 
-    def _tell(self, text: str) -> None:
+    def _report(self, text: str) -> None:
         self._ros.warn(self._controller.name, f"{self._controller.name} has no topics: {text}")
 
 

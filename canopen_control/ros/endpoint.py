@@ -75,7 +75,7 @@ class Ros(Protocol):
     def unserve(self, service: object) -> None:
         """Leave a service."""
 
-    def watch_process_data(self, watcher: object, wanted: bool) -> None:
+    def watch_process_data(self, watcher: object, on: bool) -> None:
         """Have the robot tell what its TPDOs carry, to `on_process_data`, while anybody wants it."""
 
     def connect(self) -> ReactorClient:
@@ -107,9 +107,9 @@ class NewSamples(Generic[S]):
 
     def of(self, state: StateSample) -> dict[str, S]:
         """Return those that were published since the last call, by controller."""
-        told = state.told(self._kind)
-        new = {name: each for name, each in told.items() if self._times.get(name) != each.time}
-        self._times = {name: each.time for name, each in told.items()}
+        samples = state.told(self._kind)
+        new = {name: sample for name, sample in samples.items() if self._times.get(name) != sample.time}
+        self._times = {name: sample.time for name, sample in samples.items()}
         return new
 
 
@@ -163,8 +163,8 @@ def serve(node: Node, kind: type, name: str, handler: Handler) -> RosMessage:
     service = node.create_service(kind, name, _Taken)
     send = service.send_response
 
-    def start(taken: _Taken, header: object) -> None:
-        handler(taken.request, taken.response, Answer(send, header))
+    def start(request: _Taken, header: object) -> None:
+        handler(request.request, request.response, Answer(send, header))
 
     service.send_response = start
     return service

@@ -33,8 +33,8 @@ class Frames(Endpoint):
         self._ros = ros
         self._tf_message = interface("tf2_msgs/msg/TFMessage")
         joints = read_model(urdf).joints.values()
-        self._moving = [each for each in joints if not each.fixed]
-        self._fixed = [each for each in joints if each.fixed]
+        self._moving = [joint for joint in joints if not joint.fixed]
+        self._fixed = [joint for joint in joints if joint.fixed]
         self._based: frozenset[str] = frozenset()  # the frames whose place odometry or a pose tells
         self._joint_states = NewSamples(JointStatesSample)
         self._odometry, self._poses = NewSamples(OdometrySample), NewSamples(PoseSample)
@@ -49,14 +49,14 @@ class Frames(Endpoint):
             self._based = based
             self._publish_fixed(state.time)
         transforms = [
-            self._message(transform, each.time)
-            for each in self._joint_states.of(state).values()
-            for transform in self._of(self._moving, positions_of(each))
+            self._message(transform, joint_states.time)
+            for joint_states in self._joint_states.of(state).values()
+            for transform in self._of(self._moving, positions_of(joint_states))
         ]
         transforms += [
-            self._message(transform, each.time)
-            for each in (*self._odometry.of(state).values(), *self._poses.of(state).values())
-            if (transform := transform_of(each)) is not None
+            self._message(transform, joint_states.time)
+            for joint_states in (*self._odometry.of(state).values(), *self._poses.of(state).values())
+            if (transform := transform_of(joint_states)) is not None
         ]
         if transforms:
             self._publisher.publish(self._tf_message(transforms=transforms))
@@ -67,12 +67,12 @@ class Frames(Endpoint):
             self._ros.node.destroy_publisher(publisher)
 
     def _publish_fixed(self, time: float) -> None:
-        transforms = [self._message(each, time) for each in self._of(self._fixed, {})]
+        transforms = [self._message(transform, time) for transform in self._of(self._fixed, {})]
         self._static.publish(self._tf_message(transforms=transforms))
 
     def _of(self, joints: list[Joint], positions: dict[str, float]) -> list[Transform]:
-        transforms = (each.transform(positions) for each in joints if each.child not in self._based)
-        return [each for each in transforms if each is not None]
+        transforms = (joint.transform(positions) for joint in joints if joint.child not in self._based)
+        return [transform for transform in transforms if transform is not None]
 
     def _message(self, transform: Transform, time: float) -> TransformStamped:
         return transform_message(self._ros, transform, time)

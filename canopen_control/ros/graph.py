@@ -48,13 +48,13 @@ def full_name(text: str, kind: str) -> str:
     return f"{match[1]}/{kind}/{match[3]}"
 
 
-def fill(message: Any, data: object, class_of: ClassOf, where: str = "") -> Any:  # noqa: ANN401 - somebody's generator's
+def fill(message: Any, data: object, class_of: ClassOf, place: str = "") -> Any:  # noqa: ANN401 - somebody's generator's
     """Put data into a message and return it; `class_of` gives the class of a nested one. Raises ConfigError."""
     types = message.get_fields_and_field_types()
     if not isinstance(data, dict):
-        raise ConfigError(f"{where or 'the message'} has fields ({', '.join(types)}), not {data!r}")
+        raise ConfigError(f"{place or 'the message'} has fields ({', '.join(types)}), not {data!r}")
     for name, value in data.items():
-        path = f"{where}.{name}" if where else str(name)
+        path = f"{place}.{name}" if place else str(name)
         if name not in types:
             raise ConfigError(f"{path}: there is no such field; there are: {', '.join(types)}")
         setattr(message, name, _made(value, types[name], class_of, path))
@@ -67,10 +67,10 @@ def _made(value: object, kind: str, class_of: ClassOf, path: str) -> Any:  # noq
         return _scalar(value, kind, class_of, path)
     if not isinstance(value, list):
         raise ConfigError(f"{path} is a list of {match[1] or match[3]}, not {value!r}")
-    wanted = int(match[4] or len(value))
-    if len(value) != wanted or len(value) > int(match[2] or len(value)):
+    length = int(match[4] or len(value))
+    if len(value) != length or len(value) > int(match[2] or len(value)):
         raise ConfigError(f"{path} has {match[4] or f'at most {match[2]}'} elements, not {len(value)}")
-    return [_scalar(each, match[1] or match[3], class_of, f"{path}[{at}]") for at, each in enumerate(value)]
+    return [_scalar(item, match[1] or match[3], class_of, f"{path}[{at}]") for at, item in enumerate(value)]
 
 
 def _scalar(value: object, kind: str, class_of: ClassOf, path: str) -> Any:  # noqa: ANN401 - what the field holds
@@ -78,9 +78,9 @@ def _scalar(value: object, kind: str, class_of: ClassOf, path: str) -> Any:  # n
         package, _, short = kind.partition("/")
         return fill(class_of(f"{package}/msg/{short}")(), value, class_of, path)
     for fits, make in _SCALARS:
-        made = make(value) if fits(kind) else None
-        if made is not None:
-            return made
+        scalar = make(value) if fits(kind) else None
+        if scalar is not None:
+            return scalar
     raise ConfigError(f"{path} is a {kind}, not {value!r}")
 
 
@@ -116,7 +116,7 @@ def plain(value: Any) -> Any:  # noqa: ANN401 - a message, or what one of its fi
     if isinstance(value, bool | int | str):
         return value
     if hasattr(value, "__len__"):
-        return [plain(each) for each in value]
+        return [plain(item) for item in value]
     number = value.item() if hasattr(value, "item") else value  # numpy's
     return None if isinstance(number, float) and not math.isfinite(number) else number
 
@@ -138,13 +138,13 @@ def lines(message: Any, indent: str = "") -> Iterator[str]:  # noqa: ANN401 - so
 
 
 def _elements(values: Any, indent: str) -> Iterator[str]:  # noqa: ANN401 - list, tuple, array or numpy's
-    for each in values:
-        if hasattr(each, "get_fields_and_field_types"):
-            first, *others = list(lines(each, indent + "  ")) or [f"{indent}  {{}}"]
+    for value in values:
+        if hasattr(value, "get_fields_and_field_types"):
+            first, *others = list(lines(value, indent + "  ")) or [f"{indent}  {{}}"]
             yield f"{indent}- {first.lstrip()}"
             yield from others
         else:
-            yield f"{indent}- {_text(each)}"
+            yield f"{indent}- {_text(value)}"
 
 
 def _text(value: Any) -> str:  # noqa: ANN401 - what a field holds
@@ -200,10 +200,10 @@ class Graph:
         """Serve callbacks until a condition holds; whether it does."""
         deadline = time.monotonic() + seconds
         while not until():
-            left = deadline - time.monotonic()
-            if left <= 0:
+            remaining = deadline - time.monotonic()
+            if remaining <= 0:
                 return False
-            self._executor.spin_once(timeout_sec=min(left, _STEP_S))
+            self._executor.spin_once(timeout_sec=min(remaining, _STEP_S))
         return True
 
     def topics(self) -> Names:
@@ -215,18 +215,20 @@ class Graph:
         """Return (name, types) of the services of others."""
         self.spin(MOMENT_S)
         own = f"/{self._node.get_name()}/"
-        return sorted(each for each in self._node.get_service_names_and_types() if not each[0].startswith(own))
+        return sorted(service for service in self._node.get_service_names_and_types() if not service[0].startswith(own))
 
     def type_of(self, topic: str, seconds: float) -> str:
         """Return the type of a topic; CanopenError when nobody has it in time, or with several types."""
         return self._only(topic, self._node.get_topic_names_and_types, "topic", seconds)
 
-    def _only(self, name: str, names: Callable[[], Names], what: str, seconds: float) -> str:
+    def _only(self, name: str, names: Callable[[], Names], title: str, seconds: float) -> str:
         absolute = name if name.startswith("/") else f"/{name}"
         self.spin(seconds, lambda: absolute in dict(names()))
         types = dict(names()).get(absolute, [])
         if not types:
-            raise CanopenError(f"there is no {what} {absolute}; canopen-control ros {what} list shows which there are")
+            raise CanopenError(
+                f"there is no {title} {absolute}; canopen-control ros {title} list shows which there are"
+            )
         if len(types) > 1:
             raise CanopenError(f"{absolute} has several types ({', '.join(types)}); say which one is meant")
         return types[0]
@@ -248,9 +250,9 @@ class Graph:
 
     def call(self, service: str, kind: str, data: object, seconds: float) -> Any:  # noqa: ANN401 - a response
         """Call a service and return its response; raises ConfigError or CanopenError."""
-        found = class_of(kind)
-        request = _filled(found.Request(), data)  # type: ignore[attr-defined] # every service class has one
-        client = self._node.create_client(found, service)
+        service_class = class_of(kind)
+        request = _filled(service_class.Request(), data)  # type: ignore[attr-defined] # every service class has one
+        client = self._node.create_client(service_class, service)
         if not self.spin(seconds, client.service_is_ready):
             raise CanopenError(
                 f"no node serves {service} as {kind}; canopen-control ros service list shows the services"
@@ -273,10 +275,10 @@ class Publication:
 def class_of(name: str) -> type:
     """Return the class of an interface; ConfigError when there is none."""
     try:
-        found: type = interface(name)
+        interface_class: type = interface(name)
     except (ImportError, AttributeError, MissingInterface):
         raise ConfigError(f"this ROS has no interface {name}") from None
-    return found
+    return interface_class
 
 
 def _filled(message: Any, data: object) -> Any:  # noqa: ANN401 - somebody's generator's class

@@ -44,11 +44,11 @@ def require_ros(environment: Mapping[str, str] | None = None) -> None:
     suffixes = importlib.machinery.EXTENSION_SUFFIXES
     if not any((folder / f"{_EXTENSION}{suffix}").exists() for suffix in suffixes):
         raise ConfigError(f"the rclpy in {folder} is made for another Python than this one; {_HOW}")
-    wanted = environment.get("RMW_IMPLEMENTATION", "")
-    if wanted not in ("", WHEEL_RMW) and from_wheels():
+    middleware = environment.get("RMW_IMPLEMENTATION", "")
+    if middleware not in ("", WHEEL_RMW) and from_wheels():
         raise ConfigError(
-            f"RMW_IMPLEMENTATION is {wanted}, but the ROS wheels of pip contain {WHEEL_RMW} alone; "
-            f"unset it, or source a ROS 2 installation that has {wanted}"
+            f"RMW_IMPLEMENTATION is {middleware}, but the ROS wheels of pip contain {WHEEL_RMW} alone; "
+            f"unset it, or source a ROS 2 installation that has {middleware}"
         )
 
 

@@ -79,27 +79,31 @@ class LifecycleServices(Endpoint):
     def _change(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
         wanted = request.transition
         number = _SHUTDOWN.get(wanted.id, wanted.id)
-        found = [each for each in TRANSITIONS if each.number == number or (not number and each.label == wanted.label)]
+        transitions = [
+            transition
+            for transition in TRANSITIONS
+            if transition.number == number or (not number and transition.label == wanted.label)
+        ]
 
         def done(error: str | None) -> None:
             if error is None:
-                self.state = found[0].target
+                self.state = transitions[0].target
                 for member in self._members:
-                    member.state = _OF_MEMBERS.get(found[0].label, member.state)
+                    member.state = _OF_MEMBERS.get(transitions[0].label, member.state)
             else:
                 self._ros.warn(self._path, f"{self._path}: {error}")
             response.success = error is None
             reply(response)
 
-        if not found:
+        if not transitions:
             done(f"no transition {wanted.id} {wanted.label!r}")
-        elif self.state in found[0].reached:
+        elif self.state in transitions[0].reached:
             response.success = True
             reply(response)
-        elif self.state not in found[0].sources:
-            done(f"it is {self.state}, which knows no {found[0].label}")
+        elif self.state not in transitions[0].sources:
+            done(f"it is {self.state}, which knows no {transitions[0].label}")
         else:
-            self._actions.get(found[0].label, lambda told: told(None))(done)
+            self._actions.get(transitions[0].label, lambda answer: answer(None))(done)
 
     def _activate(self, done: Told) -> None:
         wanted = list(self._nodes) if self._node is None else [self._node]
@@ -132,7 +136,7 @@ class LifecycleServices(Endpoint):
         reply(response)
 
     def _states(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
-        response.available_states = [self._message(each) for each in STATES]
+        response.available_states = [self._message(state) for state in STATES]
         reply(response)
 
     def _transitions(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:

@@ -49,7 +49,7 @@ class SessionPort(Protocol):
     def hand_over(self, function: Callable[[], object]) -> None:
         """Have a function called on the reactor's thread."""
 
-    def watch_process_data(self, watcher: object, wanted: bool) -> None:
+    def watch_process_data(self, watcher: object, on: bool) -> None:
         """Have the robot tell what its TPDOs carry."""
 
     def connect(self) -> ReactorClient:

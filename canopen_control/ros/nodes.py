@@ -57,10 +57,10 @@ class RosNode(NamedTuple):
     is_drive: bool = False
     place: str = ""
 
-    def path(self, what: str, channel: Channel | None = None) -> str:
+    def path(self, name: str, channel: Channel | None = None) -> str:
         """Return the name of one of its services or topics, or of a channel's, remapped."""
         below = (self.place or ros_name(self.name)) if channel is None else channel.name
-        path = resolve(self.namespace, f"{below}/{what}".rstrip("/"))
+        path = resolve(self.namespace, f"{below}/{name}".rstrip("/"))
         return dict(self.remappings).get(path, path)
 
 
@@ -69,14 +69,17 @@ def nodes_of(
 ) -> list[RosNode]:
     """Return the nodes of the API's listing; `namespace` is the bridge's, `states` are the nodes of its status."""
     mapped = {} if layout is None else dict(_mapped(layout))
-    known = states or {}
+    known_states = states or {}
     return [
-        _node(each, namespace)._replace(
-            rpdo=mapped.get(each.name, {}),
-            channels=_channels(each, known.get(each.name)),
-            joints=tuple(each.joints or (axis.joint for axis in (known[each.name].axes if each.name in known else ()))),
+        _node(node, namespace)._replace(
+            rpdo=mapped.get(node.name, {}),
+            channels=_channels(node, known_states.get(node.name)),
+            joints=tuple(
+                node.joints
+                or (axis.joint for axis in (known_states[node.name].axes if node.name in known_states else ()))
+            ),
         )
-        for each in listing.nodes
+        for node in listing.nodes
     ]
 
 
@@ -95,30 +98,30 @@ def resolve(namespace: str, name: str, node: str = "") -> str:
     return f"/{namespace.strip('/')}/{name}" if namespace.strip("/") else f"/{name}"
 
 
-def _node(told: NodePlace, bridges: str) -> RosNode:
-    namespace = told.namespace or bridges
+def _node(place: NodePlace, bridges: str) -> RosNode:
+    namespace = place.namespace or bridges
     remappings = tuple(
-        (resolve(namespace, old, ros_name(told.name)), resolve(namespace, new, ros_name(told.name)))
-        for old, new in told.remappings.items()
+        (resolve(namespace, old, ros_name(place.name)), resolve(namespace, new, ros_name(place.name)))
+        for old, new in place.remappings.items()
     )
-    lifecycle, is_drive = "Lifecycle" in (told.driver or ""), told.axes > 0
-    return RosNode(told.name, told.node_id, namespace, remappings, lifecycle, is_drive=is_drive)
+    lifecycle, is_drive = "Lifecycle" in (place.driver or ""), place.axes > 0
+    return RosNode(place.name, place.node_id, namespace, remappings, lifecycle, is_drive=is_drive)
 
 
 def _mapped(layout: Layout) -> Iterator[tuple[str, dict[tuple[int, int], int]]]:
     """Yield the name of each node, and what its RPDOs map."""
     for bus in layout.buses.values():
         for node in bus.nodes:
-            objects = [each for pdo in node.pdos if pdo.direction == "rpdo" for each in pdo.objects]
-            yield node.name, {(each.index, each.subindex): each.bits for each in objects}
+            objects = [entry for pdo in node.pdos if pdo.direction == "rpdo" for entry in pdo.objects]
+            yield node.name, {(entry.index, entry.subindex): entry.bits for entry in objects}
 
 
-def _channels(told: NodePlace, state: NodeReading | None) -> tuple[Channel, ...]:
+def _channels(place: NodePlace, state: NodeReading | None) -> tuple[Channel, ...]:
     axes = () if state is None else state.axes
     if len(axes) < 2:
         return ()
-    names = [ros_name(name) for name in told.channel_names or ()]
-    node = ros_name(told.name)
+    names = [ros_name(name) for name in place.channel_names or ()]
+    node = ros_name(place.name)
     return tuple(
         Channel(axis.joint, names[axis.axis] if axis.axis < len(names) else f"{node}/{ros_name(axis.joint)}")
         for axis in axes

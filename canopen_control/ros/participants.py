@@ -29,12 +29,12 @@ def client_of(header: RosMessage) -> bytes | None:
     The header is C's rmw_request_id_t, 16 bytes of GUID and the number of the request, of which rclpy shows the number
     alone: pybind11 keeps where it is behind the head of the Python object. The number tells whether that is so.
     """
-    where = ctypes.c_size_t.from_address(id(header) + object.__basicsize__).value
-    if not where or where % 8:
+    pointer = ctypes.c_size_t.from_address(id(header) + object.__basicsize__).value
+    if not pointer or pointer % 8:
         return None
-    if ctypes.c_int64.from_address(where + 16).value != header.sequence_number:
+    if ctypes.c_int64.from_address(pointer + 16).value != header.sequence_number:
         return None
-    return ctypes.string_at(where, _PREFIX)
+    return ctypes.string_at(pointer, _PREFIX)
 
 
 class ActionClients:
@@ -45,8 +45,10 @@ class ActionClients:
 
     def present(self) -> set[bytes]:
         """Return those that DDS knows now."""
-        found = self._node.get_publishers_info_by_topic(f"rq{self._action}/_action/send_goalRequest", no_mangle=True)
-        return set(map(_participant, found))
+        publishers = self._node.get_publishers_info_by_topic(
+            f"rq{self._action}/_action/send_goalRequest", no_mangle=True
+        )
+        return set(map(_participant, publishers))
 
     def runs_here(self, participant: bytes) -> bool:
         """Whether it is of a process that runs on this host; of another container's nothing is known, False."""
@@ -56,24 +58,24 @@ class ActionClients:
     def _host(self) -> bytes | None:
         """Return what stands for this host in the bytes of a participant, by those of this process; None if not so."""
         own = self._node.get_publishers_info_by_topic(f"rt{self._action}/_action/status", no_mangle=True)
-        for each in map(_participant, own):
-            if each[:2] == _VENDOR and _process(each) == os.getpid() % 65536:
-                return each[2:4]
+        for participant in map(_participant, own):
+            if participant[:2] == _VENDOR and _process(participant) == os.getpid() % 65536:
+                return participant[2:4]
         return None
 
 
 def folder_of(node: Node, participant: bytes | None) -> Path | None:
     """Return the working folder of the process that a participant is, None where it is not seen: of another host."""
     own = map(_participant, node.get_publishers_info_by_topic("/rosout"))
-    host = next((each[2:4] for each in own if each[:2] == _VENDOR and _process(each) == os.getpid() % 65536), None)
+    host = next((gid[2:4] for gid in own if gid[:2] == _VENDOR and _process(gid) == os.getpid() % 65536), None)
     if participant is None or host is None or participant[:4] != _VENDOR + host:
         return None
     numbers = range(_process(participant), _PIDS, 65536)
-    found = [number for number in numbers if number and (_PROCFS / str(number)).exists()]
-    if len(found) != 1:
+    pids = [number for number in numbers if number and (_PROCFS / str(number)).exists()]
+    if len(pids) != 1:
         return None
     try:
-        return (_PROCFS / str(found[0]) / "cwd").readlink()
+        return (_PROCFS / str(pids[0]) / "cwd").readlink()
     except OSError:  # of another user, or it has ended
         return None
 

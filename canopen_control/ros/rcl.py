@@ -58,7 +58,12 @@ def further_node(name: str, context: Context, namespace: str, arguments: Sequenc
         name,
         context=context,
         namespace=namespace,
-        cli_args=["--ros-args", "-r", f"__node:={name}", *(each for each in arguments if each != "--ros-args")],
+        cli_args=[
+            "--ros-args",
+            "-r",
+            f"__node:={name}",
+            *(argument for argument in arguments if argument != "--ros-args"),
+        ],
         start_parameter_services=False,
         parameter_overrides=[
             parameter("start_type_description_service", value=False),

@@ -147,8 +147,8 @@ class NodeSdo:
 
     def _write(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
         address = Address(request.index, request.subindex, "")
-        told = _teller(self._ros, self._name, response, reply)
-        write_object(self._ros, self._name, address, lambda length: of_uint32(request.data, length), told)
+        on_done = _teller(self._ros, self._name, response, reply)
+        write_object(self._ros, self._name, address, lambda length: of_uint32(request.data, length), on_done)
 
     def _get(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
         make = interface("rcl_interfaces/msg/ParameterValue")
@@ -229,7 +229,7 @@ def write_object(
     node: str,
     address: Address,
     make: Callable[[int], bytes],
-    told: Callable[[str | None], object],
+    on_done: Callable[[str | None], object],
     *,
     width: int | None = None,
 ) -> None:
@@ -239,12 +239,12 @@ def write_object(
     are tried, since a node refuses a wrong one. With a `width` or a type in the address neither is needed.
     """
     if width is not None or address.kind:
-        _write_as(ros, node, address, make, (width or 0,), told)
+        _write_as(ros, node, address, make, (width or 0,), on_done)
         return
 
     def answer(result: SdoData | None, _error: str | None) -> None:
         lengths = _WIDTHS if result is None else (len(result.data),)
-        _write_as(ros, node, address, make, lengths, told)
+        _write_as(ros, node, address, make, lengths, on_done)
 
     ros.ask(_read_request(node, address), answer)
 
@@ -255,23 +255,23 @@ def _write_as(
     address: Address,
     make: Callable[[int], bytes],
     lengths: Sequence[int],
-    told: Callable[[str | None], object],
+    on_done: Callable[[str | None], object],
 ) -> None:
-    length, *others = lengths
+    length, *further = lengths
 
     def answer(_done: Done | None, error: str | None) -> None:
-        if error is not None and others and any(code in error.upper() for code in _WRONG_LENGTH):
-            _write_as(ros, node, address, make, others, told)
+        if error is not None and further and any(code in error.upper() for code in _WRONG_LENGTH):
+            _write_as(ros, node, address, make, further, on_done)
         else:
-            told(error)
+            on_done(error)
 
     try:
         data = make(length)
     except ValueError as wrong:
-        if others:
-            _write_as(ros, node, address, make, others, told)
+        if further:
+            _write_as(ros, node, address, make, further, on_done)
         else:
-            told(f"{node} {address}: {wrong}")
+            on_done(f"{node} {address}: {wrong}")
         return
     ros.ask(SdoWrite(node=node, index=address.index, subindex=address.subindex, data=data), answer)
 
@@ -293,7 +293,7 @@ def _teller(ros: Ros, node: str, response: RosMessage, reply: Reply) -> Callable
 
 
 def _one_by_one(
-    items: list[Any], one: Callable[[int, Any, Callable[[], None]], None], done: Callable[[], object]
+    items: list[Any], call_one: Callable[[int, Any, Callable[[], None]], None], done: Callable[[], object]
 ) -> None:
     """Do one after the other: a node serves one transfer at a time, and what is written first is there first."""
 
@@ -301,7 +301,7 @@ def _one_by_one(
         if number == len(items):
             done()
         else:
-            one(number, items[number], lambda: go_on(number + 1))
+            call_one(number, items[number], lambda: go_on(number + 1))
 
     go_on(0)
 
@@ -314,9 +314,9 @@ def _fill(into: RosMessage, kind: str, result: SdoData | None, error: str | None
         value: Value = decode(result.data, kind)
         if isinstance(value, int) and value > _LARGEST:
             value = value.to_bytes(8, "little")  # a parameter is an int64
-        held: object = [bytes([each]) for each in value] if isinstance(value, bytes) else value
+        content: object = [bytes([octet]) for octet in value] if isinstance(value, bytes) else value
         into.type = _TYPE_OF[type(value)]
-        setattr(into, _FIELDS[into.type], held)
+        setattr(into, _FIELDS[into.type], content)
     except ValueError as wrong:
         into.string_value = str(wrong)
 
@@ -324,5 +324,5 @@ def _fill(into: RosMessage, kind: str, result: SdoData | None, error: str | None
 def _value_of(value: RosMessage) -> Value:
     if value.type not in _FIELDS:
         raise ValueError(f"type {value.type}: a bool 1, an integer 2, a double 3, a string 4 or bytes 5 can be written")
-    held = getattr(value, _FIELDS[value.type])
-    return b"".join(held) if value.type == _TYPE_OF[bytes] else held
+    content = getattr(value, _FIELDS[value.type])
+    return b"".join(content) if value.type == _TYPE_OF[bytes] else content

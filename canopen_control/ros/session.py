@@ -49,8 +49,8 @@ from canopen_control.rpc.messages.robot import (
     ListControllers,
     ListHardware,
     ProcessData,
+    PublishEvent,
     Subscribe,
-    Tell,
 )
 from canopen_control.rpc.messages.samples import stamped
 from canopen_control.rpc.messages.state import RobotEvent, StateSample
@@ -114,7 +114,7 @@ class Activity(Endpoint):
 
     def _on_hardware(self, answer: list[HardwareReading] | None, error: str | None) -> None:
         self._asking = False
-        hardware = {each.name: each.state for each in answer or ()}
+        hardware = {component.name: component.state for component in answer or ()}
         if error is not None:
             self._ros.warn("activity", f"controller_manager/activity: {error}")
         elif (self._controllers, hardware) != self._told:
@@ -219,10 +219,10 @@ _DIGITS = 6  # of seconds: what a time in Unix seconds can hold
 def wants_sim_time(client: RobotClient) -> bool:
     """Return whether the controller manager of a robot has `use_sim_time`; False where nobody can say."""
     try:
-        found = client.ask(GetParameters(controller=MANAGER))
+        parameters = client.ask(GetParameters(controller=MANAGER))
     except RemoteError:
         return False
-    return any(each.name == "use_sim_time" and each.value is True for each in found)
+    return any(parameter.name == "use_sim_time" and parameter.value is True for parameter in parameters)
 
 
 class RosTime:
@@ -246,13 +246,15 @@ class RosTime:
         self._simulated = message.sim_time is not None
         self._epoch, self._reached = self._epoch_of(message), message.sim_time or 0.0
         if (epoch := self._epoch) is not None:
-            own = {name: stamped(each, round(each.time - epoch, _DIGITS)) for name, each in message.samples.items()}
+            own = {
+                name: stamped(sample, round(sample.time - epoch, _DIGITS)) for name, sample in message.samples.items()
+            }
             return stamped(message, self._reached, samples=own)
         now = self._now()
         if now is None:
             return message
-        self._known = {name: self._of(name, each.time, now) for name, each in message.samples.items()}
-        samples = {name: stamped(each, self._known[name][1]) for name, each in message.samples.items()}
+        self._known = {name: self._of(name, sample.time, now) for name, sample in message.samples.items()}
+        samples = {name: stamped(sample, self._known[name][1]) for name, sample in message.samples.items()}
         return stamped(message, now, samples=samples)
 
     def event(self, message: RobotEvent) -> RobotEvent:
@@ -276,8 +278,8 @@ class RosTime:
         return message.sim_epoch if self.in_simulation or self._clock() is not None else None
 
     def _of(self, name: str, time: float, now: float) -> tuple[float, float]:
-        known = self._known.get(name)
-        return known if known is not None and known[0] == time else (time, now)
+        endpoints = self._known.get(name)
+        return endpoints if endpoints is not None and endpoints[0] == time else (time, now)
 
 
 # `/clock` of a simulated robot, for programs with `use_sim_time`.
@@ -353,7 +355,7 @@ class RosSession:
     def _make_common(self, urdf: str, nodes: list[RosNode]) -> None:
         """Make the topics of the robot as a whole; what cannot be made is told, the others are there."""
         options, ros = self._options, self._ros
-        wanted: list[Callable[[], Endpoint]] = [
+        factories: list[Callable[[], Endpoint]] = [
             lambda: RobotDescription(ros, urdf),
             lambda: Diagnostics(ros),
             lambda: Events(ros),
@@ -366,13 +368,13 @@ class RosSession:
             lambda: Activity(self._nodes.of(MANAGER)),
         ]
         if options.tf:
-            wanted.append(lambda: Frames(ros, urdf))
+            factories.append(lambda: Frames(ros, urdf))
         if options.cmd_vel_type != "off":
-            wanted.append(lambda: SharedTwist(ros, options.cmd_vel_topic, options.cmd_vel_type))
+            factories.append(lambda: SharedTwist(ros, options.cmd_vel_topic, options.cmd_vel_type))
         if options.topic_hardware:
-            wanted.append(lambda: TopicHardware(ros, options.joint_commands_topic, options.joint_states_topic))
-        wanted += self._of_nodes(nodes) if options.drives else []
-        for make in wanted:
+            factories.append(lambda: TopicHardware(ros, options.joint_commands_topic, options.joint_states_topic))
+        factories += self._of_nodes(nodes) if options.drives else []
+        for make in factories:
             try:
                 self._common.append(make())
             except MissingInterface as error:
@@ -388,16 +390,16 @@ class RosSession:
             lifecycles.append(LifecycleServices(ros, path, node))
             return lifecycles[-1]
 
-        wanted: list[Callable[[], Endpoint]] = [lambda: MasterServices(ros)] if nodes else []
+        factories: list[Callable[[], Endpoint]] = [lambda: MasterServices(ros)] if nodes else []
         for node in nodes:
-            wanted.append(partial(DriveTopics, ros, node))
-            wanted.append(partial(DriveServices, ros, node, targets))
+            factories.append(partial(DriveTopics, ros, node))
+            factories.append(partial(DriveServices, ros, node, targets))
             if node.lifecycle:
-                wanted.append(partial(lifecycle, node.path(""), node.name))
+                factories.append(partial(lifecycle, node.path(""), node.name))
         if self._options.lifecycle or any(node.lifecycle for node in nodes):
-            wanted.append(partial(lifecycle, "master"))
-            wanted.append(lambda: LifecycleServices(ros, "/lifecycle_manager", members=lifecycles))
-        return wanted
+            factories.append(partial(lifecycle, "master"))
+            factories.append(lambda: LifecycleServices(ros, "/lifecycle_manager", members=lifecycles))
+        return factories
 
     def open(self) -> None:
         """Subscribe on both sides and begin; raises RemoteError."""
@@ -451,7 +453,7 @@ class RosSession:
         self._lacking.setdefault(interface, False)
 
     def _tell_lacking(self) -> None:
-        new = sorted(name for name, told in self._lacking.items() if not told)
+        new = sorted(name for name, is_reported in self._lacking.items() if not is_reported)
         self._lacking.update(dict.fromkeys(new, True))
         if new:
             self._tell_robot(
@@ -469,10 +471,10 @@ class RosSession:
 
     def _tell_robot(self, text: str) -> None:
         """Have the robot tell a sentence as an event; on the reactor's thread."""
-        told = "".join(letter if letter.isprintable() else " " for letter in f"ROS: {text}")[:_LONGEST_TOLD]
+        sentence = "".join(letter if letter.isprintable() else " " for letter in f"ROS: {text}")[:_LONGEST_TOLD]
         if not self._ended:
             with contextlib.suppress(RemoteError):  # a robot that is gone tells nothing; its end is seen elsewhere
-                self._client.notify(Tell(kind="ros_warning", text=told, level="warning"))
+                self._client.notify(PublishEvent(kind="ros_warning", text=sentence, level="warning"))
 
     def _warn(self, key: str, text: str) -> None:
         self.warn_of(self.node, key, text)
@@ -481,15 +483,15 @@ class RosSession:
         """Have a function called on the reactor's thread; from any thread."""
         self._reactor.call_threadsafe(function)
 
-    def watch_process_data(self, watcher: object, wanted: bool) -> None:
+    def watch_process_data(self, watcher: object, on: bool) -> None:
         """Have the robot tell what its TPDOs carry while anybody wants it; on the reactor's thread.
 
         Whoever begins to want it has everything told that has come, which the others then get once more.
         """
         watchers = self._process_data_watchers
-        (watchers.add if wanted else watchers.discard)(watcher)
-        if (wanted or not watchers) and not self._ended:
-            self._client.notify(Subscribe(state_rate=self._rate, events=True, pdos=wanted))
+        (watchers.add if on else watchers.discard)(watcher)
+        if (on or not watchers) and not self._ended:
+            self._client.notify(Subscribe(state_rate=self._rate, events=True, pdos=on))
 
     def connect(self) -> ReactorClient:
         """Return a connection to the robot of its own, for what ends with it; RemoteError if the robot is gone."""
@@ -544,9 +546,9 @@ class RosSession:
     def _all(self) -> list[Endpoint]:
         return [*self._common, *(endpoint for group in self._endpoints.values() for endpoint in group)]
 
-    def _follow(self, told: dict[str, str]) -> None:
+    def _follow(self, states: dict[str, str]) -> None:
         """Make and remove topics when a controller was loaded, switched or unloaded."""
-        if told == self._told:
+        if states == self._told:
             return
         controllers = {each.name: each for each in self._client.ask(ListControllers())}
         for name in [name for name in self._endpoints if name not in controllers]:
@@ -561,14 +563,14 @@ class RosSession:
             for endpoint in self._endpoints[name]:
                 endpoint.on_controller(controller)
         # what the answer says, which is newer than the sample that made us ask: they may have been switched in between
-        self.controllers, self._told = controllers, {name: each.state for name, each in controllers.items()}
+        self.controllers, self._told = controllers, {name: controller.state for name, controller in controllers.items()}
         self._tell_outpaced()
 
     def _tell_outpaced(self) -> None:
         """Tell once who publishes more often than ROS is given it."""
         text = outpaced(self.controllers.values(), self._rate)
         if text is not None and text != self._outpaced:
-            self.ask(Tell(kind="ros_rate", text=f"ROS: {text}"), lambda _done, _error: None)
+            self.ask(PublishEvent(kind="ros_rate", text=f"ROS: {text}"), lambda _done, _error: None)
         self._outpaced = text
 
     def _made(self, controller: ControllerReading) -> list[Endpoint]:
@@ -596,9 +598,9 @@ class RosSession:
             self._reactor.call_at(later, self._deliver)
 
     def _on_command_answered(self, controller: str, _result: object, error: str | None) -> None:
-        said = None if self._ended else self._refusals.answered(controller, error)
-        if said is not None:
-            self.node.get_logger().warning(said)
+        sentence = None if self._ended else self._refusals.answered(controller, error)
+        if sentence is not None:
+            self.node.get_logger().warning(sentence)
 
     def _on_callback_error(self, error: Exception) -> None:
         self._warn("callback", f"a callback failed: {type(error).__name__}: {error}")

@@ -76,16 +76,16 @@ def point_of(point: RosMessage) -> TrajectoryPoint:
     )
 
 
-def tolerances_of(given: Sequence[RosMessage]) -> tuple[TrajectoryTolerance, ...]:
+def tolerances_of(messages: Sequence[RosMessage]) -> tuple[TrajectoryTolerance, ...]:
     """Return the tolerances of joints."""
     return tuple(
         TrajectoryTolerance(
-            joint=each.name,
-            position=_told(each.position),
-            velocity=_told(each.velocity),
-            acceleration=_told(each.acceleration),
+            joint=message.name,
+            position=_told(message.position),
+            velocity=_told(message.velocity),
+            acceleration=_told(message.acceleration),
         )
-        for each in given
+        for message in messages
     )
 
 
@@ -103,11 +103,11 @@ def pieces_of(trajectory: RosMessage) -> Iterator[list[TrajectoryPoint]]:
         raise ValueError(f"it has {len(points)} points, and a trajectory has {MAX_POINTS} at most; send fewer")
     rest, at, count = iter(points), 0, _points_in_a_piece(trajectory)
     while chunk := list(islice(rest, count)):
-        made = [point_of(each) for each in chunk]
-        for index, point in enumerate(made):
+        piece = [point_of(each) for each in chunk]
+        for index, point in enumerate(piece):
             _demand_numbers(point, at + index, trajectory.joint_names)
         at += len(chunk)
-        yield made
+        yield piece
     if not at:
         yield []
 
@@ -118,7 +118,7 @@ def is_one_piece(trajectory: RosMessage) -> bool:
 
 
 def _points_in_a_piece(trajectory: RosMessage) -> int:
-    widest = max((sum(len(getattr(each, name)) for name in _QUANTITIES) + 1 for each in trajectory.points), default=1)
+    widest = max((sum(len(getattr(point, name)) for name in _QUANTITIES) + 1 for point in trajectory.points), default=1)
     return max(1, _PIECE // widest)
 
 
@@ -126,7 +126,7 @@ def _demand_numbers(point: TrajectoryPoint, at: int, joints: Sequence[str]) -> N
     for name, word in _QUANTITIES.items():
         values = getattr(point, name)
         if not all(map(math.isfinite, values)):
-            index = [math.isfinite(each) for each in values].index(False)
+            index = [math.isfinite(value) for value in values].index(False)
             joint = joints[index] if index < len(joints) else f"value {index}"
             raise ValueError(f"point {at}: the {word} of {joint} is {values[index]}; give finite numbers")
 
@@ -138,8 +138,8 @@ def goal_refusal(goal: RosMessage) -> str | None:
         "component_path_tolerance": lambda: len(goal.component_path_tolerance),
         "component_goal_tolerance": lambda: len(goal.component_goal_tolerance),
     }
-    found = next((name for name, count in nobody.items() if count()), None)
-    return None if found is None else f"it has a {found}, which is for joints of several degrees; leave that empty"
+    unknown = next((name for name, count in nobody.items() if count()), None)
+    return None if unknown is None else f"it has a {unknown}, which is for joints of several degrees; leave that empty"
 
 
 class TrajectoryTopic(Endpoint):
@@ -216,8 +216,8 @@ class TrajectoryQuery(Endpoint):
                 response.velocity, response.acceleration = answer.point.velocities, answer.point.accelerations
             reply(response)
 
-        asked = seconds(request.time)
-        self._ros.ask(QueryTrajectory(controller=self._controller, time=self._ros.unix(asked) or asked), fill)
+        time = seconds(request.time)
+        self._ros.ask(QueryTrajectory(controller=self._controller, time=self._ros.unix(time) or time), fill)
 
 
 class SpeedScalingTopic(Endpoint):

@@ -76,9 +76,9 @@ class TopicHardware(Endpoint):
         for controller in self._ros.controllers.values():
             if not controller.active or controller.topic != "commands" or controller.interface is None:
                 continue
-            wanted = [values.get((joint, controller.interface)) for joint in controller.joints]
-            command = [value for value in wanted if value is not None]
-            if len(command) == len(wanted):
+            positions = [values.get((joint, controller.interface)) for joint in controller.joints]
+            command = [value for value in positions if value is not None]
+            if len(command) == len(positions):
                 self._ros.command(
                     CommandController(controller=controller.name, values=command, source=COMMANDER, dead_man=True)
                 )

@@ -82,8 +82,8 @@ _NOT_FINITE: Final = "NaN or an infinite number (null in JSON) where a finite on
 
 def request_line(number: int | None, method: str, request: object) -> bytes:
     """Return the line of a request; without a number it is not answered."""
-    asked = {"method": method, "params": request} if number is None else _asked(number, method, request)
-    return _encode(asked) + b"\n"
+    message = {"method": method, "params": request} if number is None else _asked(number, method, request)
+    return _encode(message) + b"\n"
 
 
 def _asked(number: int, method: str, request: object) -> dict[str, object]:

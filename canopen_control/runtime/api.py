@@ -85,21 +85,21 @@ def answer_control(robot: RobotCore, server: Server[RobotHello, RobotPush]) -> N
     answers(messages.SetMeasuredStates, lambda call: _set_measured_states(robot, call))
     answers(
         messages.ListHardware,
-        lambda call: call.reply([_component(robot, each) for each in robot.registry.components]),
+        lambda call: call.reply([_component(robot, component) for component in robot.registry.components]),
     )
     answers(messages.SetHardwareState, lambda call: _set_hardware_state(robot, call))
 
 
 def _controllers(robot: RobotCore, *, unloaded: bool) -> tuple[ControllerReading, ...]:
-    found = robot.manager.list()
+    controllers = robot.manager.list()
     if unloaded:
         loaded = robot.manager.states
-        found += [
+        controllers += [
             ControllerReading(name=name, type=config.type, state=UNLOADED)
             for name, config in robot.setup.controllers.controllers.items()
             if name not in loaded
         ]
-    return tuple(found)
+    return tuple(controllers)
 
 
 def _load(robot: RobotCore, call: Call[messages.LoadController]) -> None:
@@ -118,8 +118,8 @@ def _unload(robot: RobotCore, call: Call[messages.UnloadController] | Call[messa
 
 
 def _switch(robot: RobotCore, call: Call[messages.SwitchControllers]) -> None:
-    wanted = call.request
-    robot.switch(wanted.activate, wanted.deactivate, strict=wanted.strict)
+    request = call.request
+    robot.switch(request.activate, request.deactivate, strict=request.strict)
     call.reply(Done())
 
 
@@ -144,29 +144,32 @@ def _component(robot: RobotCore, component: HardwareComponent) -> HardwareReadin
         state=component.state.value,
         rate=robot.setup.controllers.update_rate,
         command_interfaces=[
-            InterfaceReading(each.name, commands, each.owner is not None) for each in component.command_interfaces
+            InterfaceReading(interface.name, commands, interface.owner is not None)
+            for interface in component.command_interfaces
         ],
-        state_interfaces=[InterfaceReading(each.name, states) for each in component.state_interfaces],
+        state_interfaces=[
+            InterfaceReading(state_interface.name, states) for state_interface in component.state_interfaces
+        ],
     )
 
 
 def _set_hardware_state(robot: RobotCore, call: Call[messages.SetHardwareState]) -> None:
     """Activate, deactivate or clean up a component; controllers that use it are deactivated first."""
-    name, wanted = call.request.component, call.request.state
-    component = next((each for each in robot.registry.components if each.name == name), None)
+    name, state = call.request.component, call.request.state
+    component = next((component for component in robot.registry.components if component.name == name), None)
     if component is None:
-        known = ", ".join(each.name for each in robot.registry.components)
-        raise UnknownName(f"no hardware component {name!r}; there are: {known}")
-    if wanted == "active":
+        names = ", ".join(component.name for component in robot.registry.components)
+        raise UnknownName(f"no hardware component {name!r}; there are: {names}")
+    if state == "active":
         component.configure()
         component.activate()
-    elif wanted in _RESTING:
-        robot.manager.deactivate_using(component, f"{name} was set {wanted}")
+    elif state in _RESTING:
+        robot.manager.deactivate_using(component, f"{name} was set {state}")
         component.deactivate()
-        (component.cleanup if wanted == "unconfigured" else component.configure)()
+        (component.cleanup if state == "unconfigured" else component.configure)()
     else:
-        there = f"active, {' or '.join(_RESTING)}"
-        raise ControlError(f"hardware component {name} cannot be set {wanted!r}: {there}, while the robot runs")
+        choices = f"active, {' or '.join(_RESTING)}"
+        raise ControlError(f"hardware component {name} cannot be set {state!r}: {choices}, while the robot runs")
     call.reply(ComponentState(component.state.value))
 
 
@@ -186,19 +189,19 @@ class ParameterMethods:
         call.reply(self._of_manager() if name == MANAGER else self._robot.manager.parameters(name))
 
     def _set(self, call: Call[SetParameters]) -> None:
-        name, wanted = call.request.controller, call.request.values
+        name, values = call.request.controller, call.request.values
         if name != MANAGER:
-            self._robot.manager.set_parameters(name, wanted)
+            self._robot.manager.set_parameters(name, values)
         else:
-            own = {each.name for each in declared_by(self._robot.setup.controllers.manager)}
-            foreign = [each for each in wanted if each.name in own or "." not in each.name]
+            own = {declared.name for declared in declared_by(self._robot.setup.controllers.manager)}
+            foreign = [declared for declared in values if declared.name in own or "." not in declared.name]
             checked(MANAGER, self._of_manager(), foreign)  # read-only, all of them, or not declared
-            self._spawned.set(wanted)
+            self._spawned.set(values)
         call.reply(Done())
 
     def _of_manager(self) -> tuple[ParameterReading, ...]:
         own = declared_by(self._robot.setup.controllers.manager)
-        return tuple(sorted((*own, *self._of_controllers()), key=lambda each: each.name))
+        return tuple(sorted((*own, *self._of_controllers()), key=lambda of_controller: of_controller.name))
 
     def _of_controllers(self) -> Iterator[ParameterReading]:
         """Yield the settings of each controller in the manager's block, or of a spawner."""
@@ -265,11 +268,11 @@ class SimulationMethods:
         clock = self._clock()
         if call.request.paused and not clock.paused:
             clock.pause()
-            self._tell("paused", f"the simulation was paused by {call.who}")
+            self._report("paused", f"the simulation was paused by {call.who}")
         elif clock.paused and not call.request.paused:
             self._robot.manager.running.forget(clock.now(), "the simulation was paused; send the command again")
             clock.resume()
-            self._tell(
+            self._report(
                 "resumed", f"the simulation goes on, {call.who} asked for it; commands from before are forgotten"
             )
         call.reply(self._told())
@@ -298,7 +301,7 @@ class SimulationMethods:
             raise ControlError(f"simple motors move {name}; physics comes with pip install 'canopen-control[physics]'")
         for component in worlds:
             component.act(call.request)
-        self._tell("world", f"{_told(call.request)}, {call.who} asked for it")
+        self._report("world", f"{_told(call.request)}, {call.who} asked for it")
         call.reply(Done())
 
     def _reset(self, call: Call[ResetSimulation]) -> None:
@@ -312,10 +315,10 @@ class SimulationMethods:
             manager.base(name).set_odometry(0.0, 0.0, 0.0)
         robot.truth.align()
         where = f"key frame {call.request.keyframe}" if call.request.keyframe else "where it began"
-        self._tell("reset", f"the simulation was reset to {where} by {call.who}")
+        self._report("reset", f"the simulation was reset to {where} by {call.who}")
         call.reply(self._told())
 
-    def _tell(self, kind: str, text: str) -> None:
+    def _report(self, kind: str, text: str) -> None:
         self._robot.report(Event(self._robot.reactor.now(), kind, "", text))
 
 
@@ -326,7 +329,7 @@ def _told(act: WorldAct) -> str:
     if isinstance(act, AddPayload):
         return f"a payload of {act.mass:g} kg is put on {act.on or _HEAVIEST}"
     if isinstance(act, PushRobot):
-        return f"{act.on or _HEAVIEST} is pushed with {', '.join(f'{each:g}' for each in act.force)} N"
+        return f"{act.on or _HEAVIEST} is pushed with {', '.join(f'{newtons:g}' for newtons in act.force)} N"
     return f"the floor has a friction of {act.friction:g}"
 
 
@@ -356,7 +359,7 @@ class _Subscription:
 class RequestObserver(Protocol):
     """Observer of the requests of a robot's clients."""
 
-    def requested(self, asked: messages.Asked) -> None:
+    def requested(self, asked: messages.RequestSeen) -> None:
         """Record a request, with its time of arrival in s."""
 
 
@@ -409,7 +412,7 @@ class ApiServer(RobotObserver):
         answers(messages.GetNodes, lambda call: call.reply(nodes_message(robot)))
         answers(messages.GetLayout, lambda call: call.reply(layout_message(robot)))
         answers(messages.GetDescription, self._description)
-        answers(messages.Tell, self._tell)
+        answers(messages.PublishEvent, self._report)
 
     def close(self) -> None:
         """Close all connections and remove the socket."""
@@ -420,7 +423,7 @@ class ApiServer(RobotObserver):
         self._objects.forget(connection)
         self._trajectories.forget(connection)
         self._grippers.forget(connection)
-        self._robot.let_go(connection)
+        self._robot.client_disconnected(connection)
         subscription = self._subscriptions.pop(connection, None)
         if connection.reason == "slow" and subscription is not None:
             text = f"client {connection.name} (pid {connection.pid}) read too slowly and was dropped"
@@ -428,13 +431,13 @@ class ApiServer(RobotObserver):
 
     def _keeps(self, connection: Connection) -> bool:
         """Whether a connection may be silent: it has a subscription, or a command that ends with it."""
-        return connection in self._subscriptions or connection in self._robot.manager.running.holders
+        return connection in self._subscriptions or connection in self._robot.manager.running.clients_with_commands
 
     def _keep(self, connection: Connection) -> None:
         """Refuse further permanent connections; the remaining places are for `stop`, `status` and similar requests."""
         if (
             not self._keeps(connection)
-            and len({*self._subscriptions, *self._robot.manager.running.holders}) >= MAX_KEPT
+            and len({*self._subscriptions, *self._robot.manager.running.clients_with_commands}) >= MAX_KEPT
         ):
             raise ControlError(f"{MAX_KEPT} clients watch or hold a command already; end one of them")
 
@@ -452,92 +455,94 @@ class ApiServer(RobotObserver):
         if self._robot.events.waiting:
             self._flush_events()
         count = self._robot.pacer.count
-        watched = [each for each, wanted in self._subscriptions.items() if wanted.wants_state(count)]
+        watched = [each for each, subscription in self._subscriptions.items() if subscription.wants_state(count)]
         if watched:
             self._server.push(state_sample(self._robot), watched)
-        if any(each.pdos for each in self._subscriptions.values()):
+        if any(subscription.pdos for subscription in self._subscriptions.values()):
             self._push_process_data()
 
     def _push_process_data(self) -> None:
         changes = self._process_data.changes()
         if changes:
-            watchers = [each for each, wanted in self._subscriptions.items() if wanted.pdos]
+            watchers = [each for each, subscription in self._subscriptions.items() if subscription.pdos]
             self._server.push(messages.ProcessData(self._unix_time(), changes), watchers)
 
     def done(self, method: str, params: Raw) -> None:
         """Send a request to the subscribers of requests."""
         if self.observer is not None:
-            self.observer.requested(messages.Asked(self._unix_time(), method, params))
-        watchers = [connection for connection, wanted in self._subscriptions.items() if wanted.requests]
+            self.observer.requested(messages.RequestSeen(self._unix_time(), method, params))
+        watchers = [connection for connection, subscription in self._subscriptions.items() if subscription.requests]
         if watchers and len(bytes(params)) <= MAX_REQUEST:
-            self._server.push(messages.Asked(self._unix_time(), method, params), watchers)
+            self._server.push(messages.RequestSeen(self._unix_time(), method, params), watchers)
 
     def _unix_time(self) -> float:
         return (self._robot.reactor.now() + self._robot.wall_offset_ns) / 1e9
 
     def _flush_events(self) -> None:
         events = self._robot.events.take()
-        watchers = [connection for connection, wanted in self._subscriptions.items() if wanted.events]
+        watchers = [connection for connection, subscription in self._subscriptions.items() if subscription.events]
         for event in events if watchers else ():
             self._server.push(event_message(event, self._robot.wall_offset_ns), watchers)
 
     def sends_events_to(self, pid: int | None) -> bool:
         """Return whether a client of this process has subscribed to events."""
-        return any(wanted.events and connection.pid == pid for connection, wanted in self._subscriptions.items())
+        return any(
+            subscription.events and connection.pid == pid for connection, subscription in self._subscriptions.items()
+        )
 
     def _subscribe(self, call: Call[messages.Subscribe]) -> None:
-        wanted = call.request
+        request = call.request
         self._keep(call.connection)
         subscription = self._subscriptions.setdefault(call.connection, _Subscription())
-        subscription.events, subscription.pdos, subscription.every = wanted.events, wanted.pdos, 0
-        subscription.requests = wanted.requests
-        if wanted.state_rate is not None:
-            subscription.every = max(1, round(1e9 / wanted.state_rate / self._robot.pacer.period_ns))
+        subscription.events, subscription.pdos, subscription.every = request.events, request.pdos, 0
+        subscription.requests = request.requests
+        if request.state_rate is not None:
+            subscription.every = max(1, round(1e9 / request.state_rate / self._robot.pacer.period_ns))
         call.reply(Done())
-        if wanted.pdos:
+        if request.pdos:
             everything = messages.ProcessData(self._unix_time(), self._process_data.everything())
             self._server.push(everything, [call.connection])
 
     # ------------------------------------------------------------------------------------------- motion
 
     def _command(self, call: Call[messages.CommandController]) -> None:
-        wanted = call.request
-        source = wanted.source or call.who
-        self._require_interface(wanted)
-        self._robot.command(wanted.controller, wanted.values, source, holder=self._holder(call))
+        request = call.request
+        source = request.source or call.who
+        self._require_interface(request)
+        self._robot.command(request.controller, request.values, source, holder=self._holder(call))
         call.reply(Done())
 
     def _command_by_name(self, call: Call[messages.CommandByName]) -> None:
-        wanted = call.request
-        source = wanted.source or call.who
-        self._robot.command(wanted.controller, wanted.values, source, holder=self._holder(call))
+        request = call.request
+        source = request.source or call.who
+        self._robot.command(request.controller, request.values, source, holder=self._holder(call))
         call.reply(Done())
 
-    def _require_interface(self, wanted: messages.CommandController) -> None:
+    def _require_interface(self, request: messages.CommandController) -> None:
         """Raise ControlError for values meant for another quantity than the controller's present one."""
-        name, manager = wanted.controller, self._robot.manager
+        name, manager = request.controller, self._robot.manager
         takes = manager.get(name).interface if name in manager.states else None
-        if takes is not None and wanted.interface not in (None, takes):
-            raise ControlError(f"{name} takes a {takes} now and no {wanted.interface}; nothing was applied")
+        if takes is not None and request.interface not in (None, takes):
+            raise ControlError(f"{name} takes a {takes} now and no {request.interface}; nothing was applied")
 
     def _twist(self, call: Call[messages.TwistController]) -> None:
-        wanted = call.request
-        name = wanted.controller
-        values, source = self._twist_values(wanted), wanted.source or call.who
-        self._robot.command(name, values, source, wanted.stamp, holder=self._holder(call))
+        request = call.request
+        name = request.controller
+        values, source = self._twist_values(request), request.source or call.who
+        self._robot.command(name, values, source, request.stamp, holder=self._holder(call))
         call.reply(Done())
 
-    def _twist_values(self, wanted: messages.TwistController) -> list[float]:
+    def _twist_values(self, request: messages.TwistController) -> list[float]:
         """Return a twist by the axes of the base; ControlError for one that it cannot drive."""
-        name, manager = wanted.controller, self._robot.manager
+        name, manager = request.controller, self._robot.manager
         axes: tuple[str, ...] = _PLANAR
         if name in manager.states:
             axes = twist_axes_of(manager.get(name))
             if not axes:
                 raise ControlError(f"{name} takes no twist; it is no base controller, command it by values")
-            if wanted.lateral and _SIDEWAYS not in axes:
+            if request.lateral and _SIDEWAYS not in axes:
                 raise ControlError(f"{name} cannot drive sideways; it takes {' and '.join(axes)}")
-        twist = {"linear.x": wanted.linear, _SIDEWAYS: wanted.lateral, "angular.z": wanted.angular}
+        twist = {"linear.x": request.linear, _SIDEWAYS: request.lateral, "angular.z": request.angular}
         return [twist[axis] for axis in axes]
 
     def _holder(self, call: Call[Commands]) -> Connection | None:
@@ -548,8 +553,8 @@ class ApiServer(RobotObserver):
         return call.connection
 
     def _set_odometry(self, call: Call[messages.SetOdometry]) -> None:
-        wanted = call.request
-        self._robot.manager.base(wanted.controller).set_odometry(wanted.x, wanted.y, wanted.heading)
+        request = call.request
+        self._robot.manager.base(request.controller).set_odometry(request.x, request.y, request.heading)
         self._robot.truth.align()
         call.reply(Done())
 
@@ -559,8 +564,8 @@ class ApiServer(RobotObserver):
         call.reply(Done())
 
     def _stop(self, call: Call[messages.Stop]) -> None:
-        who = call.request.source or call.who
-        self._robot.stop(call.settle, who if call.request.latch else None, who)
+        source = call.request.source or call.who
+        self._robot.stop(call.settle, source if call.request.latch else None, source)
 
     def _release(self, call: Call[messages.Release]) -> None:
         self._robot.latch.release(call.request.source or call.who, self._robot.reactor.now())
@@ -571,7 +576,7 @@ class ApiServer(RobotObserver):
         self._robot.shutdown(f"a client asked for it (pid {call.connection.pid})")
 
     def _axis(self, call: Call[messages.AxisRequest]) -> None:
-        wanted = call.request
+        request = call.request
 
         def done(error: str | None) -> None:  # never before `axis` has returned
             if error is None:
@@ -580,20 +585,25 @@ class ApiServer(RobotObserver):
                 call.refuse(ControlError(error))
 
         together = self._robot.axis(
-            _action(wanted.action), str(wanted.node), done, joint=wanted.joint, method=wanted.method, mode=wanted.mode
+            _action(request.action),
+            str(request.node),
+            done,
+            joint=request.joint,
+            method=request.method,
+            mode=request.mode,
         )
-        node = "" if wanted.node == "all" else self._robot.node(str(wanted.node)).name
-        what = f"{wanted.action} {wanted.mode}" if wanted.mode else wanted.action
-        joint = f" ({wanted.joint})" if wanted.joint not in (None, node) else ""
-        text = f"{wanted.source or call.who} asked for {what} of {node or 'all axes'}{joint}"
+        node = "" if request.node == "all" else self._robot.node(str(request.node)).name
+        action = f"{request.action} {request.mode}" if request.mode else request.action
+        joint = f" ({request.joint})" if request.joint not in (None, node) else ""
+        text = f"{request.source or call.who} asked for {action} of {node or 'all axes'}{joint}"
         self._robot.report(Event(self._robot.reactor.now(), "axis_asked", node, text))
 
     def _touch_probe(self, call: Call[messages.ReadTouchProbe]) -> None:
-        def read(found: dict[str, int] | str) -> None:
-            if isinstance(found, str):
-                call.refuse(ControlError(found))
+        def read(positions: dict[str, int] | str) -> None:
+            if isinstance(positions, str):
+                call.refuse(ControlError(positions))
             else:
-                call.reply(TouchProbe(**found))
+                call.reply(TouchProbe(**positions))
 
         self._robot.touch_probe(self._robot.node(str(call.request.node)).name, read)
 
@@ -603,7 +613,7 @@ class ApiServer(RobotObserver):
         description = self._robot.setup.description
         call.reply(messages.Description(description.urdf_xml, os.path.abspath(description.path)))
 
-    def _tell(self, call: Call[messages.Tell]) -> None:
+    def _report(self, call: Call[messages.PublishEvent]) -> None:
         """Let a client speak to all; on one line, since it is printed where the robot's own sentences are."""
         kind, text = call.request.kind, " ".join(call.request.text.split())
         if not (kind.isidentifier() and len(kind) <= MAX_KIND and 0 < len(text) <= MAX_TEXT and text.isprintable()):
@@ -621,4 +631,4 @@ def _action(text: str) -> Action:
     try:
         return Action(text)
     except ValueError:
-        raise UnknownName(f"no action {text!r}; there are: {', '.join(each.value for each in Action)}") from None
+        raise UnknownName(f"no action {text!r}; there are: {', '.join(action.value for action in Action)}") from None

@@ -56,10 +56,10 @@ _MOST: Final = 64  # of clients and nodes that are remembered
 def written_words(od: ObjectDictionary, index: int, subindex: int, data: bytes) -> str:
     """Return a written value as text: by the EDS, else the number of bytes."""
     address, entry = f"0x{index:04X}:{subindex:02X}", od.get(index, subindex)
-    whole = None if entry is None else fitted(data, entry.data_type)
-    if entry is None or whole is None:
+    padded = None if entry is None else fitted(data, entry.data_type)
+    if entry is None or padded is None:
         return f"{len(data)} bytes to {address}"
-    value = decode(whole, entry.data_type)
+    value = decode(padded, entry.data_type)
     number = isinstance(value, int) and index not in _COMMUNICATION
     text = str(value) if number else format_value(value, entry.data_type)
     short = text if 0 < len(text) <= _WIDEST and text.isprintable() else f"{len(data)} bytes"
@@ -72,14 +72,14 @@ class WriteLog:
     def __init__(self) -> None:
         self._counts: dict[tuple[str, str], tuple[int, int]] = {}  # how many in a row, and when the last one was
 
-    def words(self, now: int, node: str, who: str, what: str) -> str:
+    def words(self, now: int, node: str, source: str, value: str) -> str:
         """Return the sentence about a write; `now` in monotonic ns."""
-        count, last = self._counts.pop((node, who), (0, now))
+        count, last = self._counts.pop((node, source), (0, now))
         count = 1 if now - last > WINDOW_NS else count + 1
         if len(self._counts) >= _MOST:
             del self._counts[next(iter(self._counts))]
-        self._counts[node, who] = count, now
-        return f"{who} wrote {what}" if count <= FEW else f"{who} wrote more objects"
+        self._counts[node, source] = count, now
+        return f"{source} wrote {value}" if count <= FEW else f"{source} wrote more objects"
 
 
 # Process data for clients: what TPDOs carry, object by object as it came, and objects to send in RPDOs.
@@ -108,11 +108,11 @@ class _Watched:
         if pdo.count == self.count:
             return []
         self.count, self.values = pdo.count, pdo.values
-        known = len(before) == len(pdo.values)
+        is_complete = len(before) == len(pdo.values)
         return [
             _told(mapped, value)
             for position, (mapped, value) in enumerate(zip(self.objects, pdo.values, strict=True))
-            if mapped.index >= _FIRST_OBJECT and not (known and before[position] == value)
+            if mapped.index >= _FIRST_OBJECT and not (is_complete and before[position] == value)
         ]
 
 
@@ -128,22 +128,22 @@ class ProcessDataFeed:
 
     def everything(self) -> dict[str, list[MappedValue]]:
         """Return all objects received since their node has booted."""
-        found: dict[str, list[MappedValue]] = {}
-        for each in self._watched:
-            if each.pdo.stamp >= 0:
-                pairs = zip(each.objects, each.pdo.values, strict=True)
-                found.setdefault(each.node, []).extend(
+        values: dict[str, list[MappedValue]] = {}
+        for watched in self._watched:
+            if watched.pdo.stamp >= 0:
+                pairs = zip(watched.objects, watched.pdo.values, strict=True)
+                values.setdefault(watched.node, []).extend(
                     _told(mapped, value) for mapped, value in pairs if mapped.index >= _FIRST_OBJECT
                 )
-        return found
+        return values
 
     def changes(self) -> dict[str, list[MappedValue]]:
         """Return the changes since the last call; {} for none."""
-        found: dict[str, list[MappedValue]] = {}
-        for each in self._watched:
-            if told := each.changed():
-                found.setdefault(each.node, []).extend(told)
-        return found
+        values: dict[str, list[MappedValue]] = {}
+        for watched in self._watched:
+            if changed := watched.changed():
+                values.setdefault(watched.node, []).extend(changed)
+        return values
 
 
 def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, data: bytes) -> None:
@@ -152,29 +152,29 @@ def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, 
     It is refused for objects that move an axis, for digital outputs that a controller commands, and while the node is
     not OPERATIONAL. An RPDO that moves no axis is sent once for it.
     """
-    what = f"{node.who}: 0x{index:04X}:{subindex:02X}"
+    place = f"{node.who}: 0x{index:04X}:{subindex:02X}"
     output = robot.bus_of(node).network.image.output(node.node_id, index, subindex)
-    mapped = next((each for sent in node.sent for each in sent.codec.objects if each[:2] == (index, subindex)), None)
+    mapped = next((entry for sent in node.sent for entry in sent.codec.objects if entry[:2] == (index, subindex)), None)
     if output is None or mapped is None:
-        raise ControlError(f"{what} is in none of its RPDOs; map it in bus.yml, or write it by SDO")
+        raise ControlError(f"{place} is in none of its RPDOs; map it in bus.yml, or write it by SDO")
     if any(index - offset in MOTION for offset in node.plan.axes):
-        raise ControlError(f"{what} moves the drive and belongs to the controllers; command one of them")
+        raise ControlError(f"{place} moves the drive and belongs to the controllers; command one of them")
     for joint in robot.joints.values():
         commanded = joint.commands.get(DIGITAL_OUTPUTS)
         if joint.axis.digital_outputs is output and commanded is not None and commanded.owner is not None:
-            raise ControlError(f"{what} is commanded by {commanded.owner}; deactivate that controller first")
+            raise ControlError(f"{place} is commanded by {commanded.owner}; deactivate that controller first")
     if not node.ready:
-        raise ControlError(f"{what} cannot be sent: the node is not operational: {node.error or 'it has not booted'}")
-    output.write(_number(data, mapped, what))
+        raise ControlError(f"{place} cannot be sent: the node is not operational: {node.error or 'it has not booted'}")
+    output.write(_number(data, mapped, place))
 
 
-def _number(data: bytes, mapped: MappedObject, what: str) -> int:
+def _number(data: bytes, mapped: MappedObject, title: str) -> int:
     """Return the value to pack into the RPDO; ControlError if it does not fit, since the cycle must not fail."""
     try:
         value = decode(data, mapped.data_type)
         PdoCodec((mapped,)).pack([value])
     except (ValueError, CanopenError) as error:
-        raise ControlError(f"{what}: {error}") from None
+        raise ControlError(f"{title}: {error}") from None
     return value  # type: ignore[return-value]  # most often a number
 
 
@@ -206,12 +206,12 @@ class ObjectMethods:
         self._pieces.pop(connection, None)
 
     def _nmt(self, call: Call[NmtRequest]) -> None:
-        name, wanted, robot = call.request.command, str(call.request.node), self._robot
-        who = call.request.source or call.who
+        name, node_name, robot = call.request.command, str(call.request.node), self._robot
+        source = call.request.source or call.who
         if name not in COMMAND_NAMES:
             raise UnknownName(f"no NMT command {name!r}; there are: {', '.join(COMMAND_NAMES)}")
-        for node in list(robot.nodes.values()) if wanted == "all" else [robot.node(wanted)]:
-            self._robot.report(Event(robot.reactor.now(), "nmt_asked", node.name, f"{who} asked for NMT {name}"))
+        for node in list(robot.nodes.values()) if node_name == "all" else [robot.node(node_name)]:
+            self._robot.report(Event(robot.reactor.now(), "nmt_asked", node.name, f"{source} asked for NMT {name}"))
             node.command(COMMAND_NAMES[name], robot.reactor.now(), boot=call.request.boot)
             robot.bus_of(node).send_waiting()
         call.reply(Done())
@@ -238,10 +238,10 @@ class ObjectMethods:
             call.refuse(ended.error)
             return
         call.reply(Done())
-        who = call.request.source or call.who
+        source = call.request.source or call.who
         now = self._robot.reactor.now()
         what = written_words(node.od, ended.index, ended.subindex, data)
-        text = self._written.words(now, node.name, who, what)
+        text = self._written.words(now, node.name, source, what)
         self._robot.report(Event(now, "object_written", node.name, text))
 
     def _progress(self, call: Call[GetSdoProgress]) -> None:
@@ -257,8 +257,8 @@ class ObjectMethods:
         call.reply(Done())
 
     def _write_pdo(self, call: Call[PdoWrite]) -> None:
-        wanted = call.request
-        write_mapped(self._robot, self._robot.node(str(wanted.node)), wanted.index, wanted.subindex, wanted.data)
+        request = call.request
+        write_mapped(self._robot, self._robot.node(str(request.node)), request.index, request.subindex, request.data)
         call.reply(Done())
 
 

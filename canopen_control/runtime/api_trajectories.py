@@ -93,32 +93,32 @@ class TrajectoryMethods(RobotObserver):
 
     def _collect(self, connection: Connection, points: Sequence[TrajectoryPoint]) -> PointBuffer:
         """Return all points that a connection has sent; ControlError, and they are discarded, if there are too many."""
-        kept = self._coming.setdefault(connection, PointBuffer())
-        if len(kept) + len(points) > MAX_POINTS:
+        buffer = self._coming.setdefault(connection, PointBuffer())
+        if len(buffer) + len(points) > MAX_POINTS:
             del self._coming[connection]
             raise ControlError(f"a trajectory has {MAX_POINTS} points at most; nothing was kept, send fewer")
-        kept.add(points)
-        return kept
+        buffer.add(points)
+        return buffer
 
     def _trajectory(self, call: Call[FollowTrajectory] | Call[SendTrajectory] | Call[SetTrajectory]) -> JointTrajectory:
         """Return the trajectory of a request, with the points sent before it."""
-        wanted = call.request
-        points = self._collect(call.connection, wanted.points)
+        request = call.request
+        points = self._collect(call.connection, request.points)
         del self._coming[call.connection]
-        stamp = 0 if wanted.stamp is None else self._robot.time_of(wanted.stamp)
-        return JointTrajectory(wanted.joints, points, stamp)
+        stamp = 0 if request.stamp is None else self._robot.time_of(request.stamp)
+        return JointTrajectory(request.joints, points, stamp)
 
     def _hand(
         self,
         call: Call[FollowTrajectory] | Call[SendTrajectory] | Call[SetTrajectory],
         goal: TrajectoryGoal | JointTrajectory,
     ) -> None:
-        wanted = call.request
-        if wanted.dead_man:
+        request = call.request
+        if request.dead_man:
             self._keep(call.connection)
-        holder = call.connection if wanted.dead_man else None
-        self._robot.send_goal(wanted.controller, goal, wanted.source or call.who, holder=holder)
-        self.promise(call.connection, wanted.controller, wanted.heartbeat if wanted.dead_man else None)
+        holder = call.connection if request.dead_man else None
+        self._robot.send_goal(request.controller, goal, request.source or call.who, holder=holder)
+        self.promise(call.connection, request.controller, request.heartbeat if request.dead_man else None)
 
     # ------------------------------------------------------------------------------------------------- heartbeats
 
@@ -142,15 +142,17 @@ class TrajectoryMethods(RobotObserver):
         """End the goals of senders that missed their heartbeat."""
         if not self._promised:
             return
-        for connection in [each for each, promise in self._promised.items() if promise.is_broken(now)]:
+        for connection in [client for client, promise in self._promised.items() if promise.is_broken(now)]:
             promise = self._promised.pop(connection)
             if promise.life.holder is connection:
-                self._robot.let_go(connection, f"has said nothing for {promise.within_ns / 1e9:g} s and is gone")
+                self._robot.client_disconnected(
+                    connection, f"has said nothing for {promise.within_ns / 1e9:g} s and is gone"
+                )
 
     # ------------------------------------------------------------------------------------------------------ goals
 
     def _follow(self, call: Call[FollowTrajectory]) -> None:
-        self._give(call).tell(call)
+        self._give(call).answer_at_end(call)
 
     def _send(self, call: Call[SendTrajectory]) -> None:
         """Answer whether a goal is accepted; disabled drives and a latched stop are refusals like any other."""
@@ -166,10 +168,10 @@ class TrajectoryMethods(RobotObserver):
 
     def _give(self, call: Call[FollowTrajectory] | Call[SendTrajectory]) -> _SentTrajectory:
         """Start a goal, the connection's only one from now on; ControlError if it is refused."""
-        wanted, robot = call.request, self._robot
+        request, robot = call.request, self._robot
         trajectory = self._trajectory(call)
         tolerances = GoalTolerances(
-            _tolerances(wanted.path_tolerance), _tolerances(wanted.goal_tolerance), wanted.goal_time_tolerance
+            _tolerances(request.path_tolerance), _tolerances(request.goal_tolerance), request.goal_time_tolerance
         )
         goal = TrajectoryGoal(trajectory, tolerances, lambda: robot.reactor.call_soon(sent.settle))
         sent = _SentTrajectory(goal)
@@ -185,17 +187,17 @@ class TrajectoryMethods(RobotObserver):
         sent = self._sent.get(call.connection)
         if sent is None:
             raise ControlError("no goal came on this connection; send_trajectory sends one")
-        sent.tell(call)
+        sent.answer_at_end(call)
 
     def _cancel(self, call: Call[CancelTrajectory]) -> None:
-        wanted, sent = call.request, self._sent.get(call.connection)
+        request, sent = call.request, self._sent.get(call.connection)
         manager = self._robot.manager
-        if not wanted.own:
-            manager.follower(wanted.controller).cancel_goal(wanted.why)
+        if not request.own:
+            manager.follower(request.controller).cancel_goal(request.why)
         elif sent is not None:
-            manager.follower(wanted.controller).cancel_goal(wanted.why, sent.goal)
+            manager.follower(request.controller).cancel_goal(request.why, sent.goal)
         else:
-            manager.get(wanted.controller)
+            manager.get(request.controller)
         call.reply(Done())
 
     # ----------------------------------------------------------------------------------------------- what it follows
@@ -234,7 +236,7 @@ class SentGoal(Generic[R]):
         self._result = result
         self._waiting: list[Call[Request[R]]] = []
 
-    def tell(self, call: Call[Request[R]]) -> None:
+    def answer_at_end(self, call: Call[Request[R]]) -> None:
         """Answer a request when the goal has ended."""
         self._waiting.append(call)
         self.settle()
@@ -261,8 +263,11 @@ def _result(goal: TrajectoryGoal) -> TrajectoryResult | None:
     return TrajectoryResult(state=goal.state.value, error_code=int(goal.code), text=goal.text)
 
 
-def _tolerances(given: Sequence[TrajectoryTolerance]) -> tuple[JointTolerance, ...]:
-    return tuple(JointTolerance(each.position, each.velocity, each.acceleration, each.joint) for each in given)
+def _tolerances(messages: Sequence[TrajectoryTolerance]) -> tuple[JointTolerance, ...]:
+    return tuple(
+        JointTolerance(tolerance.position, tolerance.velocity, tolerance.acceleration, tolerance.joint)
+        for tolerance in messages
+    )
 
 
 # The API's methods about grippers: a connection has one goal, which ends with it; its end is told to who asks.
@@ -283,7 +288,7 @@ class GripperMethods:
     ) -> None:
         self._robot, self._keep, self._promise = robot, keep, promise
         self._sent: dict[Connection, tuple[GripperGoal, Sent]] = {}
-        server.answers(MoveGripper, lambda call: self._give(call)[1].tell(call))
+        server.answers(MoveGripper, lambda call: self._give(call)[1].answer_at_end(call))
         server.answers(SendGripper, self._send)
         server.answers(GripperEnd, self._end)
         server.answers(CancelGripper, self._cancel)
@@ -303,17 +308,17 @@ class GripperMethods:
 
     def _give(self, call: Call[MoveGripper] | Call[SendGripper]) -> tuple[GripperGoal, Sent]:
         """Start a goal, the connection's only one from now on; ControlError if it is refused."""
-        wanted, robot, connection = call.request, self._robot, call.connection
+        request, robot, connection = call.request, self._robot, call.connection
         goal = GripperGoal(
-            wanted.position, wanted.max_effort, wanted.max_velocity, lambda: robot.reactor.call_soon(sent.settle)
+            request.position, request.max_effort, request.max_velocity, lambda: robot.reactor.call_soon(sent.settle)
         )
         sent = SentGoal(lambda: _gripper_result(goal))
-        if wanted.dead_man:
+        if request.dead_man:
             self._keep(connection)
         robot.send_goal(
-            wanted.controller, goal, wanted.source or call.who, holder=connection if wanted.dead_man else None
+            request.controller, goal, request.source or call.who, holder=connection if request.dead_man else None
         )
-        self._promise(connection, wanted.controller, wanted.heartbeat if wanted.dead_man else None)
+        self._promise(connection, request.controller, request.heartbeat if request.dead_man else None)
         self._sent[connection] = goal, sent
         return goal, sent
 
@@ -321,13 +326,13 @@ class GripperMethods:
         sent = self._sent.get(call.connection)
         if sent is None:
             raise ControlError("no goal came on this connection; send_gripper sends one")
-        sent[1].tell(call)
+        sent[1].answer_at_end(call)
 
     def _cancel(self, call: Call[CancelGripper]) -> None:
-        wanted, sent = call.request, self._sent.get(call.connection)
-        controller = self._robot.manager.get(wanted.controller)
-        if isinstance(controller, Grips) and (not wanted.own or sent is not None):
-            controller.cancel_grip(wanted.why, sent[0] if wanted.own and sent is not None else None)
+        request, sent = call.request, self._sent.get(call.connection)
+        controller = self._robot.manager.get(request.controller)
+        if isinstance(controller, Grips) and (not request.own or sent is not None):
+            controller.cancel_grip(request.why, sent[0] if request.own and sent is not None else None)
         call.reply(Done())
 
 

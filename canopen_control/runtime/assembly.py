@@ -62,7 +62,7 @@ _INTERFACES: Final = ("position", "velocity")
 
 def read_pids(path: Path, tag: Ros2ControlSystem) -> Loops:
     """Return the loops of a tag's joints; RobotConfigError with all mistakes of the file and their places."""
-    root, found = tree(path, error=RobotConfigError), Loops()
+    root, loops = tree(path, error=RobotConfigError), Loops()
     blocks = [gains for node in _parameters(root) if (gains := node.get(_GAINS)) is not None]
     if not blocks:
         root.error(f"no {_GAINS}; write it below /**: {_PARAMETERS}:")
@@ -76,22 +76,22 @@ def read_pids(path: Path, tag: Ros2ControlSystem) -> Loops:
                 _check(joints.keys()[joint], joint, interface, commands)
                 gains = convert(node, LoopGains, None)
                 if gains is not None:
-                    found.setdefault(joint, {})[interface] = Pid(gains.pid())
+                    loops.setdefault(joint, {})[interface] = Pid(gains.pid())
     root.problems.raise_if_any(RobotConfigError)
-    return found
+    return loops
 
 
-def _mapping(node: Node, wanted: str) -> list[tuple[str, Node]]:
+def _mapping(node: Node, key: str) -> list[tuple[str, Node]]:
     """Return the entries of a mapping node, nothing after reporting another kind of node."""
     if node.kind != "mapping":
-        node.error(f"write {wanted}")
+        node.error(f"write {key}")
     return node.items()
 
 
 def _parameters(root: Node) -> list[Node]:
     """Return the parameters of each node in the file, whatever its name."""
     nodes = [value for _, value in root.items()]
-    return [found for node in nodes if node.kind == "mapping" and (found := node.get(_PARAMETERS)) is not None]
+    return [section for node in nodes if node.kind == "mapping" and (section := node.get(_PARAMETERS)) is not None]
 
 
 def _check(place: Node, joint: str, interface: str, commands: dict[str, tuple[str, ...]]) -> None:
@@ -122,7 +122,7 @@ def simulation_engine(
     `report` receives the kind and the text of guesses, or of the reason why there is no physics.
     """
     tags = [tag for tag, kind in zip(setup.description.hardware, kinds, strict=True) if kind is PluginKind.SIMULATION]
-    wanted = setup.world is not None or any(tag.plugin == PHYSICS_PLUGIN for tag in tags)
+    is_needed = setup.world is not None or any(tag.plugin == PHYSICS_PLUGIN for tag in tags)
     if not setup.simulate:
         return None
     try:
@@ -133,7 +133,7 @@ def simulation_engine(
             )
         return _engine(setup, tags[0], report)
     except ConfigError as error:
-        if wanted:
+        if is_needed:
             raise
         report("physics", f"simple motors move {setup.name}, since there is no physics: {error}")
         return None
@@ -225,7 +225,7 @@ class Assembly:
             )
             # all buses have one period, and one of them leads the cycle
             sender = setup.sync[name].sender
-            lead = None if any(each.follows_sync for each in self.buses.values()) else self.lead
+            lead = None if any(bus.follows_sync for bus in self.buses.values()) else self.lead
             if sender is SyncSender.KERNEL and (setup.kernel_sync or self._kernel_can(bus)):
                 bus.leave_sync_to_kernel(lead)
             elif sender is SyncSender.NODE:
@@ -248,9 +248,9 @@ class Assembly:
             system = CanopenSystem(tag, nodes, self.report, self._groups)
         except RobotConfigError as error:
             place = f"{self.setup.files.description}:{tag.place.line}"
-            raise RobotConfigError("\n".join(f"{place}: {each}" for each in str(error).splitlines())) from error
+            raise RobotConfigError("\n".join(f"{place}: {line}" for line in str(error).splitlines())) from error
         self.systems.append(system)
-        ratios = {each.joint: 1.0 / each.reduction for each in tag.transmissions}
+        ratios = {transmission.joint: 1.0 / transmission.reduction for transmission in tag.transmissions}
         for joint in system.joints:
             described = self.setup.description.joints.get(joint.joint)  # a drive on a bus alone has none
             if described is not None:

@@ -47,9 +47,9 @@ _REACHED: Final[Mapping[Action, Callable[[JointDrive], bool]]] = MappingProxyTyp
     {
         Action.ENABLE: lambda joint: joint.enabled and joint.machine.reached,
         Action.DISABLE: _is_disabled,
-        Action.HALT: lambda joint: joint.standing,
+        Action.HALT: lambda joint: joint.at_standstill,
         Action.QUICK_STOP: lambda joint: (
-            joint.state is None or (joint.state is not State.OPERATION_ENABLED and joint.standing)
+            joint.state is None or (joint.state is not State.OPERATION_ENABLED and joint.at_standstill)
         ),
         Action.FAULT_RESET: lambda joint: joint.state not in (None, *FAULT_STATES),
         Action.HOME: lambda joint: joint.homing is None and joint.homed,
@@ -73,41 +73,41 @@ def find_node(nodes: Mapping[str, RemoteNode], name: str) -> RemoteNode:
     for node in nodes.values():
         if name in (node.name, str(node.node_id)):
             return node
-    known = ", ".join(f"{node.name} ({node.node_id})" for node in nodes.values()) or "none"
-    raise UnknownName(f"no node {name!r}; there are: {known}")
+    names = ", ".join(f"{node.name} ({node.node_id})" for node in nodes.values()) or "none"
+    raise UnknownName(f"no node {name!r}; there are: {names}")
 
 
 def axes_of(
     nodes: Mapping[str, RemoteNode], joints: Collection[JointDrive], name: str, only: str | None = None
 ) -> tuple[JointDrive, ...]:
     """Return the axes of a node or of "all" nodes, or the one of the joint `only`; ControlError, UnknownName."""
-    found = tuple(joints)
-    if name == "all" and nodes and not found:
+    axes = tuple(joints)
+    if name == "all" and nodes and not axes:
         raise ControlError("no node drives a joint: there is no axis")
     if name != "all":
         node = find_node(nodes, name)
-        found = tuple(joint for joint in joints if joint.node is node)
-        if not found:
+        axes = tuple(joint for joint in joints if joint.node is node)
+        if not axes:
             raise ControlError(f"{node.who} drives no joint: it has no axis that could be used")
-    meant = tuple(joint for joint in found if only is None or joint.joint == only)
+    meant = tuple(joint for joint in axes if only is None or joint.joint == only)
     if only is not None and not meant:
-        known = ", ".join(joint.joint for joint in found) or "none"
-        raise UnknownName(f"{name} has no joint {only!r}; there are: {known}")
+        names = ", ".join(joint.joint for joint in axes) or "none"
+        raise UnknownName(f"{name} has no joint {only!r}; there are: {names}")
     return meant
 
 
 def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[JointDrive, ...], str]:
     """Return the joints with those of the same base, and a sentence if there are more."""
-    whole = list(joints)
-    told = []
+    complete = list(joints)
+    notes = []
     for joint in joints:
         base = joint.base
-        if base is None or all(each in whole for each in base.joints):
+        if base is None or all(joint in complete for joint in base.joints):
             continue
-        whole += [each for each in base.joints if each not in whole]
-        names = " and ".join(dict.fromkeys(each.node.name for each in base.joints))
-        told.append(f"{base.name} moves {names} together: {action.value} is for all of them")
-    return tuple(whole), "; ".join(told)
+        complete += [joint for joint in base.joints if joint not in complete]
+        names = " and ".join(dict.fromkeys(joint.node.name for joint in base.joints))
+        notes.append(f"{base.name} moves {names} together: {action.value} is for all of them")
+    return tuple(complete), "; ".join(notes)
 
 
 class PendingAxisRequest:
@@ -153,7 +153,7 @@ class PendingAxisRequest:
 
     def _reason(self, joint: JointDrive) -> str:
         node, state = joint.node, joint.state
-        seen = "no statusword" if joint.statusword is None else f"statusword 0x{joint.statusword:04X}"
+        word = "no statusword" if joint.statusword is None else f"statusword 0x{joint.statusword:04X}"
         name = "not there" if state is None else state.name.replace("_", " ")
         cause = f"; {node.error}" if node.error else ""
         if joint.machine.fault and joint.reason.text:
@@ -162,7 +162,7 @@ class PendingAxisRequest:
             cause += f"; {joint.stopped_by}"
         if self._action is Action.HOME and joint.reference.result:
             cause = f"; {joint.reference.result}{cause}"
-        return f"{node.who}: {self._action.value} not reached, it is {name} ({seen}){cause}"
+        return f"{node.who}: {self._action.value} not reached, it is {name} ({word}){cause}"
 
 
 class ProbeReading:
@@ -171,13 +171,13 @@ class ProbeReading:
     def __init__(self, axis: AxisProcessData, done: Callable[[dict[str, int] | str], None]) -> None:
         self._done = done
         self._values: dict[str, int] = {}
-        wanted = [(name, index) for name, index in _PROBE.items() if axis.has(index)]
-        if not wanted:
+        objects_read = [(name, index) for name, index in _PROBE.items() if axis.has(index)]
+        if not objects_read:
             raise ControlError(f"{axis.node.who} has no touch probe (0x60B9)")
         if not axis.node.ready:
             raise ControlError(f"{axis.node.who} is not operational")
-        self._open = len(wanted)
-        for name, index in wanted:
+        self._open = len(objects_read)
+        for name, index in objects_read:
             axis.node.read(axis.index(index), 0, self._answer(name, signed=index >= objects.TOUCH_PROBE_1_POSITIVE))
 
     def _answer(self, name: str, *, signed: bool) -> Callable[[SdoRequest], None]:
@@ -261,8 +261,8 @@ def _mode_of(text: str) -> int:
     try:
         return OperationMode[text.upper()] if not text.lstrip("-").isdigit() else OperationMode(int(text))
     except (KeyError, ValueError):
-        known = ", ".join(mode.name for mode in OperationMode if mode)
-        raise UnknownName(f"no mode of operation {text!r}; there are: {known}") from None
+        names = ", ".join(mode.name for mode in OperationMode if mode)
+        raise UnknownName(f"no mode of operation {text!r}; there are: {names}") from None
 
 
 def _require_there(joint: JointDrive) -> None:

@@ -84,21 +84,21 @@ class RobotCycle:
     def __init__(
         self,
         pacer: Pacer,
-        made: Assembly,
+        assembly: Assembly,
         manager: ControllerManager,
         reactor: Reactor,
         robot: RobotCore,
     ) -> None:
         self.sent_at = 0
         self._pacer, self._manager, self._reactor, self._robot = pacer, manager, reactor, robot
-        self._registry = made.registry
-        self._buses, self._systems = list(made.buses.values()), made.systems
+        self._registry = assembly.registry
+        self._buses, self._systems = list(assembly.buses.values()), assembly.systems
         self._sync_first = [bus for bus in self._buses if bus.sends_sync_first]
         self._following = [bus for bus in self._buses if bus.follows_sync]
         self._period = pacer.period_ns / 1e9
         self._look_at = 0
-        times = [each.simulated_ns for each in self._registry.components]
-        simulated = not self._buses and any(each is not None for each in times)
+        times = [component.simulated_ns for component in self._registry.components]
+        simulated = not self._buses and any(time_ns is not None for time_ns in times)
         self.clock = RobotClock(reactor, pacer.period_ns, simulated=simulated)
 
     def step(self, now: int) -> None:
@@ -227,9 +227,14 @@ class RobotCore:
         self.latch, self.truth = StopLatch(self.report), TruePoseTracker()
         self.pacer = Pacer(reactor, setup.cycle_ns)
         self.pacer.phase.behind_ns = setup.phase_ns
-        made = Assembly(setup, reactor, self.report, self._on_bus_lost, self.pacer.lead)
-        self.registry, self.buses, self.nodes, self.sensed = made.registry, made.buses, made.nodes, made.sensed
-        self.joints, self.systems, self._bus_by_node = made.joints, made.systems, made.bus_by_node
+        assembly = Assembly(setup, reactor, self.report, self._on_bus_lost, self.pacer.lead)
+        self.registry, self.buses, self.nodes, self.sensed = (
+            assembly.registry,
+            assembly.buses,
+            assembly.nodes,
+            assembly.sensed,
+        )
+        self.joints, self.systems, self._bus_by_node = assembly.joints, assembly.systems, assembly.bus_by_node
         self.manager = ControllerManager(
             self.registry,
             setup.update_rate,
@@ -239,7 +244,7 @@ class RobotCore:
             description=setup.description.joints,
             enable_status=DriveEnableStatus(self.joints),
         )
-        self.cycle = RobotCycle(self.pacer, made, self.manager, reactor, self)
+        self.cycle = RobotCycle(self.pacer, assembly, self.manager, reactor, self)
         self.pacer.on_edge = self.cycle.step
         self._phase = RobotState.STARTING
         self._activated = self._was_latched = False
@@ -250,7 +255,7 @@ class RobotCore:
         prepare_controllers(setup, self.manager, self.registry)
         self.manager.observe(self)
         self.node_readings = NodeReadings(self.nodes, self._bus_by_node, self.joints.values(), self.systems)
-        self.needed = MandatoryNodes(made, self.latch, self.manager.running.forget, self.report, self.observers)
+        self.needed = MandatoryNodes(assembly, self.latch, self.manager.running.forget, self.report, self.observers)
 
     # ------------------------------------------------------------------------------------------- life
 
@@ -372,9 +377,9 @@ class RobotCore:
 
     def report(self, event: Event) -> None:
         """Report an event to all listeners; repetitions once, and then as a summary."""
-        self._tell(self.events.add(event))
+        self._report(self.events.add(event))
 
-    def _tell(self, events: Iterable[Event]) -> None:
+    def _report(self, events: Iterable[Event]) -> None:
         for event in events:
             for observer in self.observers:
                 observer.event(event)
@@ -390,12 +395,12 @@ class RobotCore:
     ) -> None:
         """Pass a command to a controller; `stamp` is its creation in Unix s. ControlError.
 
-        With a `holder` the command ends as soon as `let_go` reports that it is gone, otherwise only by its timeout.
+        With a `holder` the command ends when `client_disconnected` reports its end, otherwise only by its timeout.
         """
         self.latch.refuse("a command to", controller)
         self._require_active(controller, source)
-        made = None if stamp is None else self.made_at(stamp)
-        self.manager.command(controller, values, self.cycle.clock.now(), made, source=source, holder=holder)
+        created_at = None if stamp is None else self.made_at(stamp)
+        self.manager.command(controller, values, self.cycle.clock.now(), created_at, source=source, holder=holder)
         self.commander = source
 
     @property
@@ -418,7 +423,7 @@ class RobotCore:
             self.report(Event(self.reactor.now(), "clock_step", "", step_words(moved), Level.WARNING))
 
     def send_goal(self, controller: str, goal: AnyGoal, source: str, *, holder: object = None) -> None:
-        """Pass a goal to a controller; with a `holder` it ends when `let_go` reports that it is gone."""
+        """Pass a goal to a controller; with a `holder` it ends when `client_disconnected` reports that it is gone."""
         self.latch.refuse("a goal to", controller)
         self._require_active(controller, source)
         self.manager.send_goal(controller, goal, self.cycle.clock.now(), source=source, holder=holder)
@@ -432,9 +437,9 @@ class RobotCore:
             self.manager.tell_refusal(controller, error, source)
             raise
 
-    def let_go(self, holder: object, why: str = "is gone") -> None:
+    def client_disconnected(self, holder: object, why: str = "is gone") -> None:
         """End what a commander has commanded who is gone, or `why` he counts as that, unless somebody else commands."""
-        self.manager.running.let_go(holder, why)
+        self.manager.running.client_disconnected(holder, why)
 
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:
         """Switch controllers, loading and configuring them if necessary; ControlError, and nothing is changed."""
@@ -480,7 +485,7 @@ class RobotCore:
         joints, together = whole_bases(axes_of(self.nodes, self.joints.values(), name, joint), action)
         extra_ns = begin_action(action, joints, self.systems, now, method=method, mode=mode)
         if action in ALONE:
-            self.manager.running.set_aside([each.joint for each in joints], self.cycle.clock.now())
+            self.manager.running.exclude([joint_drive.joint for joint_drive in joints], self.cycle.clock.now())
         self._requests.append(PendingAxisRequest(joints, action, now + REQUEST_TIMEOUT_NS + extra_ns, done))
         if together:
             self.report(Event(now, "together", "", together))
@@ -515,7 +520,7 @@ class RobotCore:
             level = _CONTROLLER_LEVELS.get(event.kind, Level.WARNING)
             self.report(Event(now, event.kind, "", event.text, level, controller=event.controller))
         if self.events.is_due(now):
-            self._tell(self.events.tick(now))
+            self._report(self.events.tick(now))
         for observer in self.observers:
             observer.after_cycle(now)
 
@@ -558,7 +563,7 @@ class RobotCore:
         self._end(f"has stopped, {how}" if how else "has stopped")
 
     def _end(self, how: str) -> None:
-        self._tell(self.events.flush())
+        self._report(self.events.flush())
         self.report(Event(self.reactor.now(), "stopped", "", f"{self.setup.name} {how}"))
         self.close()
         self._tell_stopped()

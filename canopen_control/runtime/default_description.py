@@ -109,9 +109,9 @@ def unmoved_drives(
     for bus in buses.values():
         for node in bus.nodes.values():
             if bus.plans[node.name].axes and not _is_named(node, description):
-                what = free.get(node.name, "it is a proxy, and cannot be enabled")
+                reason = free.get(node.name, "it is a proxy, and cannot be enabled")
                 text = f"{node.name} is a CiA 402 drive and no joint of {description.path} names it"
-                yield f"{bus.path}:{node.line}: {text}: {what}"
+                yield f"{bus.path}:{node.line}: {text}: {reason}"
 
 
 _BESIDE: Final = "drives_of_bus_yml"
@@ -123,25 +123,26 @@ def _free(
     """Yield the axes that say they are drives, and that no joint names: what a joint would be, and what forbids it."""
     if any(tag.plugin in PLUGINS for tag in description.hardware):
         parts = [part.name for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)]
-        taken = {*parts, *description.joints, *control.controllers}
+        names = {*parts, *description.joints, *control.controllers}
         for bus in buses.values():
             for joint, node, axis in _axes(bus):
                 if node.ros.driver and not _is_named(node, description):
                     lack = _uncontrolled(bus.plans[node.name], axis)
                     clash = f"it is a proxy, since {joint!r} is a joint, a part or a controller too; rename the node"
-                    yield joint, node, axis, lack or (clash if joint in taken else "")
+                    yield joint, node, axis, lack or (clash if joint in names else "")
 
 
 def _is_named(node: NodeConfig, description: UrdfDescription) -> bool:
     joints = [part.parameters for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)]
     return any(
-        each.get("device_name") == node.name or each.get("node_id", "").strip() == str(node.node_id) for each in joints
+        joint.get("device_name") == node.name or joint.get("node_id", "").strip() == str(node.node_id)
+        for joint in joints
     )
 
 
 def _system(name: str, axes: Iterable[tuple[str, NodeConfig, int]]) -> Ros2ControlSystem:
     """Return the <ros2_control> tag of drives that take targets."""
-    states = {each: InterfaceInfo(each) for each in (POSITION, VELOCITY, EFFORT)}
+    states = {interface: InterfaceInfo(interface) for interface in (POSITION, VELOCITY, EFFORT)}
     target = {TARGET: InterfaceInfo(TARGET)}
     joints = tuple(
         ControlJoint(joint, _parameters(node, axis, beside=name == _BESIDE), dict(target), dict(states))
@@ -162,7 +163,7 @@ def _target_controllers(names: Iterable[str], path: str) -> dict[str, Controller
 
 def _drives(driver: str) -> bool:
     """Whether a driver of ros2_canopen, of today or of before, is one of drives."""
-    return any(each in driver for each in _DRIVERS)
+    return any(name in driver for name in _DRIVERS)
 
 
 def _joints(bus: BusConfig) -> Iterator[tuple[str, NodeConfig, int]]:
@@ -189,7 +190,7 @@ def _uncontrolled(plan: NodePlan, axis: int) -> str:
     """Say that an axis is a proxy for want of a controlword or statusword in its PDOs, "" where it has both."""
     for base, pdos, kind in ((CONTROLWORD, plan.rpdos, "RPDO"), (STATUSWORD, plan.tpdos, "TPDO")):
         index = axis_index(base, axis)
-        if not any(each.index == index for pdo in pdos for each in pdo.objects):
+        if not any(entry.index == index for pdo in pdos for entry in pdo.objects):
             return (
                 f"no {kind} carries 0x{index:04X} {object_name(index)}: it is a proxy, and cannot be enabled; "
                 "map it in bus.yml to move it"
@@ -199,7 +200,7 @@ def _uncontrolled(plan: NodePlan, axis: int) -> str:
 
 def _untargeted(plan: NodePlan, axis: int) -> str:
     """Say that no RPDO carries a target of an axis, "" where one does."""
-    carried = {(each.index, each.subindex) for pdo in plan.rpdos for each in pdo.objects}
+    carried = {(entry.index, entry.subindex) for pdo in plan.rpdos for entry in pdo.objects}
     if any((axis_index(index, axis), subindex) in carried for index, subindex in serving_objects(TARGET)):
         return ""
     place, speed = (axis_index(index, axis) for index in (TARGET_POSITION, TARGET_VELOCITY))

@@ -82,18 +82,22 @@ class DriveEnableStatus(EnableStatus):
     def error(self, waiting: Sequence[CommandInterface]) -> NotEnabled:
         """Return the error for a command to joints that do not follow it."""
         joints = self._joints
-        drives = [joints[name] for name in dict.fromkeys(each.joint for each in waiting) if name in joints]
-        text = enable_hint(drives) or ", ".join(each.name for each in waiting)
+        drives = [joints[name] for name in dict.fromkeys(interface.joint for interface in waiting) if name in joints]
+        text = enable_hint(drives) or ", ".join(interface.name for interface in waiting)
         kind = NotYetEnabled if all(map(is_rising, drives)) else NotEnabled
         return kind(f"{text}; a command that comes before is refused and not kept")
 
     def reason(self, waiting: Sequence[CommandInterface]) -> str:
         """Return the joints that follow no commands with advice: only the lost, else the faulty, the halted, or all."""
-        drives = {each.joint: self._joints[each.joint] for each in waiting if each.joint in self._joints}
+        drives = {
+            interface.joint: self._joints[interface.joint] for interface in waiting if interface.joint in self._joints
+        }
         causes = {
-            "lost": [name for name, each in drives.items() if each.state is None or each.axis.statusword.pdo.overdue],
-            "in fault": [name for name, each in drives.items() if each.machine.fault],
-            "halted": [name for name, each in drives.items() if each.machine.halted and each.wanted],
+            "lost": [
+                name for name, drive in drives.items() if drive.state is None or drive.axis.statusword.pdo.overdue
+            ],
+            "in fault": [name for name, drive in drives.items() if drive.machine.fault],
+            "halted": [name for name, drive in drives.items() if drive.machine.halted and drive.wanted],
             "not enabled": list(drives),
         }
         for cause, names in causes.items():
@@ -105,9 +109,9 @@ class DriveEnableStatus(EnableStatus):
     def stop_groups(self, ends: Ends) -> list[Ends]:
         """Return interfaces in groups that stop together; an interface without a drive is a group of its own."""
         groups: dict[int | str, list[CommandInterface]] = {}
-        for each in ends:
-            joint = self._joints.get(each.joint)
-            groups.setdefault(each.joint if joint is None else id(joint.group), []).append(each)
+        for end in ends:
+            joint = self._joints.get(end.joint)
+            groups.setdefault(end.joint if joint is None else id(joint.group), []).append(end)
         return [tuple(part) for part in groups.values()]
 
 
@@ -157,16 +161,16 @@ def _why_missing(bus: RobotBus, node: RemoteNode) -> str:
 
 def stop_summary(joints: Iterable[JointDrive]) -> str:
     """Return the state of the drives at the end of a run: disabled, with power, or unknown; "" without any."""
-    seen = [(joint.node.name, joint.state) for joint in joints]
+    states = [(joint.node.name, joint.state) for joint in joints]
     parts = [
         f"{name} has power still ({state.name.replace('_', ' ')}): cut its supply if it moves"
-        for name, state in seen
+        for name, state in states
         if state in POWERED_STATES and state is not None
     ]
-    unseen = dict.fromkeys(name for name, state in seen if state is None)
+    unseen = dict.fromkeys(name for name, state in states if state is None)
     if unseen:
         parts.append(f"could not confirm that {', '.join(unseen)} {'is' if len(unseen) == 1 else 'are'} disabled")
-    return "; ".join(parts) or ("its drives are disabled" if seen else "")
+    return "; ".join(parts) or ("its drives are disabled" if states else "")
 
 
 def _names(joints: Iterable[JointDrive]) -> str:
@@ -193,9 +197,9 @@ def _remedy(joints: Sequence[JointDrive]) -> str:
 def way_back(absent: Iterable[RemoteNode]) -> str:
     """Return how absent nodes return: a removed one must be started, the others return automatically."""
     nodes = list(dict.fromkeys(absent))
-    taken = [node.name for node in nodes if node.is_taken_out]
-    if taken:
-        return f"give back what was taken out: {', '.join(f'canopen-control nmt start {name}' for name in taken)}"
+    names = [node.name for node in nodes if node.is_taken_out]
+    if names:
+        return f"give back what was taken out: {', '.join(f'canopen-control nmt start {name}' for name in names)}"
     return f"wait for {', '.join(node.name for node in nodes)}"
 
 
@@ -225,15 +229,15 @@ class MandatoryNodes(RobotObserver):
 
     def __init__(
         self,
-        made: Assembly,
+        assembly: Assembly,
         latch: StopLatch,
         forget: Callable[[int, str], None],
         report: Callable[[Event], None],
         observers: list[RobotObserver],
     ) -> None:
-        self._made, self._latch, self._forget, self._report = made, latch, forget, report
-        moving = {joint.node.name for joint in made.joints.values()}
-        self._nodes = [each for name, each in made.nodes.items() if name not in moving and each.config.boot.insists]
+        self._made, self._latch, self._forget, self._report = assembly, latch, forget, report
+        moving = {joint.node.name for joint in assembly.joints.values()}
+        self._nodes = [node for name, node in assembly.nodes.items() if name not in moving and node.config.boot.insists]
         self._ready = dict.fromkeys(self._nodes, False)
         if self._nodes:
             observers.append(self)
@@ -254,11 +258,11 @@ class MandatoryNodes(RobotObserver):
 
     def check_controllers(self, controllers: Iterable[Controller]) -> None:
         """Raise ControlError for controllers with commands, for the same reasons."""
-        wanted = list(controllers)
-        self._latch.check_controllers(wanted)
-        for each in wanted:
-            if each.command_interface_names():
-                self._require(f"activating {each.name}")
+        names = list(controllers)
+        self._latch.check_controllers(names)
+        for name in names:
+            if name.command_interface_names():
+                self._require(f"activating {name.name}")
 
     def after_cycle(self, now: int) -> None:
         """Stop all axes when a mandatory node was lost."""
@@ -278,7 +282,7 @@ class MandatoryNodes(RobotObserver):
 
     def _missing(self) -> str:
         """Return the missing nodes with reasons, "" if all are present."""
-        return ", ".join(f"{each.who} ({each.error or 'it has not booted yet'})" for each in self._absent)
+        return ", ".join(f"{node.who} ({node.error or 'it has not booted yet'})" for node in self._absent)
 
     def _stop(self, node: RemoteNode, now: int) -> None:
         moving = [joint for joint in self._made.joints.values() if joint.wanted]
@@ -326,7 +330,7 @@ class StopLatch:
         except (OSError, ValueError, LookupError, TypeError):  # it is there: somebody has latched it
             self.by = "an earlier client"
 
-    def tell(self, now: int) -> None:
+    def report(self, now: int) -> None:
         """Report at the start that STOP is still latched."""
         if self.by is not None:
             text = f"STOP is latched since an earlier run (by {self.by}): nothing moves; release it: {RELEASE}"
@@ -345,8 +349,10 @@ class StopLatch:
             fresh.write_text(json.dumps({"by": self.by, "time": time.time()}) + "\n")
             os.replace(fresh, self._path)
         except OSError as error:
-            what = "the next run will be latched still" if self.by is None else "the next run will not be latched"
-            text = f"the STOP latch cannot be kept in {self._path}: {error.strerror or error}; {what}"
+            consequence = (
+                "the next run will be latched still" if self.by is None else "the next run will not be latched"
+            )
+            text = f"the STOP latch cannot be kept in {self._path}: {error.strerror or error}; {consequence}"
             self._report(Event(now, "latch_not_kept", "", text, Level.ERROR))
 
     @property
@@ -375,10 +381,10 @@ class StopLatch:
             self._report(Event(now, "stop_released", "", text, Level.WARNING))
             self._write_down(now)
 
-    def refuse(self, *what: str) -> None:
+    def refuse(self, *request: str) -> None:
         """Raise ControlError while STOP is latched; the sentence begins with `what` and gives advice."""
         if self.by is not None:
-            doing = " ".join(what)
+            doing = " ".join(request)
             raise ControlError(f"{doing} is refused: STOP is latched (by {self.by}); release it first: {RELEASE}")
 
     def check_action(self, action: Action) -> None:

@@ -62,11 +62,11 @@ class LaunchFile:
         """Return a text with arguments and packages put in, None where one of them is not known."""
         for _ in range(5):  # a default may name another argument
             text = _VARIABLE.sub(self._value, text)
-        while (found := _PACKAGE.search(text)) is not None:
-            folder = next(package_folders(found[1], self.path), None)
+        while (match := _PACKAGE.search(text)) is not None:
+            folder = next(package_folders(match[1], self.path), None)
             if folder is None:
                 return None
-            text = text.replace(found[0], str(folder))
+            text = text.replace(match[0], str(folder))
             text = _NAMED_FILE.sub(partial(_as_installed, folder), text)
         return None if "$(" in text else text
 
@@ -79,20 +79,20 @@ class LaunchFile:
 
     def arguments_in(self, text: str) -> set[str]:
         """Return the arguments that a text is made of, those in the defaults of others included."""
-        found, new = set[str](), set(_VARIABLE.findall(text))
+        names, new = set[str](), set(_VARIABLE.findall(text))
         while new:
-            found |= new
+            names |= new
             values = [self.given.get(name) or self.arguments.get(name) or "" for name in new]
-            new = {name for value in values for name in _VARIABLE.findall(value)} - found
-        return found
+            new = {name for value in values for name in _VARIABLE.findall(value)} - names
+        return names
 
     def absent_packages(self, text: str) -> list[str]:
         """Return the packages in a text that are nowhere to be found."""
         return [name for name in _PACKAGE.findall(text) if next(package_folders(name, self.path), None) is None]
 
-    def _value(self, found: re.Match[str]) -> str:
-        value = self.given.get(found[1], self.arguments.get(found[1]))
-        return found[0] if value is None else value
+    def _value(self, match: re.Match[str]) -> str:
+        value = self.given.get(match[1], self.arguments.get(match[1]))
+        return match[0] if value is None else value
 
 
 def read_launch(path: Path) -> LaunchFile:
@@ -103,14 +103,14 @@ def read_launch(path: Path) -> LaunchFile:
         reason = error.strerror if isinstance(error, OSError) else error
         raise RobotConfigError(f"{path}: cannot be read: {reason}") from error
     if path.suffix == ".py":
-        found = read_python(source, str(path))
+        content = read_python(source, str(path))
         return LaunchFile(
             path,
-            found.arguments,
-            found.texts,
-            computed=tuple(found.computed),
-            nodes=tuple(found.nodes),
-            includes=tuple(found.includes),
+            content.arguments,
+            content.texts,
+            computed=tuple(content.computed),
+            nodes=tuple(content.nodes),
+            includes=tuple(content.includes),
         )
     return _read_xml(read_document(source, str(path)).root, path)
 
@@ -141,13 +141,13 @@ def launched_robot(path: Path, words: Mapping[str, str], obeyed: Collection[str]
     """
     own_arguments = read_launch(path).arguments
     own = {name: value for name, value in words.items() if name in own_arguments}
-    rest = {f"{name}?" if name in obeyed else name: value for name, value in words.items() if name not in own}
+    further = {f"{name}?" if name in obeyed else name: value for name, value in words.items() if name not in own}
     reading = _Reading(path)
     used = reading.take(path, own, 0)
     launched = reading.launched
     if not launched.files and not reading.doubts:
         reading.doubts.append(f"{path}: no file of a robot is named in it")
-    launched.arguments |= rest
+    launched.arguments |= further
     launched.known = tuple(own_arguments)
     launched.idle = tuple(f"{name}:={value}" for name, value in own.items() if name not in used | set(obeyed))
     launched.spawned = tuple(dict.fromkeys(launched.spawned))
@@ -169,10 +169,10 @@ class _Reading:
         used = self._take_nodes(launch)
         values = {name: launch.resolved(f"$(var {name})") for name in (*launch.arguments, *given)}
         self.launched.variables |= {name: _unquoted(value) for name, value in values.items() if value is not None}
-        for each in launch.texts:
-            if each.text is not None:
-                _take(launch, each.text, self.launched.arguments, self.launched.files)
-                used |= _used(launch, each.text)
+        for text in launch.texts:
+            if text.text is not None:
+                _take(launch, text.text, self.launched.arguments, self.launched.files)
+                used |= _used(launch, text.text)
         self._doubt(launch)
         for include in launch.includes if depth < _DEEPEST else ():
             if launch.happens(include.condition):
@@ -182,21 +182,21 @@ class _Reading:
     def _include(self, launch: LaunchFile, include: LaunchInclude, depth: int) -> set[str]:
         """Take what an included file says, with the arguments it is given and those of the file around it."""
         name = None if include.file is None else launch.resolved(include.file)
-        where = f"{launch.path}:{include.line}"
+        place = f"{launch.path}:{include.line}"
         path = None if name is None else launch.path.parent / name
         if include.file is not None and launch.absent_packages(include.file):
             return set()  # a program of another package, such as a simulator's; what lacks because of it is named
         if path is None or not path.is_file():
-            what = include.file if name is None else f"there is no {path}"
-            self.doubts.append(f"{where}: an included launch file is not read: {what or 'its name is computed'}")
+            problem = include.file if name is None else f"there is no {path}"
+            self.doubts.append(f"{place}: an included launch file is not read: {problem or 'its name is computed'}")
             return set()
         texts = {key: launch.resolved(value) for key, value in include.arguments.items()}
         scope = {key: value for key, value in launch.arguments.items() if value is not None} | dict(launch.given)
-        given = scope | {key: value for key, value in texts.items() if value is not None}
+        arguments = scope | {key: value for key, value in texts.items() if value is not None}
         try:
-            inner = self.take(path, given, depth + 1)
+            inner = self.take(path, arguments, depth + 1)
         except RobotConfigError as error:
-            self.doubts.append(f"{where}: {error}")
+            self.doubts.append(f"{place}: {error}")
             return set()
         passed = {name for value in include.arguments.values() for name in launch.arguments_in(value)}
         return (inner & launch.arguments.keys()) | passed
@@ -208,11 +208,11 @@ class _Reading:
             if node.package != "controller_manager" or not launch.happens(node.condition):
                 continue
             if node.executable == _MANAGER:
-                files = [each.text for each in node.parameters if each.text]
+                files = [parameter.text for parameter in node.parameters if parameter.text]
             elif node.executable in _SPAWNERS:
-                words = [each.text for each in node.arguments if each.text]
+                words = [argument.text for argument in node.arguments if argument.text]
                 files = [word for option, word in pairwise(words) if option in ("-p", "--param-file")]
-                files += [each.text for each in node.parameters if each.text]
+                files += [parameter.text for parameter in node.parameters if parameter.text]
                 names = [launch.resolved(word) for word in spawned_names(words)]
                 self.launched.spawned += tuple(name for name in names if name)
                 used |= {name for word in words for name in launch.arguments_in(word)}
@@ -225,21 +225,25 @@ class _Reading:
                 used |= launch.arguments_in(text)
         return used
 
-    def _take_parameters(self, path: Path, where: str) -> None:
+    def _take_parameters(self, path: Path, place: str) -> None:
         """Keep the first file of parameters; one is read, so another one is a doubt."""
         first = self.launched.files.setdefault("controllers", path)
         if first.resolve() != path.resolve():
             self.doubts.append(
-                f"{where}: {path.name} is not read beside {first.name}; put its parameters into that file"
+                f"{place}: {path.name} is not read beside {first.name}; put its parameters into that file"
             )
 
     def _doubt(self, launch: LaunchFile) -> None:
         """Note what the file computes, and packages that are nowhere."""
-        named = [word for each in launch.texts if each.text for word in words_of(each.text) if _kind(word)]
+        named = [word for text in launch.texts if text.text for word in words_of(text.text) if _kind(word)]
         absent = [package for word in named for package in launch.absent_packages(word)]
-        computed = [(line, what) for line, what in launch.computed if "command" in what or "file" in what]
-        for line, what in computed:
-            self.doubts.append(f"{launch.path}:{line}: {what} is computed, which only running it would show")
+        computed = [
+            (line, expression)
+            for line, expression in launch.computed
+            if "command" in expression or "file" in expression
+        ]
+        for line, expression in computed:
+            self.doubts.append(f"{launch.path}:{line}: {expression} is computed, which only running it would show")
         for name in dict.fromkeys(absent):
             self.doubts.append(
                 f"{launch.path}: package {name!r} is nowhere to be found; source its workspace, or add the folder that "
@@ -252,10 +256,10 @@ def spawned_names(words: Sequence[str]) -> list[str]:
     if _NOT_ACTIVE & set(words):
         return []
     names = list[str]()
-    left = iter(words)
-    for word in left:
+    remaining = iter(words)
+    for word in remaining:
         if word in SPAWNER_VALUES:
-            next(left, None)
+            next(remaining, None)
         elif " " in word and "$(" not in word:  # several in one text
             names += spawned_names(words_of(word))
         elif not word.startswith("-"):
@@ -276,7 +280,7 @@ def refuse_mistyped(launched: Launched, words: Mapping[str, str], description: P
 def _take(launch: LaunchFile, text: str, arguments: dict[str, str], files: dict[str, Path]) -> None:
     """Take what a command of xacro, or the name of a file, says."""
     words = words_of(text)
-    pairs = [found for word in words if (found := _PAIR.fullmatch(word))]
+    pairs = [match for word in words if (match := _PAIR.fullmatch(word))]
     for word in words:
         kind = _kind(word)
         if kind and (name := launch.resolved(word)) is not None:
@@ -299,18 +303,18 @@ def _used(launch: LaunchFile, text: str) -> set[str]:
     """Return the arguments in what is taken of a text: the names of files, and what a description is given."""
     words = words_of(text)
     described = any(_kind(word) == "description" for word in words)
-    taken = [word for word in words if _kind(word) or (described and _PAIR.fullmatch(word))]
-    return {name for word in taken for name in launch.arguments_in(word)}
+    used = [word for word in words if _kind(word) or (described and _PAIR.fullmatch(word))]
+    return {name for word in used for name in launch.arguments_in(word)}
 
 
 def words_of(text: str) -> list[str]:
     """Split a command as a shell does, its substitutions whole."""
-    whole = _EXECUTABLE.sub("xacro", text)
-    held = re.sub(r"\$\([^()]*\)", lambda found: found[0].replace(" ", "\0"), whole)
+    command = _EXECUTABLE.sub("xacro", text)
+    joined = re.sub(r"\$\([^()]*\)", lambda match: match[0].replace(" ", "\0"), command)
     try:
-        words = shlex.split(held)
+        words = shlex.split(joined)
     except ValueError:
-        words = held.split()
+        words = joined.split()
     return [word.replace("\0", " ") for word in words]
 
 
@@ -342,7 +346,7 @@ def _read_xml(root: Element, path: Path) -> LaunchFile:
         elif element.tag == "node":
             nodes.append(_xml_node(element))
         elif element.tag == "include":
-            given = {each.attributes.get("name", ""): each.attributes.get("value", "") for each in element.children}
+            given = {child.attributes.get("name", ""): child.attributes.get("value", "") for child in element.children}
             condition = _xml_condition(element)
             includes.append(LaunchInclude(attributes.get("file"), given, element.place.line, condition))
         for name, value in attributes.items():
@@ -358,7 +362,7 @@ def _read_xml(root: Element, path: Path) -> LaunchFile:
 
 def _xml_node(element: Element) -> LaunchNode:
     attributes, line = element.attributes, element.place.line
-    files = [each.attributes.get("from", "") for each in element.children if each.tag == "param"]
+    files = [child.attributes.get("from", "") for child in element.children if child.tag == "param"]
     return LaunchNode(
         attributes.get("pkg", ""),
         attributes.get("exec") or attributes.get("type", ""),

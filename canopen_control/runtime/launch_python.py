@@ -136,8 +136,8 @@ class _Reader:
         self._files(self._tree)
 
     def _argument(self, call: ast.Call) -> None:
-        where = call.args[0] if call.args else _keyword(call, "name")
-        name = None if where is None else self.text(where)
+        name_node = call.args[0] if call.args else _keyword(call, "name")
+        name = None if name_node is None else self.text(name_node)
         if name is None:
             self.launch.computed.append((call.lineno, "the name of an argument"))
             return
@@ -156,9 +156,9 @@ class _Reader:
                 self.launch.computed.append((call.lineno, f"the {key} of a node"))
             return value
 
-        given = self._list(_keyword(call, "arguments"))
-        words = tuple(LaunchText(self.text(each), each.lineno) for each in given)
-        self.launch.computed += [(each.line, "an argument of a node") for each in words if each.text is None]
+        arguments = self._list(_keyword(call, "arguments"))
+        words = tuple(LaunchText(self.text(argument), argument.lineno) for argument in arguments)
+        self.launch.computed += [(word.line, "an argument of a node") for word in words if word.text is None]
         self.launch.nodes.append(
             LaunchNode(
                 one("package"),
@@ -174,9 +174,9 @@ class _Reader:
         )
 
     def _parameter_files(self, node: ast.expr | None) -> Iterator[LaunchText]:
-        for each in self._list(node):
-            if not isinstance(each, ast.Dict):
-                yield LaunchText(self.text(each), each.lineno)
+        for item in self._list(node):
+            if not isinstance(item, ast.Dict):
+                yield LaunchText(self.text(item), item.lineno)
 
     def _condition(self, call: ast.Call) -> LaunchCondition | None:
         node = _keyword(call, "condition")
@@ -192,9 +192,9 @@ class _Reader:
         names = call.args[0] if call.args else _keyword(call, "controller_names") or _keyword(call, "controller_name")
         files = _keyword(call, "controller_params_files") or _keyword(call, "controller_params_file")
         more = self._list(_keyword(call, "extra_spawner_args"))
-        words = [LaunchText(self.text(each), each.lineno) for each in (*self._list(names), *more)]
-        for each in self._list(files):
-            words += [LaunchText("--param-file", each.lineno), LaunchText(self.text(each), each.lineno)]
+        words = [LaunchText(self.text(item), item.lineno) for item in (*self._list(names), *more)]
+        for item in self._list(files):
+            words += [LaunchText("--param-file", item.lineno), LaunchText(self.text(item), item.lineno)]
         self.launch.nodes.append(
             LaunchNode(
                 "controller_manager", "spawner", "", "", tuple(words), call.lineno, condition=self._condition(call)
@@ -218,14 +218,14 @@ class _Reader:
         if isinstance(node, ast.Call) and _called(node) == "items" and isinstance(node.func, ast.Attribute):
             node = node.func.value
         if isinstance(node, ast.Call) and _called(node) == "dict":
-            yield from ((ast.Constant(each.arg), each.value) for each in node.keywords if each.arg)
+            yield from ((ast.Constant(keyword.arg), keyword.value) for keyword in node.keywords if keyword.arg)
         if isinstance(node, ast.Name):
             node = self._names.get(node.id)
         if isinstance(node, ast.Dict):
             yield from ((key, value) for key, value in zip(node.keys, node.values, strict=True) if key is not None)
-        for each in node.elts if isinstance(node, ast.List | ast.Tuple) else ():
-            if isinstance(each, ast.Tuple) and len(each.elts) == 2:
-                yield each.elts[0], each.elts[1]
+        for item in node.elts if isinstance(node, ast.List | ast.Tuple) else ():
+            if isinstance(item, ast.Tuple) and len(item.elts) == 2:
+                yield item.elts[0], item.elts[1]
 
     def _list(self, node: ast.expr | None) -> list[ast.expr]:
         """Return the elements of a list, its name followed; a sum of lists is one."""
@@ -273,17 +273,17 @@ class _Reader:
     def _processed(self, call: ast.Call) -> str | None:
         """Return xacro.process_file(FILE, mappings={NAME: VALUE}) as the command that does the same."""
         file = self.text(call.args[0]) if call.args else None
-        given = _keyword(call, "mappings")
-        given = self._names.get(given.id) if isinstance(given, ast.Name) else given
+        mappings = _keyword(call, "mappings")
+        mappings = self._names.get(mappings.id) if isinstance(mappings, ast.Name) else mappings
         words = ["xacro", file]
-        for key, value in zip(given.keys, given.values, strict=True) if isinstance(given, ast.Dict) else ():
+        for key, value in zip(mappings.keys, mappings.values, strict=True) if isinstance(mappings, ast.Dict) else ():
             name, text = None if key is None else self.text(key), self.text(value)
             if name is None or text is None:
                 self.launch.computed.append((value.lineno, "an argument of xacro"))
             else:
                 words.append(f"{name}:={shlex.quote(text) if ' ' in text and '$(' not in text else text}")
-        known = [each for each in words if each is not None]
-        return " ".join(known) if len(known) == len(words) else None
+        resolved = [word for word in words if word is not None]
+        return " ".join(resolved) if len(resolved) == len(words) else None
 
     # --- texts ---
 
@@ -299,11 +299,11 @@ class _Reader:
 
     def joined(self, nodes: list[ast.expr], between: str = "") -> str | None:
         """Return texts one after the other."""
-        texts = [self.text(each) for each in nodes]
-        known = [each for each in texts if each is not None]
-        if len(known) < len(texts) or sum(map(len, known)) > _LONGEST:
+        texts = [self.text(node) for node in nodes]
+        resolved = [text for text in texts if text is not None]
+        if len(resolved) < len(texts) or sum(map(len, resolved)) > _LONGEST:
             return None
-        return between.join(known)
+        return between.join(resolved)
 
     def name(self, node: ast.expr) -> str | None:
         """Return what a name stands for that is assigned once."""
@@ -320,7 +320,7 @@ class _Reader:
         name = _called(node)
         if name == "perform" and isinstance(node.func, ast.Attribute):  # in an OpaqueFunction
             return self.text(node.func.value)
-        first = node.args[0] if node.args else next((each.value for each in node.keywords), None)
+        first = node.args[0] if node.args else next((keyword.value for keyword in node.keywords), None)
         if name == "join" and node.args:
             return self.joined(node.args, "/")
         if first is None:
@@ -348,7 +348,7 @@ def _constant(_reader: _Reader, node: ast.expr) -> str | None:
 
 def _formatted(reader: _Reader, node: ast.expr) -> str | None:
     assert isinstance(node, ast.JoinedStr)
-    parts = [each.value if isinstance(each, ast.FormattedValue) else each for each in node.values]
+    parts = [value.value if isinstance(value, ast.FormattedValue) else value for value in node.values]
     return reader.joined(parts)
 
 
@@ -376,12 +376,12 @@ _TEXTS: Final[dict[type[ast.expr] | tuple[type[ast.expr], ...], Callable[[_Reade
 
 def _assigned_once(tree: ast.Module) -> dict[str, ast.expr]:
     """Return the names that have one value in the whole file, and their values."""
-    values, seen = dict[str, ast.expr](), dict[str, int]()
+    values, counts = dict[str, ast.expr](), dict[str, int]()
     for name, value in _assignments(tree):
-        seen[name] = seen.get(name, 0) + 1
+        counts[name] = counts.get(name, 0) + 1
         if value is not None:
             values[name] = value
-    return {name: value for name, value in values.items() if seen[name] == 1}
+    return {name: value for name, value in values.items() if counts[name] == 1}
 
 
 def _assignments(tree: ast.Module) -> Iterator[tuple[str, ast.expr | None]]:
@@ -407,7 +407,7 @@ def _called(call: ast.Call) -> str:
 
 
 def _keyword(call: ast.Call, name: str) -> ast.expr | None:
-    return next((each.value for each in call.keywords if each.arg == name), None)
+    return next((keyword.value for keyword in call.keywords if keyword.arg == name), None)
 
 
 def _is_command(node: ast.expr) -> bool:

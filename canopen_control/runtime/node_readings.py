@@ -93,9 +93,9 @@ class _ReadNode:
 
     def at(self, now: int) -> NodeReading:
         node = self._node
-        seen = self._look()
-        if seen != self._seen:
-            self._seen = seen
+        values = self._look()
+        if values != self._seen:
+            self._seen = values
             self._gather()
         age = node.age_ns(now)
         return NodeReading(
@@ -116,20 +116,20 @@ class _ReadNode:
     def _look(self) -> tuple[object, ...]:
         """Return all inputs of the reused parts."""
         node = self._node
-        seen: list[object] = [node.nmt_state, node.error, node.sdo_reads, node.sdo_writes, node.sdo_failed]
+        values: list[object] = [node.nmt_state, node.error, node.sdo_reads, node.sdo_writes, node.sdo_failed]
         for joint in self._joints:
             machine = joint.machine
-            seen += (joint.state, joint.statusword, _mode(joint), machine.state)
-        for each in self._devices:
-            seen += each.void_outputs(node)
-        return tuple(seen)
+            values += (joint.state, joint.statusword, _mode(joint), machine.state)
+        for device in self._devices:
+            values += device.void_outputs(node)
+        return tuple(values)
 
     def _gather(self) -> None:
         node = self._node
         self._nmt_state = node.nmt_state.name if node.nmt_state is not None else None
         self._sdo = SdoCounts(node.sdo_reads, node.sdo_writes, node.sdo_failed)
         self._axes = tuple(map(_axis, self._joints))
-        self._void = tuple(name for each in self._devices for name in each.void_outputs(node))
+        self._void = tuple(name for device in self._devices for name in device.void_outputs(node))
 
 
 def _mode(joint: JointDrive) -> int | None:

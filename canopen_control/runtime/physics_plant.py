@@ -61,8 +61,8 @@ def _sensors(setup: RobotSetup, tags: Iterable[Ros2ControlSystem]) -> dict[str, 
 
 def sensed_world(setup: RobotSetup, tag: Ros2ControlSystem) -> WorldSensors | None:
     """Return the component of a tag's sensors that the world measures, None without; PhysicsError as above."""
-    found = _sensors(setup, [tag])
-    parts = [part for part in tag.sensors if part.name in found]
+    sensors = _sensors(setup, [tag])
+    parts = [part for part in tag.sensors if part.name in sensors]
     return WorldSensors(f"{tag.name}_world", parts) if parts else None
 
 
@@ -71,7 +71,7 @@ class SensedValues:
 
     def __init__(self, components: Sequence[WorldSensors], sensors: Mapping[str, SensorSettings]) -> None:
         self._components = components
-        self._names = {name: _interfaces_of(name, each) for name, each in sensors.items()}
+        self._names = {name: _interfaces_of(name, sensor) for name, sensor in sensors.items()}
 
     @property
     def wanted(self) -> bool:
@@ -103,8 +103,8 @@ _URDF = "physics.urdf"
 def check_physics(setup: RobotSetup) -> None:
     """Raise RobotConfigError where no virtual drives can move the robot in physics, PhysicsError for its world."""
     if setup.real or setup.mock:
-        given = "--real" if setup.real else "--mock"
-        raise RobotConfigError(f"--physics is for virtual drives; leave {given} away")
+        option = "--real" if setup.real else "--mock"
+        raise RobotConfigError(f"--physics is for virtual drives; leave {option} away")
     if setup.files.bus_alone:
         raise RobotConfigError(f"--physics: {setup.files.bus} has no description, so that there is nothing to move")
     for channel in setup.channels.values():
@@ -140,7 +140,11 @@ def write_plant(
 def plant_text(setup: RobotSetup, joints: Iterable[JointDrive], world: Path | None = None) -> str:
     """Return the plant file as text."""
     rollers = _rollers(setup)
-    ratios = {each.joint: each.reduction for tag in setup.description.hardware for each in tag.transmissions}
+    ratios = {
+        transmission.joint: transmission.reduction
+        for tag in setup.description.hardware
+        for transmission in tag.transmissions
+    }
     lines = [f"# of {setup.description.path} and bus.yml", "engine: mujoco", f"urdf: {_URDF}"]
     lines += [f"urdf_source: {json.dumps(source)}" for source in _copied_from(setup.description)]
     lines += [] if world is None else [f"world: {json.dumps(str(world))}"]
@@ -166,11 +170,11 @@ def _copied_from(description: UrdfDescription) -> Iterator[str]:
 
 def _sensor_lines(setup: RobotSetup) -> list[str]:
     """Return what of the description's sensors the world measures, as lines of the file."""
-    found = world_sensors(setup)
+    sensors = world_sensors(setup)
     lines = [
-        f"  {json.dumps(name)}: {{kind: {each.kind}, link: {json.dumps(each.link)}, noise: {each.noise!r}, "
-        f"reach: {each.reach!r}, seed: {each.seed}}}"
-        for name, each in found.items()
+        f"  {json.dumps(name)}: {{kind: {sensor.kind}, link: {json.dumps(sensor.link)}, noise: {sensor.noise!r}, "
+        f"reach: {sensor.reach!r}, seed: {sensor.seed}}}"
+        for name, sensor in sensors.items()
     ]
     return ["sensors:", *lines] if lines else []
 
@@ -216,7 +220,9 @@ def _rollers(setup: RobotSetup) -> dict[str, float]:
 
     That is the usual way to mount them, and the one of which the kinematics of the controller holds.
     """
-    config = next((each for each in setup.controllers.controllers.values() if each.type == _MECANUM), None)
+    config = next(
+        (controller for controller in setup.controllers.controllers.values() if controller.type == _MECANUM), None
+    )
     if config is None:
         return {}
     geometry, places = WheelGeometry(setup.description.model), {}

@@ -85,8 +85,8 @@ class RealTime:
         try:
             os.sched_setaffinity(0, {cpu})
         except (OSError, ValueError, OverflowError):
-            known = ", ".join(map(str, sorted(self._processors)))
-            raise RobotConfigError(f"--cpu {cpu}: this process may run on the processors {known}") from None
+            processors = ", ".join(map(str, sorted(self._processors)))
+            raise RobotConfigError(f"--cpu {cpu}: this process may run on the processors {processors}") from None
         os.sched_setaffinity(0, self._processors)
 
     def _schedule(self, priority: int) -> None:
@@ -150,7 +150,7 @@ def _may_lock_all() -> bool:
     return bool(int(capabilities, 16) >> _CAP_IPC_LOCK & 1)
 
 
-def _refused(what: str, error: OSError, priority: int) -> ConfigError:
+def _refused(request: str, error: OSError, priority: int) -> ConfigError:
     """Return the error with the commands to type: for this shell and, without that, permanently."""
     import pwd
 
@@ -163,7 +163,7 @@ def _refused(what: str, error: OSError, priority: int) -> ConfigError:
             f"the next login on: printf '{user} - rtprio {priority}\\n{user} - memlock unlimited\\n' | "
             "sudo tee /etc/security/limits.d/canopen_control.conf"
         )
-    return RobotConfigError(f"--realtime: {what} ({error.strerror}); {allow}")
+    return RobotConfigError(f"--realtime: {request} ({error.strerror}); {allow}")
 
 
 def keep_awake(undo: contextlib.ExitStack, device: str = LATENCY_DEVICE) -> str:

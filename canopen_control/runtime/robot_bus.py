@@ -97,9 +97,9 @@ class _Excess:
             self._longer.append((self._least - before) // _BLOCK)
         if len(self._longer) < _BLOCKS:
             return None
-        found = min(self._longer)
+        deadline = min(self._longer)
         self.restart()
-        return found
+        return deadline
 
 
 class NodeSync:

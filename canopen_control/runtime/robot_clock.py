@@ -70,13 +70,13 @@ class WallClock:
     def made_at(self, unix_ns: int) -> int:
         """Return when something that is there was made; a stamp after now may be of before the clock was set back."""
         now = self._now()
-        made = unix_ns - self.offset_ns
-        if made > now and self._before is not None:
+        created_ns = unix_ns - self.offset_ns
+        if created_ns > now and self._before is not None:
             offset, until = self._before
             if now < until:
                 return min(now, unix_ns - offset)
             self._before = None
-        return made
+        return created_ns
 
 
 def step_words(moved_ns: int) -> str:

@@ -83,12 +83,12 @@ def asked_hardware(words: Mapping[str, str]) -> AskedHardware:
     channels = {name: value for name, value in words.items() if _names_channel(name, value)}
     answers = {name: says for name, value in words.items() if (says := _says_real(name, value)) is not None}
     worlds = {name: file for name, value in words.items() if (file := _sdf_file(value))}
-    for found in (channels, answers, worlds):
-        if len(set(found.values())) > 1:
-            given = ", ".join(f"{name}:={words[name]}" for name in found)
-            advice = "give one, or each bus its --can BUS=CHANNEL" if found is channels else "give one of them"
-            raise RobotConfigError(f"{given}: these contradict each other; {advice}")
-    channel, real, world = (next(iter(found), "") for found in (channels, answers, worlds))
+    for values in (channels, answers, worlds):
+        if len(set(values.values())) > 1:
+            arguments = ", ".join(f"{name}:={words[name]}" for name in values)
+            advice = "give one, or each bus its --can BUS=CHANNEL" if values is channels else "give one of them"
+            raise RobotConfigError(f"{arguments}: these contradict each other; {advice}")
+    channel, real, world = (next(iter(values), "") for values in (channels, answers, worlds))
     return AskedHardware(
         channels.get(channel, ""),
         f"{channel}:={channels[channel]}" if channel and channels[channel] else "",
@@ -187,13 +187,13 @@ def find_robot(
 
     `arguments` are NAME:=VALUE, for xacro. A ROS launch file gives xacro more of them, and files that are nowhere else.
     """
-    if config == "" or all(each is None for each in (config, bus, controllers, description, launch)):
+    if config == "" or all(option is None for option in (config, bus, controllers, description, launch)):
         names = ", ".join(data_names("config"))
         raise RobotConfigError(f"no robot given: name a folder or a bundled robot ({names}), or its three files")
     folder = _folder(config) if config is not None else None
     words = xacro_arguments(arguments)
-    asked = asked_hardware(words)
-    launched = _launched(launch, words, asked.names)
+    hardware = asked_hardware(words)
+    launched = _launched(launch, words, hardware.names)
     files = launched.files if launched is not None else {}
     no_bus: list[str] = []
     missing: list[str] = []
@@ -207,42 +207,54 @@ def find_robot(
     )
     beside = folder if main == Path() else main.parent
     more = _more_buses(beside, missing) if beside is not None and bus is None else {}
-    world = _world(asked, launch, missing)
+    world = _world(hardware, launch, missing)
     missing += _irregular((main, control, described, *more.values()))
-    foreign = next((word for word in words if word not in asked.names), None)
+    foreign = next((word for word in words if word not in hardware.names), None)
     if alone and foreign and launched is None:
         missing.append(f"{main} is a bus without a description, so it has no arguments; leave {foreign}:= away")
     if missing or (no_bus and (more or bus is not None)):
         needed = control == described == Path() or bool(more) or bus is not None
         _refuse_missing(launch if folder is None else None, launched, no_bus, missing, needed=needed)
-    words = {} if alone else _heeded(words, launched, asked, described)
+    words = {} if alone else _heeded(words, launched, hardware, described)
     idle = launched.idle if launched is not None else ()
     _refuse_unheeded(idle)
     name = _name((folder or (described if no_bus else main).resolve().parent).resolve())
     spawned = launched.spawned if launched is not None and not alone else ()
     variables = launched.variables if launched is not None else {}
     return RobotFiles(
-        _safe(name), None if no_bus else main, control, described, more, words, asked, idle, spawned, variables, world
+        _safe(name),
+        None if no_bus else main,
+        control,
+        described,
+        more,
+        words,
+        hardware,
+        idle,
+        spawned,
+        variables,
+        world,
     )
 
 
-def _world(asked: AskedHardware, launch: str | None, missing: list[str]) -> Path | None:
+def _world(hardware: AskedHardware, launch: str | None, missing: list[str]) -> Path | None:
     """Return the file of the world that an argument names: from here, else in `worlds` of the launch file's package."""
-    if not asked.world:
+    if not hardware.world:
         return None
-    path = Path(asked.world).expanduser()
+    path = Path(hardware.world).expanduser()
     package = None if launch is None else find_launch(launch).resolve().parent.parent
     places = [path] if package is None else [path, package / path, package / "worlds" / path]
-    found = next((each for each in places if each.is_file()), None)
+    found = next((place for place in places if place.is_file()), None)
     if found is None:
-        missing.append(f"{asked.world_word}: there is no file {path}")
+        missing.append(f"{hardware.world_word}: there is no file {path}")
     return None if found is None else found.resolve()
 
 
-def _heeded(words: dict[str, str], launched: Launched | None, asked: AskedHardware, described: Path) -> dict[str, str]:
+def _heeded(
+    words: dict[str, str], launched: Launched | None, hardware: AskedHardware, described: Path
+) -> dict[str, str]:
     """Return the arguments of the description, which are those that its launch file gives it where there is one."""
     if launched is None:  # the description may have an argument of that name, and need not
-        return {f"{each}?" if each in asked.names else each: value for each, value in words.items()}
+        return {f"{name}?" if name in hardware.names else name: value for name, value in words.items()}
     from canopen_control.runtime.launch_file import refuse_mistyped
 
     refuse_mistyped(launched, words, described)
@@ -268,9 +280,9 @@ def _not_launched(
     """Say which files a launch file, given without a folder, does not give, or gives where there is none."""
     for option, kind in (("--bus", "bus"), ("--controllers", "controllers"), ("--description", "description")):
         if any(text.endswith(f" or {option}") for text in (*no_bus, *missing)):
-            said = f"names {files[kind]}, which is no file" if kind in files else f"names no {kind} file"
+            problem = f"names {files[kind]}, which is no file" if kind in files else f"names no {kind} file"
             if kind != "bus" or kind in files:
-                yield f"{launch} {said}; give it by {option}"
+                yield f"{launch} {problem}; give it by {option}"
     yield from (text for text in missing if not text.startswith("give a robot folder or "))
 
 
@@ -286,13 +298,13 @@ def _refuse_unheeded(idle: Iterable[str]) -> None:
 
 def xacro_arguments(words: Iterable[str]) -> dict[str, str]:
     """Read NAME:=VALUE, the last of a name counts; RobotConfigError."""
-    found = {}
+    arguments = {}
     for word in words:
         name, is_pair, value = word.partition(":=")
         if not is_pair or not _ARGUMENT.fullmatch(name):
             raise RobotConfigError(f"{word!r} is no argument of the description; those are NAME:=VALUE")
-        found[name] = value
-    return found
+        arguments[name] = value
+    return arguments
 
 
 def find_buses(config: str | None) -> dict[str, Path]:
@@ -320,9 +332,9 @@ def _folder(config: str) -> Path:
     if "/" not in config and bundled.is_dir():
         return bundled
     package, _, rest = config.partition("/")
-    for found in installed_packages(package):
-        if (found / rest).is_dir():
-            return found / rest
+    for package_folder in installed_packages(package):
+        if (package_folder / rest).is_dir():
+            return package_folder / rest
     names = ", ".join(data_names("config"))
     raise RobotConfigError(
         f"no robot {config!r}: neither a folder nor one of the bundled ones ({names}) nor a ROS package that is "
@@ -334,8 +346,8 @@ def find_launch(text: str) -> Path:
     """Return the launch file that a user means: a path, else one in a ROS package; it may not exist."""
     path = Path(text).expanduser()
     package, _, rest = text.partition("/")
-    inside = () if path.is_file() else (found / rest for found in installed_packages(package))
-    return next((each for each in inside if each.is_file()), path)
+    inside = () if path.is_file() else (package_folder / rest for package_folder in installed_packages(package))
+    return next((candidate for candidate in inside if candidate.is_file()), path)
 
 
 def _launched(launch: str | None, words: dict[str, str], obeyed: AbstractSet[str]) -> Launched | None:
@@ -348,7 +360,7 @@ def _launched(launch: str | None, words: dict[str, str], obeyed: AbstractSet[str
 
 
 def _one(
-    given: str | None,
+    path: str | None,
     folder: Path | None,
     names: str | Sequence[str],
     option: str,
@@ -356,12 +368,12 @@ def _one(
     launched: Path | None = None,
 ) -> Path:
     """Return a file: as given, else the folder's, else that of the launch file; or say that it is missing."""
-    known = len(missing)
-    found = _own(given, folder, names, option, missing)
-    if found == Path() and launched is not None and launched.is_file():
-        del missing[known:]
+    count = len(missing)
+    file = _own(path, folder, names, option, missing)
+    if file == Path() and launched is not None and launched.is_file():
+        del missing[count:]
         return launched
-    return found
+    return file
 
 
 def _own(given: str | None, folder: Path | None, names: str | Sequence[str], option: str, missing: list[str]) -> Path:
@@ -374,16 +386,16 @@ def _own(given: str | None, folder: Path | None, names: str | Sequence[str], opt
         missing.append(f"give a robot folder or {option}")
         return Path()
     patterns = [names] if isinstance(names, str) else names
-    wanted = " or ".join(patterns)
+    expected = " or ".join(patterns)
     for place in _places(folder, described=names is _DESCRIPTIONS):
         matches = sorted({path for pattern in patterns for path in place.glob(pattern)})
         if len(matches) == 1:
             return matches[0]
         if matches:
             several = ", ".join(str(path.relative_to(place)) for path in matches)
-            missing.append(f"{place} has several of {wanted}: name one with {option} ({several})")
+            missing.append(f"{place} has several of {expected}: name one with {option} ({several})")
             return Path()
-    missing.append(f"{folder} has no {wanted}{_elsewhere(folder, names)}")
+    missing.append(f"{folder} has no {expected}{_elsewhere(folder, names)}")
     return Path()
 
 
@@ -414,12 +426,12 @@ def _places(folder: Path, *, described: bool) -> list[Path]:
     if not described:
         return [folder, folder / "config"]
     places = [folder, folder / "urdf"]
-    whole = folder.resolve()
-    if whole.parent.name == "config":
-        package = whole.parent.parent
-        places += [package / "urdf" / whole.name, package / "urdf"]
-    elif whole.name == "config":
-        places += [whole.parent / "urdf"]
+    path = folder.resolve()
+    if path.parent.name == "config":
+        package = path.parent.parent
+        places += [package / "urdf" / path.name, package / "urdf"]
+    elif path.name == "config":
+        places += [path.parent / "urdf"]
     return places
 
 
@@ -427,10 +439,10 @@ def _elsewhere(folder: Path, names: str | Sequence[str]) -> str:
     """Say where such files are instead: in folders of config, or of urdf, of which one is to be named."""
     if names is _DESCRIPTIONS:
         roots = [place for place in _places(folder, described=True) if place.name == "urdf"]
-        found = [path for root in roots for pattern in _DESCRIPTIONS for path in root.glob(f"*/{pattern}")]
-        return f"; name one with --description: {_listed(found)}" if found else ""
-    found = [path.parent for path in folder.glob(f"config/*/{names}")]
-    return f"; name a folder that has one: {_listed(found)}" if found else ""
+        folders = [path for root in roots for pattern in _DESCRIPTIONS for path in root.glob(f"*/{pattern}")]
+        return f"; name one with --description: {_listed(folders)}" if folders else ""
+    folders = [path.parent for path in folder.glob(f"config/*/{names}")]
+    return f"; name a folder that has one: {_listed(folders)}" if folders else ""
 
 
 def _listed(paths: Sequence[Path]) -> str:
@@ -451,11 +463,11 @@ def _irregular(paths: Iterable[Path]) -> Iterator[str]:
 
 def _more_buses(folder: Path, missing: list[str]) -> dict[str, Path]:
     """Find the files of further buses."""
-    found = {path.stem.removeprefix("bus_"): path for path in sorted(folder.glob("bus_*.yml"))}
-    for name, path in found.items():
+    buses = {path.stem.removeprefix("bus_"): path for path in sorted(folder.glob("bus_*.yml"))}
+    for name, path in buses.items():
         if not _BUS_NAME.fullmatch(name) or name == MAIN_BUS:
             missing.append(f"{path}: {name!r} is no name for a further bus: letters, digits, _ and -, not {MAIN_BUS!r}")
-    return found
+    return buses
 
 
 def _safe(name: str) -> str:

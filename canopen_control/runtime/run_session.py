@@ -230,7 +230,7 @@ class RunSession(RobotObserver):
         """Start the children, and the robot once they are ready; raises BusError."""
         if self.realtime.text:
             self.robot.report(Event(self.reactor.now(), "realtime", "", self.realtime.text))
-        self.robot.latch.tell(self.reactor.now())
+        self.robot.latch.report(self.reactor.now())
         keep_garbage_small(self._cleanup, self.robot.observers, by_hand=self.options.realtime is not None)
         if self.options.drives and self.robot.buses and hosts_virtual_drives(self.setup):
             plant = write_plant(self.setup, self.robot.joints, self.options.world) if self.options.physics else None
@@ -274,7 +274,7 @@ class RunSession(RobotObserver):
     def run(self) -> str | None:
         """Run until a signal, the duration, a client or a failure ends it."""
         shutdown = self.robot.shutdown
-        self.reactor.handle_signals({each: partial(shutdown, each.name) for each in _SIGNALS})
+        self.reactor.handle_signals({number: partial(shutdown, number.name) for number in _SIGNALS})
         lifeline = lifeline_fd()
         if lifeline is not None:  # of the program that runs several robots
             self.reactor.add_reader(lifeline, partial(self._on_orphaned, lifeline))
@@ -309,7 +309,9 @@ class RunSession(RobotObserver):
         elif self.options.motion:
             manager = self.robot.manager
             started = [manager.get(name) for name in self.setup.to_activate]
-            moving = [each.name for each in started if each.moves_joints and not each.is_broadcaster]
+            moving = [
+                controller.name for controller in started if controller.moves_joints and not controller.is_broadcaster
+            ]
             self._motion = DemoMotion(self.robot, moving[0]) if moving else None
         if self.options.duration is not None:
             self.reactor.call_later(round(self.options.duration * 1e9), lambda: self.robot.shutdown("duration elapsed"))

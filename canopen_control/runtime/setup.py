@@ -81,9 +81,9 @@ class RobotSetup:
         """Raise RobotConfigError where drives are to be real and nobody said on which channel they are."""
         if self.unplaced and self.joined:
             which = " ".join(f"--can {name}=can{at}" for at, name in enumerate(self.unplaced))
-            given = "--can can0" if self.unplaced == (BUS_NAME,) else which
+            example = "--can can0" if self.unplaced == (BUS_NAME,) else which
             raise RobotConfigError(
-                f"{option}: where are the drives? Say it with {given} (or vcan0, pcan:PCAN_USBBUS1@500000, ...); "
+                f"{option}: where are the drives? Say it with {example} (or vcan0, pcan:PCAN_USBBUS1@500000, ...); "
                 "canopen-control bus lists the interfaces of this computer"
             )
 
@@ -145,7 +145,7 @@ class RobotSetup:
     @property
     def phase_ns(self) -> int:
         """How long after a SYNC that it follows the cycle comes: an eighth of a period, or half."""
-        followed = (self.buses[name] for name, each in self.sync.items() if each.sender in _OTHERS)
+        followed = (self.buses[name] for name, choice in self.sync.items() if choice.sender in _OTHERS)
         closely = any(bus.master.follows_closely for bus in followed)
         return self.cycle_ns // (8 if closely else 2)
 
@@ -193,7 +193,7 @@ def read_robot(
         raise RobotConfigError(f"{files.asked.real_word} contradicts --mock; leave one of them away")
     on_drives = real or physics or drives
     read = partial(_buses, files, peer_merge, allow_unsupervised)
-    buses, description, control, wanted = _contents(
+    buses, description, control, buses_expected = _contents(
         files, name, read, reader, controllers, mock=mock, strict=strict, real=on_drives
     )
     can = files.asked.channels(can, buses)
@@ -201,9 +201,9 @@ def read_robot(
     sync = _choose_sync(buses, channels, description, kernel_sync=kernel_sync, mock=mock)
     notes = tuple(_told_by_files(buses, control, description, mock=mock, real=on_drives))
     unplaced = _unplaced(buses, can)
-    found = buses, channels, description, control, wanted
+    parts = buses, channels, description, control, buses_expected
     return RobotSetup(
-        name, files, *found, mock, notes, real, kernel_sync, physics, sync, drives, simulate, unplaced, world
+        name, files, *parts, mock, notes, real, kernel_sync, physics, sync, drives, simulate, unplaced, world
     )
 
 
@@ -212,17 +212,17 @@ def _contents(
     name: str,
     read: _ReadBuses,
     reader: DescriptionReader | None,
-    asked: Sequence[str],
+    names: Sequence[str],
     *,
     mock: bool,
     strict: bool,
     real: bool,
 ) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile, tuple[str, ...]]:
     """Return what is in the files, with the controllers of free drives, and the names of those to activate."""
-    buses, written, given = _read(files, name, read, reader, mock=mock, strict=strict)
-    description, control, free = _add_free_drives(files, buses, written, given, mock=mock)
+    buses, written, options = _read(files, name, read, reader, mock=mock, strict=strict)
+    description, control, free = _add_free_drives(files, buses, written, options, mock=mock)
     _require_bus(files, buses, description, mock=mock, real=real)
-    return buses, description, control, (*started_controllers(files, given, written, asked), *free)
+    return buses, description, control, (*started_controllers(files, options, written, names), *free)
 
 
 def _unplaced(buses: Mapping[str, BusConfig], can: Sequence[str]) -> tuple[str, ...]:
@@ -287,7 +287,7 @@ def _told_by_files(
         yield from bus.notes
     yield from control.warnings
     yield from description.notes
-    yield from _sim_time(control, [kind_of(description, each, mock=mock, real=real) for each in description.hardware])
+    yield from _sim_time(control, [kind_of(description, tag, mock=mock, real=real) for tag in description.hardware])
 
 
 def _refuse_for_a_bus(files: RobotFiles, *, mock: bool) -> None:
@@ -295,15 +295,15 @@ def _refuse_for_a_bus(files: RobotFiles, *, mock: bool) -> None:
     if mock:
         raise RobotConfigError(f"--mock: {files.bus} is a bus without controllers; leave the option away")
     if files.arguments:
-        given = ", ".join(f"{name}:=" for name in files.arguments)
-        raise RobotConfigError(f"{given}: a bus without controllers has no description; leave the arguments away")
+        arguments = ", ".join(f"{name}:=" for name in files.arguments)
+        raise RobotConfigError(f"{arguments}: a bus without controllers has no description; leave the arguments away")
 
 
 def _buses(files: RobotFiles, peer_merge: bool, allow_unsupervised: bool) -> dict[str, BusConfig]:
     """Read all buses; what keeps them from being one robot is a RobotConfigError."""
     buses = {
-        each: read_bus(path, peer_merge=peer_merge, allow_unsupervised=allow_unsupervised)
-        for each, path in files.buses.items()
+        name_of_bus: read_bus(path, peer_merge=peer_merge, allow_unsupervised=allow_unsupervised)
+        for name_of_bus, path in files.buses.items()
     }
     if problems := clashes_of(buses):
         raise RobotConfigError("\n".join(problems))
@@ -317,8 +317,8 @@ def plans_of(buses: Mapping[str, BusConfig]) -> list[NodePlan]:
 
 def _sim_time(control: ControllersFile, kinds: Sequence[PluginKind]) -> list[str]:
     """Say that `use_sim_time` in the file does nothing where nothing is simulated."""
-    wanted = [each.params.flat.get("use_sim_time") for each in control.controllers.values()]
-    given = control.manager.use_sim_time or any(each is not None and each.value is True for each in wanted)
+    settings = [controller.params.flat.get("use_sim_time") for controller in control.controllers.values()]
+    given = control.manager.use_sim_time or any(setting is not None and setting.value is True for setting in settings)
     if not given or PluginKind.SIMULATION in kinds:
         return []
     return [
@@ -392,8 +392,9 @@ def _require_kernel_sync(buses: Mapping[str, BusConfig], channels: Mapping[str, 
 def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> dict[str, str]:
     """Read the `--can [BUS=]CHANNEL` options; else `channel` of bus.yml, else an embedded bus of the robot's name."""
     channels = {
-        each: bus.master.channel or (f"local:{name}" if each == BUS_NAME else f"local:{f'{name}_{each}'[:32]}")
-        for each, bus in buses.items()
+        bus_name: bus.master.channel
+        or (f"local:{name}" if bus_name == BUS_NAME else f"local:{f'{name}_{bus_name}'[:32]}")
+        for bus_name, bus in buses.items()
     }
     for text in can:
         bus, channel = name_and_channel(text)
@@ -402,29 +403,29 @@ def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> 
             raise RobotConfigError(f"--can {text}: the robot has no bus {bus!r}{nearest(bus, channels)}")
         channels[bus] = channel
     for bus, channel in channels.items():
-        if (other := next(each for each in channels if channels[each] == channel)) != bus:
+        if (other_bus := next(bus_name for bus_name in channels if channels[bus_name] == channel)) != bus:
             raise RobotConfigError(
-                f"the buses {other} and {bus} are both on {channel}; give one another with --can {bus}="
+                f"the buses {other_bus} and {bus} are both on {channel}; give one another with --can {bus}="
             )
     return channels
 
 
 def started_controllers(
-    files: RobotFiles, control: ControllersFile, description: UrdfDescription, asked: Sequence[str]
+    files: RobotFiles, control: ControllersFile, description: UrdfDescription, names: Sequence[str]
 ) -> tuple[str, ...]:
     """Return the controllers to activate: those asked for, else the first that moves joints; and all that move none."""
-    for name in asked:
+    for name in names:
         if name not in control.controllers:
             raise RobotConfigError(f"{files.controllers}: no controller {name!r}{nearest(name, control.controllers)}")
     if files.bus_alone:
         return ()
-    if not asked and files.spawned:
+    if not names and files.spawned:
         return tuple(name for name in files.spawned if name in control.controllers)
     types = {name: config.type for name, config in control.controllers.items()}
     parts = [part for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)]
     commanded = any(part.command_interfaces for part in parts)
-    if not asked and all(map(is_broadcaster, types.values())) and (commanded or not types):
+    if not names and all(map(is_broadcaster, types.values())) and (commanded or not types):
         raise RobotConfigError(f"{files.controllers}: no controller but broadcasters; nothing could command the robot")
     moving = [name for name, type_name in types.items() if moves_joints(type_name)]
     beside = [name for name in types if name not in moving]
-    return tuple(dict.fromkeys([*beside, *(asked or moving[:1])]))
+    return tuple(dict.fromkeys([*beside, *(names or moving[:1])]))

@@ -69,15 +69,15 @@ def read_shared(world: Path) -> list[SharedRobot]:
         raise RobotConfigError(
             f"{world}: it names no robots; write `robots:`, or run one in it: run ROBOT --physics --world FILE"
         )
-    found, problems = [], []
+    robots, problems = [], []
     for start in description.robots:
         try:
-            found.append(_read(start, world))
+            robots.append(_read(start, world))
         except ConfigError as error:
             problems.append(f"{world}:{start.here.line}:{start.here.column}: {start.name}: {error}")
     if problems:
         raise RobotConfigError("\n".join(problems))
-    return found
+    return robots
 
 
 def _read(start: RobotStart, world: Path) -> SharedRobot:
@@ -93,7 +93,7 @@ def _read(start: RobotStart, world: Path) -> SharedRobot:
     can = [f"{name}={channel}" for name, channel in buses.items()]
     setup = read_robot(files, name=start.name, can=can, controllers=start.controllers, physics=True, drives=True)
     check_physics(setup)
-    options = [f"--can={each}" for each in can] + [f"--controller={each}" for each in start.controllers]
+    options = [f"--can={each}" for each in can] + [f"--controller={controller}" for controller in start.controllers]
     return SharedRobot(setup, ("run", config, *words, "--as", start.name, "--no-drives", *options))
 
 
@@ -107,12 +107,12 @@ class SharedRun:
         self,
         robots: Sequence[SharedRobot],
         world: Path,
-        say: Callable[[str], object],
+        report: Callable[[str], object],
         *,
         options: Sequence[str] = (),
         of_each: Callable[[str], Sequence[str]] = lambda _name: (),
     ) -> None:
-        self._robots, self._world, self._say = robots, world, say
+        self._robots, self._world, self._say = robots, world, report
         self._options, self._of_each = tuple(options), of_each
         self._reactor = Reactor()
         self._drives: Child | None = None
@@ -163,10 +163,10 @@ class SharedRun:
 
     def _on_drives_ended(self, returncode: int, lines: list[str]) -> None:
         """End all: the drives of a world that has gone stand still."""
-        said = [line.removeprefix(_COMPLAINT) for line in lines if not line.startswith(WORLD_NOTE)]
+        reasons = [line.removeprefix(_COMPLAINT) for line in lines if not line.startswith(WORLD_NOTE)]
         self._drives, self._refused = None, returncode == _USAGE
         self._fail(
-            "\n".join(said) if self._refused else f"the process of the drives has ended: {' | '.join(said[-3:])}"
+            "\n".join(reasons) if self._refused else f"the process of the drives has ended: {' | '.join(reasons[-3:])}"
         )
 
     def _on_robot_ended(self, robot: SharedRobot, returncode: int, _lines: list[str]) -> None:
@@ -174,9 +174,9 @@ class SharedRun:
         if returncode and not self._ending:
             again = " ".join(("canopen-control", *robot.arguments))
             self._failed = f"{robot.name} ended with exit code {returncode}"
-            others = ", ".join(self._running)
-            if others:
-                self._say(f"{self._failed}; its drives stop, {others} goes on; start it again with: {again}")
+            running = ", ".join(self._running)
+            if running:
+                self._say(f"{self._failed}; its drives stop, {running} goes on; start it again with: {again}")
         if not self._running:
             self._end()
 

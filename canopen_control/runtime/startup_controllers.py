@@ -29,8 +29,8 @@ def load_controller(setup: RobotSetup, manager: ControllerManager, name: str, *,
     """Load and `configure` a controller of the file, and its fallbacks; raises ControlError or ConfigError."""
     config = setup.controllers.controllers.get(name)
     if config is None:
-        known = setup.controllers.controllers
-        raise UnknownName(f"no controller {name!r} in {setup.files.controllers}{nearest(name, known)}")
+        by_name = setup.controllers.controllers
+        raise UnknownName(f"no controller {name!r} in {setup.files.controllers}{nearest(name, by_name)}")
     manager.load(name, config.type, config.params, config.fallbacks, config.node_options)
     if configure:
         configure_controller(setup, manager, name)
@@ -60,10 +60,10 @@ def switch_controllers(
     nothing is changed.
     """
     before = manager.states
-    known = {*before, *setup.controllers.controllers}
-    if not strict and (unknown := [name for name in (*activate, *deactivate) if name not in known]):
+    names = {*before, *setup.controllers.controllers}
+    if not strict and (unknown := [name for name in (*activate, *deactivate) if name not in names]):
         manager.leave_out(unknown)
-        activate = [name for name in activate if name in known]
+        activate = [name for name in activate if name in names]
     try:
         for name in activate:
             if name not in before:
@@ -81,8 +81,8 @@ def require_active(setup: RobotSetup, manager: ControllerManager, name: str) -> 
     """Raise ControlError for a controller of the file that takes no command now, with what makes it take them."""
     state = manager.states.get(name, UNLOADED)
     if name in setup.controllers.controllers and state != ControllerState.ACTIVE.value:
-        others = [f"--deactivate {' '.join(found)}"] if (found := _in_the_way(setup, manager, name)) else []
-        switch = " ".join((f"canopen-control controller switch --activate {name}", *others))
+        options = [f"--deactivate {' '.join(in_the_way)}"] if (in_the_way := _in_the_way(setup, manager, name)) else []
+        switch = " ".join((f"canopen-control controller switch --activate {name}", *options))
         raise ControlError(f"{name} is {state}, so it takes no command; activate it: {switch}")
 
 
@@ -96,7 +96,7 @@ def _in_the_way(setup: RobotSetup, manager: ControllerManager, name: str) -> lis
             WheelGeometry(setup.description.model),
         )
         controller.on_configure(config.params)
-        owners = [manager.registry.command(each).owner for each in controller.command_interface_names()]
+        owners = [manager.registry.command(interface).owner for interface in controller.command_interface_names()]
     except CanopenError:
         return []  # what is wrong with it is told when it is switched to
     return [owner for owner in dict.fromkeys(owners) if owner is not None]

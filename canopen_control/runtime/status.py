@@ -100,8 +100,8 @@ def simulated_seconds(robot: RobotCore) -> float | None:
     """Return how long the simulation has run, for `/clock`; None if nothing is simulated."""
     if robot.in_virtual_time:
         return robot.reactor.now() / 1e9
-    times = (each.simulated_ns for each in robot.registry.components)
-    return next((each / 1e9 for each in times if each is not None), None)
+    times = (component.simulated_ns for component in robot.registry.components)
+    return next((time_ns / 1e9 for time_ns in times if time_ns is not None), None)
 
 
 def simulated_epoch(robot: RobotCore) -> float | None:
@@ -167,12 +167,12 @@ def _cycle(robot: RobotCore) -> CycleTimes:
 
 
 def _buses(robot: RobotCore) -> dict[str, BusTraffic]:
-    found = {}
+    buses = {}
     for name, bus in robot.buses.items():
         stats = bus.port.stats if bus.port else None
         counts = (0, 0, 0) if stats is None else (stats.rx, stats.tx, stats.lost)
-        found[name] = BusTraffic(bus.channel, *counts, bus.network.unknown, bus.load, bus.sync_words)
-    return found
+        buses[name] = BusTraffic(bus.channel, *counts, bus.network.unknown, bus.load, bus.sync_words)
+    return buses
 
 
 def _joints(robot: RobotCore) -> dict[str, JointReading]:

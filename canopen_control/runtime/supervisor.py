@@ -235,9 +235,9 @@ class Supervisor:
         """End the run: a drive is there, and not on the bus."""
         self._wait_no_more()
         seconds = (_READY_NS + _READY_EACH_NS * len(self._drives)) / 1e9
-        said = " | ".join(child.last_lines()[-3:]) or "nothing yet"
+        last_output = " | ".join(child.last_lines()[-3:]) or "nothing yet"
         run.child_failed(
-            f"process {child.name} (pid {child.pid}) was not ready within {seconds:g} s; it said: {said}; "
+            f"process {child.name} (pid {child.pid}) was not ready within {seconds:g} s; it said: {last_output}; "
             "is the machine too busy?"
         )
 
@@ -260,10 +260,10 @@ class Supervisor:
         silent = child.heard_at is not None and now - child.heard_at > _SILENCE_NS
         if silent is not self._recorder_silent:
             self._recorder_silent = silent
-            who = f"process {child.name} (pid {child.pid})"
-            text = f"{who} is silent: it hangs or was stopped, and what happens now is not recorded"
+            process = f"process {child.name} (pid {child.pid})"
+            text = f"{process} is silent: it hangs or was stopped, and what happens now is not recorded"
             event = Event(now, "recorder_silent", "", text, Level.WARNING)
-            self._report(event if silent else Event(now, "recorder_back", "", f"{who} records again"))
+            self._report(event if silent else Event(now, "recorder_back", "", f"{process} records again"))
         self._reactor.call_later(_LOOK_NS, partial(self._listen_to_recorder, child))
 
     def end_clients(self) -> None:
@@ -390,7 +390,7 @@ class Supervisor:
             if child in children:
                 children.remove(child)
         how = f"was ended by signal {-returncode}" if returncode < 0 else f"ended with exit code {returncode}"
-        said = f"; it said: {' | '.join(lines[-3:])}" if lines else ""
+        last_output = f"; it said: {' | '.join(lines[-3:])}" if lines else ""
         if returncode == _USAGE and child in self._awaited and self._world is not None and child is self._world[0]:
             self.refused = True
             self._wait_no_more()
@@ -398,7 +398,7 @@ class Supervisor:
             if self._run is not None:
                 self._run.child_failed(text)
             return
-        text = f"process {child.name} (pid {child.pid}) {how}{said}"
+        text = f"process {child.name} (pid {child.pid}) {how}{last_output}"
         self._report(Event(self._reactor.now(), "process_ended", "", text, Level.ERROR))
         self.missing[child.name] = how
         self._arrived(child)  # nobody else can be waited for
@@ -448,5 +448,5 @@ class Restarts:
             self.given_up = True
             return f"given up: it has been started again {MOST} times within a minute"
         self._times.append(now)
-        recent = sum(now - each < WINDOW_NS for each in self._times)
+        recent = sum(now - time_ns < WINDOW_NS for time_ns in self._times)
         return f"it is started again ({recent} of {MOST} times a minute)"

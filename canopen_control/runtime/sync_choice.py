@@ -81,9 +81,9 @@ def _axes(config: BusConfig, joint: ControlJoint) -> Iterator[CyclicAxis]:
     number = axis_number(joint)
     entry = config.dictionaries[node.name].get(objects.axis_index(objects.SUPPORTED_DRIVE_MODES, number), 0)
     listed = supported_modes(entry.value) if entry is not None and isinstance(entry.value, int) else ()
-    wanted = {POSITION: node.motion.position_mode, VELOCITY: node.motion.velocity_mode}
+    modes = {POSITION: node.motion.position_mode, VELOCITY: node.motion.velocity_mode}
     for interface, (mode, target) in _CYCLIC.items():
-        chosen = wanted[interface]
+        chosen = modes[interface]
         if interface in joint.command_interfaces and (chosen == mode or (chosen is None and mode in listed)):
             yield CyclicAxis(joint.name, node, mode, objects.axis_index(target, number))
 
@@ -154,18 +154,18 @@ def choose_sync(
     if not master.sync_period:
         return SyncChoice(SyncSender.NOBODY)
     axes = cyclic_axes(config, description)
-    joints, given = joint_words(axes), f"sync_producer: {master.sync_producer}"
+    joints, setting = joint_words(axes), f"sync_producer: {master.sync_producer}"
     if by_option:
         return SyncChoice(SyncSender.KERNEL, "--kernel-sync", joints)
     if master.sync_producer == "other":
-        return SyncChoice(SyncSender.NODE, given, joints)
+        return SyncChoice(SyncSender.NODE, setting, joints)
     if master.sync_producer == "master":
-        return SyncChoice(SyncSender.PROGRAM, given, joints)
+        return SyncChoice(SyncSender.PROGRAM, setting, joints)
     why_not = _no_interface(channel)
     if master.sync_producer == "auto":
         why_not = _not_wanted(config, axes) or why_not
-        given = f"{joints} time their motion by it"
-    return SyncChoice(SyncSender.PROGRAM if why_not else SyncSender.KERNEL, why_not or given, joints)
+        setting = f"{joints} time their motion by it"
+    return SyncChoice(SyncSender.PROGRAM if why_not else SyncSender.KERNEL, why_not or setting, joints)
 
 
 def _no_interface(channel: str) -> str | None:

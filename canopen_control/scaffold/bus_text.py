@@ -104,9 +104,9 @@ def _own_keys(node: NewNode) -> Iterator[str]:
 
 def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
     device = node.device.od.device
-    what = " ".join(each for each in (device.vendor_name, device.product_name) if each)
+    product = " ".join(part for part in (device.vendor_name, device.product_name) if part)
     lines = [
-        remark(f"dcf: {_quoted(robot.eds_name(node))}", f"EDS beside this file{f': {what}' if what else ''}"),
+        remark(f"dcf: {_quoted(robot.eds_name(node))}", f"EDS beside this file{f': {product}' if product else ''}"),
         remark("revision_number: 0", "any firmware revision will do"),
         *_supervision(robot, node),
     ]
@@ -114,8 +114,8 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
         kept = "# its PDOs stay as it has them, and no joint of the description is moved by it"
         return [*lines, f"# PROBLEM: {node.unusable}", kept]
     if node.drive is None:
-        what = f"{node.profile.words}: " if node.signals else "no profile that is known here, a proxy: "
-        return [*lines, *_watched(node), *_kept(robot, node), f"# {what}its PDOs stay as it has them"]
+        product = f"{node.profile.words}: " if node.signals else "no profile that is known here, a proxy: "
+        return [*lines, *_watched(node), *_kept(robot, node), f"# {product}its PDOs stay as it has them"]
     return [
         *lines,
         *(motion := _motion(node, node.drive)),
@@ -147,8 +147,8 @@ def _known(robot: NewRobot, node: NewNode, present: Collection[str]) -> list[str
 def _named_writes(robot: NewRobot, node: NewNode) -> list[str]:
     """Return the entries of `sdo` that a drive of the manufacturer that was named needs."""
     like = node.device.like
-    found = () if like is None else proposals(like, robot.sync_us, (), (), ())
-    entries = [(key, text.removeprefix("sdo: [").removesuffix("]")) for key, text in found if key.key == "sdo"]
+    writes = () if like is None else proposals(like, robot.sync_us, (), (), ())
+    entries = [(key, text.removeprefix("sdo: [").removesuffix("]")) for key, text in writes if key.key == "sdo"]
     return [remark(f"  - {entry}", f"{key.why} ({key.source})") for key, entry in entries]
 
 
@@ -162,25 +162,25 @@ def _watched(node: NewNode) -> list[str]:
 
 def _kept(robot: NewRobot, node: NewNode) -> list[str]:
     """Return the word that outputs may keep what they have, where the device cannot switch them off."""
-    kept = [each.name for each in node.outputs if not has_error_mode(node.device.od, each)]
-    if not kept or not robot.allow_unsupervised:
+    outputs = [output.name for output in node.outputs if not has_error_mode(node.device.od, output)]
+    if not outputs or not robot.allow_unsupervised:
         return []
-    said = remark("signals:", "NOTHING switches these outputs off when this computer dies: it knows no error modes")
-    return [said, *(f"  - {{name: {name}, safe: keep}}" for name in kept)]
+    text = remark("signals:", "NOTHING switches these outputs off when this computer dies: it knows no error modes")
+    return [text, *(f"  - {{name: {name}, safe: keep}}" for name in outputs)]
 
 
 def _supervision(robot: NewRobot, node: NewNode) -> list[str]:
     watched, lines = node.supervision, list[str]()
     if watched.producer and not watched.guarding:
-        told = "ms (0x1017): by this the master notices when the device dies"
-        lines.append(remark(f"heartbeat_producer: {robot.heartbeat_ms}", told))
+        text = "ms (0x1017): by this the master notices when the device dies"
+        lines.append(remark(f"heartbeat_producer: {robot.heartbeat_ms}", text))
     if watched.consumer:
         lines.append(remark("heartbeat_consumer: true", "0x1016: the device watches the master ..."))
     if watched.consumer or not watched.guarding:
         lines.append(remark("heartbeat_multiplier: 5", "... and either side waits for five heartbeats"))
     if watched.guarding:
-        told = "ms (0x100C): node guarding, as it cannot watch heartbeats"
-        lines.append(remark(f"guard_time: {robot.heartbeat_ms}", told))
+        text = "ms (0x100C): node guarding, as it cannot watch heartbeats"
+        lines.append(remark(f"guard_time: {robot.heartbeat_ms}", text))
         lines.append(remark("life_time_factor: 5", "0x100D: either side waits five guard times"))
     if robot.allow_unsupervised and node.profile is Profile.DRIVE and not watched.stops_alone:
         lines.append(remark("allow_unsupervised: true", "NOTHING stops this drive when this computer dies"))
@@ -250,8 +250,8 @@ def _writes(robot: NewRobot, node: NewNode, drive: DriveChoice) -> list[str]:
         for base, value, words, modes in _RAMPS:
             index, raw = axis.index(base), round(value * unit)
             if axis.mode in modes and not _told(node, index) and _takes(node, index, raw):
-                said = f"{words}: {value:g} {'rad/s' if base == PROFILE_VELOCITY else 'rad/s^2'}"
-                lines.append(remark(f"  - {{index: 0x{index:04X}, sub_index: 0, value: {raw}}}", said))
+                text = f"{words}: {value:g} {'rad/s' if base == PROFILE_VELOCITY else 'rad/s^2'}"
+                lines.append(remark(f"  - {{index: 0x{index:04X}, sub_index: 0, value: {raw}}}", text))
     if len(lines) > 1:
         lines.append("  # the EDS gives no ramp defaults, and some drives do not move without them; if omitted,")
         lines.append("  # the values that the drive has stored apply")

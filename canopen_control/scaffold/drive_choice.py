@@ -183,8 +183,8 @@ def _choose_modes(
 ) -> tuple[_Chosen, tuple[PdoUse, ...]]:
     """Choose interface and mode of each axis, then the RPDOs that carry all of them."""
     chosen: _Chosen = []
-    for axis, wanted in zip(axes, interfaces, strict=False):
-        chosen.append(_choose_mode(od, axis, wanted, dict(chosen)))
+    for axis, interface in zip(axes, interfaces, strict=False):
+        chosen.append(_choose_mode(od, axis, interface, dict(chosen)))
     rpdos, missing = _rpdos(od, axes, chosen)
     if missing:
         raise RobotConfigError(f"its RPDOs cannot carry what {len(axes)} axes need: {_named(missing)} are left over")
@@ -192,18 +192,18 @@ def _choose_modes(
 
 
 def _choose_mode(
-    od: ObjectDictionary, axis: int, interfaces: Sequence[str], taken: dict[str, OperationMode]
+    od: ObjectDictionary, axis: int, interfaces: Sequence[str], chosen: dict[str, OperationMode]
 ) -> tuple[str, OperationMode]:
     """Choose for one axis; `taken` are the modes that other axes of the device have."""
     listed = supported_modes(_number(od, objects.axis_index(objects.SUPPORTED_DRIVE_MODES, axis), 0) or 0)
     for interface in interfaces:
         for mode in _CANDIDATES[interface]:
-            if (listed and mode not in listed) or taken.get(interface, mode) is not mode:
+            if (listed and mode not in listed) or chosen.get(interface, mode) is not mode:
                 continue
             if not _rpdos(od, (axis,), [(interface, mode)])[1]:
                 return interface, mode
     modes = f"its modes are {', '.join(map(mode_name, listed))} (0x6502), and " if listed else ""
-    candidates = [mode for each in interfaces for mode in _CANDIDATES[each]]
+    candidates = [mode for interface in interfaces for mode in _CANDIDATES[interface]]
     indices = {objects.axis_index(TARGET_OBJECTS[mode][0], axis) for mode in candidates}
     raise RobotConfigError(
         f"{modes}no RPDO can carry the controlword (0x{objects.axis_index(objects.CONTROLWORD, axis):04X}) and a "

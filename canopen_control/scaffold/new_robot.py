@@ -111,9 +111,9 @@ class NewNode:
             return self.device.like
         od, device = self.device.od, self.device.od.device
 
-        def number(subindex: int, told: int | None) -> int:
+        def number(subindex: int, value: int | None) -> int:
             entry = od.get(0x1018, subindex)
-            return entry.default if entry is not None and isinstance(entry.default, int) else told or 0
+            return entry.default if entry is not None and isinstance(entry.default, int) else value or 0
 
         vendor, product = number(1, device.vendor_number), number(2, device.product_number)
         return known_drive(vendor, product, f"{device.vendor_name} {device.product_name}")
@@ -190,9 +190,9 @@ def plan_robot(
         if not count:
             nodes.append(_device_node(device))
             continue
-        wanted = [interfaces or BASES[base].interfaces(axes, each) for each in range(number, number + count)]
-        mirrored = [BASES[base].mirrored(axes, each) for each in range(number, number + count)]
-        nodes.append(_drive_node(device, names[number : number + count], wanted, mirrored))
+        needed = [interfaces or BASES[base].interfaces(axes, index) for index in range(number, number + count)]
+        mirrored = [BASES[base].mirrored(axes, index) for index in range(number, number + count)]
+        nodes.append(_drive_node(device, names[number : number + count], needed, mirrored))
         number += count
         if nodes[-1].unusable:
             barring.append(f"{device.eds}: {nodes[-1].unusable}")
@@ -207,7 +207,7 @@ def plan_robot(
         name,
         tuple(nodes),
         BASES[base],
-        next(each for each in _MASTERS if each not in ids),
+        next(master for master in _MASTERS if master not in ids),
         _baudrate(devices),
         allow_unsupervised=allow_unsupervised,
         problems=tuple(barring),
@@ -250,11 +250,11 @@ def check_robot_name(name: str) -> None:
 
 
 def _wrong_ids(devices: Sequence[Device]) -> list[str]:
-    seen, problems = dict[int, Device](), list[str]()
+    by_id, problems = dict[int, Device](), list[str]()
     for device in devices:
-        if (first := seen.setdefault(device.node_id, device)) is not device:
+        if (first := by_id.setdefault(device.node_id, device)) is not device:
             problems.append(f"node id {device.node_id} is given twice ({first.eds.name}, {device.eds.name}); each once")
-    if len(seen) > _MASTERS[1] - 1:
+    if len(by_id) > _MASTERS[1] - 1:
         problems.append("all 127 node ids are taken, and the master needs one")
     return problems
 
@@ -268,11 +268,9 @@ def _wrong_joints(joints: Sequence[str], axes: int, devices: Sequence[Device]) -
     problems += [f"--joint {joint} is given twice" for joint in dict.fromkeys(joints) if joints.count(joint) > 1]
     if len(joints) > axes:
         drives = sum(bool(axes_of(device.od)) for device in devices)
-        others = (
-            f" ({len(devices) - drives} of the {len(devices)} nodes are no drives)" if len(devices) > drives else ""
-        )
+        names = f" ({len(devices) - drives} of the {len(devices)} nodes are no drives)" if len(devices) > drives else ""
         few = f"{drives} drive{'' if drives == 1 else 's'}" if axes == drives else f"{axes} axes"
-        problems.append(f"{len(joints)} joints for {few}{others}; give a node id for each, or fewer --joint")
+        problems.append(f"{len(joints)} joints for {few}{names}; give a node id for each, or fewer --joint")
     return problems
 
 
@@ -282,6 +280,6 @@ def _wrong_base(name: str, axes: int) -> list[str]:
 
 def _baudrate(devices: Sequence[Device]) -> int:
     """Return the highest bit rate that all devices have, in kbit/s; 1000 where the files tell none."""
-    told = [device.od.device.bit_rates for device in devices if device.od.device.bit_rates]
-    common = frozenset.intersection(*told) if told else frozenset[int]()
+    bit_rates = [device.od.device.bit_rates for device in devices if device.od.device.bit_rates]
+    common = frozenset.intersection(*bit_rates) if bit_rates else frozenset[int]()
     return max(common) // 1000 if common else 1000

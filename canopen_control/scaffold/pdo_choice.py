@@ -52,8 +52,8 @@ class PdoUse:
 def choose_pdos(od: ObjectDictionary, wish: PdoRequirement) -> tuple[tuple[PdoUse, ...], tuple[Address, ...]]:
     """Return the PDOs to use, by number, and what is needed and cannot be carried."""
     pdos = [pdo for pdo in pdos_of(od) if pdo.is_rpdo == wish.is_rpdo and (pdo.communication, 1) in od]
-    needed = [each for each in wish.needed if _mappable(od, each, wish)]
-    useful = [each for each in wish.useful if _mappable(od, each, wish)]
+    needed = [address for address in wish.needed if _mappable(od, address, wish)]
+    useful = [address for address in wish.useful if _mappable(od, address, wish)]
     fixed = [pdo for pdo in pdos if _usable(od, pdo, wish)]
     uses = _chosen(od, pdos, fixed, wish, (needed, useful))
     if any(not od[pdo.communication, 1].writable for pdo, _, _ in uses):
@@ -71,34 +71,34 @@ def _chosen(
     pdos: Sequence[Pdo],
     fixed: Sequence[Pdo],
     wish: PdoRequirement,
-    wanted: tuple[list[Address], list[Address]],
+    wishes: tuple[list[Address], list[Address]],
 ) -> list[_Use]:
     """Choose as they are where the mapping cannot be changed, else fill them, else both."""
-    needed, useful = wanted
+    needed, useful = wishes
     uses = _covering(fixed, needed, useful, doubling=not wish.is_rpdo)
     if not od.device.granularity and not _missing(uses, needed):
         return uses
     packed = _packed(od, [pdo for pdo in pdos if _slots(od, pdo)], [*needed, *useful])
     if not packed:
         return uses
-    rest = [each for each in needed if each not in _carried(packed)]
-    taken = {pdo.number for pdo, _, _ in packed}
-    return [*packed, *_covering([pdo for pdo in fixed if pdo.number not in taken], rest, ())]
+    rest = [address for address in needed if address not in _carried(packed)]
+    numbers = {pdo.number for pdo, _, _ in packed}
+    return [*packed, *_covering([pdo for pdo in fixed if pdo.number not in numbers], rest, ())]
 
 
-def _packed(od: ObjectDictionary, pdos: Iterable[Pdo], wanted: Sequence[Address]) -> list[_Use]:
+def _packed(od: ObjectDictionary, pdos: Iterable[Pdo], addresses: Sequence[Address]) -> list[_Use]:
     """Fill PDOs whose mapping can be written, one after the other."""
-    rest, uses = list(wanted), list[_Use]()
+    rest, uses = list(addresses), list[_Use]()
     for pdo in pdos:
-        taken, bits = list[tuple[int, int]](), 0
+        used, bits = list[tuple[int, int]](), 0
         for address in list(rest):
             width = od[address].data_type.bits or MAX_BITS
-            if len(taken) < _slots(od, pdo) and bits + width <= MAX_BITS:
-                taken.append(address)
+            if len(used) < _slots(od, pdo) and bits + width <= MAX_BITS:
+                used.append(address)
                 rest.remove(address)
                 bits += width
-        if taken:
-            uses.append((pdo, tuple(taken), True))
+        if used:
+            uses.append((pdo, tuple(used), True))
     return uses
 
 
@@ -110,15 +110,15 @@ def _covering(
     Of the latter only those that carry nothing again, unless `doubling` does no harm: it does in an RPDO.
     """
     uses, rest = list[_Use](), set(needed)
-    left = list(pdos)
-    while rest and left:
-        best = max(left, key=lambda pdo: (len(rest & _objects(pdo)), -pdo.number))
+    remaining = list(pdos)
+    while rest and remaining:
+        best = max(remaining, key=lambda pdo: (len(rest & _objects(pdo)), -pdo.number))
         if not rest & _objects(best):
             break
-        left.remove(best)
+        remaining.remove(best)
         rest -= _objects(best)
         uses.append((best, _ordered(best), False))
-    for pdo in left:
+    for pdo in remaining:
         carried = _carried(uses)
         if _objects(pdo) & (set(useful) - carried) and (doubling or not _objects(pdo) & carried):
             uses.append((pdo, _ordered(pdo), False))
@@ -133,7 +133,7 @@ def _result(od: ObjectDictionary, uses: Sequence[_Use], wish: PdoRequirement) ->
 
 
 def _missing(uses: Sequence[_Use], needed: Iterable[Address]) -> tuple[Address, ...]:
-    return tuple(each for each in needed if each not in _carried(uses))
+    return tuple(address for address in needed if address not in _carried(uses))
 
 
 def _carried(uses: Sequence[_Use]) -> set[Address]:

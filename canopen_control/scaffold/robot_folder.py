@@ -151,8 +151,8 @@ def _signals(node: NewNode) -> list[str]:
     tag = "gpio" if node.profile is Profile.IO or node.outputs else "sensor"
     return [
         f'    <{tag} name="{node.name}">  <!-- the node of bus.yml of this name -->',
-        *(f'      <command_interface name="{each.name}"/>' for each in node.outputs),
-        *(f'      <state_interface name="{each.name}"/>{_unit(each.unit)}' for each in node.signals),
+        *(f'      <command_interface name="{output.name}"/>' for output in node.outputs),
+        *(f'      <state_interface name="{signal.name}"/>{_unit(signal.unit)}' for signal in node.signals),
         f"    </{tag}>",
     ]
 
@@ -264,9 +264,9 @@ def controllers_text(robot: NewRobot) -> str:
         lines += ["", f"    {BASE_CONTROLLER}:", f"      type: {robot.base.type_name}"]
     for interface in groups:
         lines += ["", f"    {interface}_controller:", f"      type: {_TYPES[interface]}"]
-    told = [(node, *device_controller(node)) for node in robot.nodes if node.signals and not node.measured]
-    for node, each, _ in told:
-        lines += ["", f"    {node.name}_{each.suffix}:", f"      type: {each.type_name}"]
+    devices = [(node, *device_controller(node)) for node in robot.nodes if node.signals and not node.measured]
+    for node, controller, _ in devices:
+        lines += ["", f"    {node.name}_{controller.suffix}:", f"      type: {controller.type_name}"]
     if robot.base.type_name:
         lines += ["", f"{BASE_CONTROLLER}:", "  ros__parameters:"]
         lines += [f"    {line}" if line else "" for line in _PARAMETERS[robot.base.name](robot)]
@@ -277,8 +277,13 @@ def controllers_text(robot: NewRobot) -> str:
         )
         if interface == VELOCITY:
             lines.append(remark("    command_timeout: 1.0", "s without a command, then the motors stop"))
-    for node, each, parameters in told:
-        lines += ["", f"{node.name}_{each.suffix}:", "  ros__parameters:", *(f"    {line}" for line in parameters)]
+    for node, controller, parameters in devices:
+        lines += [
+            "",
+            f"{node.name}_{controller.suffix}:",
+            "  ros__parameters:",
+            *(f"    {line}" for line in parameters),
+        ]
     return "\n".join(lines) + "\n"
 
 
@@ -473,7 +478,7 @@ def _judge(folder: Path) -> tuple[list[str], tuple[str, ...], bool]:
     """Return errors, warnings, and whether the bus is loaded too high."""
     report: CheckReport = check_robot(find_robot(str(folder)), CheckOptions())
     texts = {
-        severity: [each.text for each in report.findings if each.severity is severity]
+        severity: [finding.text for finding in report.findings if finding.severity is severity]
         for severity in (Severity.ERROR, Severity.WARNING)
     }
     loaded = any(not budget.fits or budget.load > HIGH for budget in report.budgets.values())

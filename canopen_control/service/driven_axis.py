@@ -39,14 +39,14 @@ def fault_words(node: NodeSession) -> str:
     axes = [axis for axis, state in node.drive_states().items() if state in _FAULTS]
     if not axes:
         return ""
-    told = []
+    words = []
     code = next(filter(None, (node.number(axis_index(ERROR_CODE, axis), 0, DataType.UNSIGNED16) for axis in axes)), 0)
     code = code or (node.number(*_HISTORY) or 0) & 0xFFFF
     if code:
-        told.append(f"0x{code:04X} {error_text(code)}")
+        words.append(f"0x{code:04X} {error_text(code)}")
     if register := node.number(*_REGISTER, DataType.UNSIGNED8):
-        told.append(f"error register 0x{register:02X} ({register_text(register)})")
-    return ", ".join(told) or "it does not say which"
+        words.append(f"error register 0x{register:02X} ({register_text(register)})")
+    return ", ".join(words) or "it does not say which"
 
 
 def error_history(node: NodeSession) -> list[str]:
@@ -95,18 +95,22 @@ class JogDrive:
 def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogDrive:
     """Return a drive of a robot with a target controller of its own; ConfigError with advice for another one."""
     places = client.ask(GetNodes()).nodes
-    place = next((each for each in places if node in (each.name, str(each.node_id))), None)
+    place = next((place for place in places if node in (place.name, str(place.node_id))), None)
     if place is None:
-        known = ", ".join(f"{each.node_id} {each.name}" for each in places) or "none"
-        raise ConfigError(f"robot {client.robot} has no node {node!r}; its nodes: {known}")
+        names = ", ".join(f"{place.node_id} {place.name}" for place in places) or "none"
+        raise ConfigError(f"robot {client.robot} has no node {node!r}; its nodes: {names}")
     if not axis < len(place.joints):
         raise ConfigError(f"node {place.node_id} ({place.name}) of the running robot {client.robot} moves no joint")
     joint = place.joints[axis]
     controllers = client.ask(ListControllers())
-    own = next((each for each in controllers if takes_targets(each, joint)), None)
+    own = next((controller for controller in controllers if takes_targets(controller, joint)), None)
     if own is not None:
         return JogDrive(client.robot, place.name, joint, own.name, mode)
-    users = [each.name for each in controllers if each.active and joint in each.joints and not each.is_broadcaster]
+    users = [
+        controller.name
+        for controller in controllers
+        if controller.active and joint in controller.joints and not controller.is_broadcaster
+    ]
     by = users[0] if users else "no controller"
     raise ConfigError(
         f"node {place.node_id} ({place.name}) is {joint} of the running robot {client.robot}, commanded by {by}, and "
@@ -193,7 +197,7 @@ def axis_reading(sample: StateSample | None, drive: JogDrive) -> AxisReading | N
     """Return the axis of a sample; None if it lacks the axis."""
     node = None if sample is None else sample.nodes.get(drive.node)
     axes = () if node is None else node.axes
-    return next((each for each in axes if each.joint == drive.joint), None)
+    return next((axis for axis in axes if axis.joint == drive.joint), None)
 
 
 def stop_drive(client: RobotClient, drive: JogDrive, source: str) -> None:

@@ -128,12 +128,12 @@ def _thinned(bode: Bode, rows: int) -> list[BodePoint]:
     low, high = points[0].frequency, points[-1].frequency
     if len(points) <= rows:
         return list(points)
-    found: dict[float, BodePoint] = {}
+    kept_points: dict[float, BodePoint] = {}
     for row in range(rows):
         place = low * (high / low) ** (row / (rows - 1))
         nearest = min(points, key=lambda point: abs(math.log(point.frequency / place)))
-        found[nearest.frequency] = nearest
-    return list(found.values())
+        kept_points[nearest.frequency] = nearest
+    return list(kept_points.values())
 
 
 def bode_lines(bode: Bode, rows: int = _ROWS) -> list[str]:

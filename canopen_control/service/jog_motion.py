@@ -211,10 +211,10 @@ class JogMotion:
             if self._fastest > 0.0:  # not for nan
                 return None
             return "nothing was seen to turn: the drive shows no position"
-        asked = abs(self._value) if self.kind is JogKind.POSITION else 0.0
+        distance = abs(self._value) if self.kind is JogKind.POSITION else 0.0
         if self.kind is JogKind.VELOCITY and self._seconds is not None and self.ended is JogEnd.OVER:
-            asked = abs(self._value) * self._seconds
-        if self._farthest > max(_COUNTS * resolution, _TURNED * asked):
+            distance = abs(self._value) * self._seconds
+        if self._farthest > max(_COUNTS * resolution, _TURNED * distance):
             return None
         if self._held and not self._commanded:
             return "nothing turned: no key was held"
@@ -254,8 +254,8 @@ class JogMotion:
 
     def next_deadline(self) -> int | None:
         """Return when `tick` has something to do."""
-        found = [each for each in (self._keys.next_deadline(), self._deadline) if each is not None]
-        return min(found, default=None)
+        deadlines = [deadline for deadline in (self._keys.next_deadline(), self._deadline) if deadline is not None]
+        return min(deadlines, default=None)
 
     def see(self, position: float | None, velocity: float | None, current: float | None, *, enabled: bool) -> None:
         """Process the state of the drive: rad, rad/s, per mille, None if unknown."""

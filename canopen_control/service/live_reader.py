@@ -124,8 +124,8 @@ class LiveReader:
         gap, due = 1.0 / READS_PER_S, self._clock()
         with contextlib.ExitStack() as sessions:
             opened: dict[str, NodeSession] = {}
-            while (found := self._next()) is not None:
-                node, entry = found
+            while (request := self._next()) is not None:
+                node, entry = request
                 if entry is None:
                     self._sleep(_IDLE_S)
                     continue
@@ -141,7 +141,7 @@ class LiveReader:
                 self._thread = None
                 return None
             choices = [(node, entry) for node, entries in self._wanted.values() for entry in entries]
-        node, entry = min(choices, key=lambda each: self._due.get((each[0].place.name, each[1].address), 0.0))
+        node, entry = min(choices, key=lambda choice: self._due.get((choice[0].place.name, choice[1].address), 0.0))
         is_due = self._due.get((node.place.name, entry.address), 0.0) <= self._clock()
         return node, entry if is_due else None
 
@@ -158,7 +158,9 @@ class LiveReader:
             node.lost = str(error)
             again = self._clock() + _LOST_S
             with self._lock:
-                watched = [each for other, entries in self._wanted.values() if other is node for each in entries]
+                watched = [
+                    each for other_node, entries in self._wanted.values() if other_node is node for each in entries
+                ]
             self._due |= {(name, each.address): again for each in watched}
             return
         why = refused[0].why if refused else ""

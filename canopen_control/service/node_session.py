@@ -99,11 +99,11 @@ class NodeSession:
 
     def decoded(self, entry: Entry, data: bytes) -> Value:
         """Return uploaded bytes by the type of the entry; SdoLengthError for another length."""
-        whole = fitted(data, entry.data_type)
-        if whole is None:
-            wanted = f"{entry.data_type.name} has {((entry.data_type.bits or 0) + 7) // 8}"
-            raise SdoLengthError(self.node_id, entry.index, entry.subindex, data, wanted, entry.name, self.name)
-        return decode(whole, entry.data_type)
+        padded = fitted(data, entry.data_type)
+        if padded is None:
+            expected = f"{entry.data_type.name} has {((entry.data_type.bits or 0) + 7) // 8}"
+            raise SdoLengthError(self.node_id, entry.index, entry.subindex, data, expected, entry.name, self.name)
+        return decode(padded, entry.data_type)
 
     def write_value(self, entry: Entry, value: Value) -> None:
         """Download a value by the type of its entry; ConfigError if it does not fit."""
@@ -131,12 +131,14 @@ class NodeSession:
 
     def identity_differences(self) -> list[str]:
         """Return the differences that prove another device than in the EDS; a revision alone does not."""
-        found = []
+        texts = []
         for words, subindex in IDENTITY[:_DECIDING]:
-            told, seen = self._told_identity(subindex), self.number(_IDENTITY_INDEX, subindex)
-            if told and seen != told:
-                found.append(f"{words} 0x{told:08X} in the EDS, {'none' if seen is None else f'0x{seen:08X}'} found")
-        return found
+            expected, actual = self._told_identity(subindex), self.number(_IDENTITY_INDEX, subindex)
+            if expected and actual != expected:
+                texts.append(
+                    f"{words} 0x{expected:08X} in the EDS, {'none' if actual is None else f'0x{actual:08X}'} found"
+                )
+        return texts
 
     def _told_identity(self, subindex: int) -> int:
         """Return 0x1018 of the EDS; 0 if it lacks the subindex, which cannot be compared then."""
@@ -245,10 +247,10 @@ class RobotTransfers(Transfers):
         try:
             if self._watching is None:
                 self._watching = RobotClient.connect(self._robot.robot, _WATCH_S)
-            found = self._watching.ask(GetSdoProgress(node=str(self._node_id)))
+            progress_read = self._watching.ask(GetSdoProgress(node=str(self._node_id)))
         except CanopenError:
             return 0, None  # who waits for the transfer is told what is the matter
-        return found.done, found.total
+        return progress_read.done, progress_read.total
 
     def close(self) -> None:
         """Close the connection for the progress."""
@@ -257,7 +259,7 @@ class RobotTransfers(Transfers):
 
     def _reading(self) -> NodeReading | None:
         nodes = self._robot.ask(GetStatus()).nodes
-        return next((each for each in nodes.values() if each.node_id == self._node_id), None)
+        return next((node for node in nodes.values() if node.node_id == self._node_id), None)
 
 
 def dictionary_of(place: NodePlace) -> ObjectDictionary | None:

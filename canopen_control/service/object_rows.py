@@ -123,12 +123,12 @@ _SHOWN_BYTES = 64
 
 def parse_type(text: str) -> DataType:
     """Return the type of `i32`, `INTEGER32` and so on; ConfigError with those there are."""
-    found = _ALIASES.get(text.casefold()) or DataType.__members__.get(text.upper())
-    if found is None:
+    data_type = _ALIASES.get(text.casefold()) or DataType.__members__.get(text.upper())
+    if data_type is None:
         raise ConfigError(
             f"no data type {text!r}; there are: {TYPE_NAMES}, and the names of CiA 301 such as UNSIGNED32"
         )
-    return found
+    return data_type
 
 
 def parse_value(text: str, data_type: DataType) -> bytes:
@@ -187,10 +187,10 @@ def show(data: bytes, data_type: DataType | None) -> str:
 def _show_untyped(data: bytes) -> str:
     if not 0 < len(data) <= _NUMBER_BYTES:
         return _show_bytes(data)
-    unsigned, signed = (int.from_bytes(data, "little", signed=each) for each in (False, True))
-    other = "" if signed == unsigned else f", signed {signed}"
+    unsigned, signed = (int.from_bytes(data, "little", signed=value) for value in (False, True))
+    signed_text = "" if signed == unsigned else f", signed {signed}"
     text = _text_of(data)
-    return f"{unsigned} (0x{_hex_number(data)}{other}" + (f', text "{text}")' if text else ")")
+    return f"{unsigned} (0x{_hex_number(data)}{signed_text}" + (f', text "{text}")' if text else ")")
 
 
 def _show_bytes(data: bytes) -> str:
@@ -239,19 +239,19 @@ _NOT_IN_A_SCAN: Final = 2  # bit 1 of ObjFlags (CiA 306-1)
 def select_objects(od: ObjectDictionary, words: Iterable[str]) -> list[Entry]:
     """Return the entries that any of the words means, by address; all without a word. ConfigError for none of one."""
     ordered = sorted(od, key=lambda entry: entry.address)
-    wanted = list(words)
-    if not wanted:
+    patterns = list(words)
+    if not patterns:
         return ordered
-    found = set[tuple[int, int]]()
-    for word in wanted:
+    addresses = set[tuple[int, int]]()
+    for word in patterns:
         meant = {entry.address for entry in ordered if _means(word, od, entry)}
         if not meant:
             raise ConfigError(
                 f"no object {word!r} in the EDS; write an address such as 0x6081 or 0x1018:01, a pattern such as "
                 "0x60* or *velocity*, or a part of a name"
             )
-        found |= meant
-    return [entry for entry in ordered if entry.address in found]
+        addresses |= meant
+    return [entry for entry in ordered if entry.address in addresses]
 
 
 def _means(word: str, od: ObjectDictionary, entry: Entry) -> bool:
@@ -261,7 +261,7 @@ def _means(word: str, od: ObjectDictionary, entry: Entry) -> bool:
     folded, name = word.casefold(), object_name(od, entry).casefold()
     if _PATTERN.search(word):
         addresses = (f"0x{entry.index:04x}", f"0x{entry.index:04x}:{entry.subindex:02x}")
-        texts = (*addresses, *(each.removeprefix("0x") for each in addresses), name)
+        texts = (*addresses, *(address.removeprefix("0x") for address in addresses), name)
         return any(fnmatch.fnmatchcase(text, folded) for text in texts)
     return bool(folded) and folded in name
 
@@ -334,8 +334,8 @@ def axis_word(index: int) -> bool:
 def statusword_bits(word: int, mode: int | str | None = None) -> list[NamedBit]:
     """Return the bits of a statusword; `mode`, a number or a name, is what bits 10, 12 and 13 belong to."""
     number = OperationMode.__members__.get(mode) if isinstance(mode, str) else mode
-    known = MODE_BITS.get(number) if number is not None else None
-    return _named(word, {**_STATUSWORD, **(known.statusword if known is not None else {})})
+    mode_bits = MODE_BITS.get(number) if number is not None else None
+    return _named(word, {**_STATUSWORD, **(mode_bits.statusword if mode_bits is not None else {})})
 
 
 def bits_of(index: int, subindex: int, value: object, mode: int | None = None) -> list[NamedBit]:
@@ -346,8 +346,8 @@ def bits_of(index: int, subindex: int, value: object, mode: int | None = None) -
     if base == objects.STATUSWORD:
         return statusword_bits(value, mode)
     if base == objects.CONTROLWORD:
-        known = MODE_BITS.get(mode) if mode is not None else None
-        return _named(value, {**_CONTROLWORD, **(known.controlword if known is not None else {})})
+        mode_bits = MODE_BITS.get(mode) if mode is not None else None
+        return _named(value, {**_CONTROLWORD, **(mode_bits.controlword if mode_bits is not None else {})})
     if index == _ERROR_REGISTER:
         return _named(value, {bit.bit_length() - 1: text for bit, text in REGISTER_TEXTS.items()})
     if base == objects.SUPPORTED_DRIVE_MODES:
@@ -417,7 +417,7 @@ def _row(od: ObjectDictionary, live: LiveObject, words: NodeWords) -> ObjectRow:
 def rows_of(od: ObjectDictionary, objects: Iterable[LiveObject], node_id: int) -> list[ObjectRow]:
     """Return the rows of many objects of a node."""
     words = NodeWords(NodeDescription("", node_id, od))
-    return [_row(od, each, words) for each in objects]
+    return [_row(od, entry, words) for entry in objects]
 
 
 def _text(entry: Entry, value: Value, unit: str) -> str:
@@ -468,9 +468,9 @@ def why_fixed(entry: Entry) -> str:
 
 def limits_of(entry: Entry) -> tuple[int | float | None, int | float | None]:
     """Return the least and the greatest value, by the EDS and else by the type; None where there is none."""
-    whole = entry.data_type.is_integer
-    low = entry.low if entry.low is not None else entry.data_type.minimum if whole else None
-    high = entry.high if entry.high is not None else entry.data_type.maximum if whole else None
+    is_integer = entry.data_type.is_integer
+    low = entry.low if entry.low is not None else entry.data_type.minimum if is_integer else None
+    high = entry.high if entry.high is not None else entry.data_type.maximum if is_integer else None
     return low, high
 
 
@@ -533,18 +533,18 @@ class EditHistory:
     @property
     def last(self) -> Edit | None:
         """The newest edit that can be undone."""
-        return next((each for each in reversed(self.edits) if each.before is not None), None)
+        return next((edit for edit in reversed(self.edits) if edit.before is not None), None)
 
     def undo(self, session: NodeSession) -> Edit:
         """Write back what the newest edit has changed; DriveError where it holds something else meanwhile."""
         edit = self.last
         if edit is None or edit.before is None:
             raise ConfigError(f"{session}: nothing was written here that could be undone")
-        entry, held = edit.entry, session.read_value(edit.entry)
-        if not same_value(entry, held, edit.after):
+        entry, current = edit.entry, session.read_value(edit.entry)
+        if not same_value(entry, current, edit.after):
             self.edits.remove(edit)
             raise DriveError(
-                f"{entry_label(entry)} holds {value_text(entry, held)} and not {value_text(entry, edit.after)} any "
+                f"{entry_label(entry)} holds {value_text(entry, current)} and not {value_text(entry, edit.after)} any "
                 "more: another program has written it since; nothing was written"
             )
         session.write_value(entry, edit.before)

@@ -98,12 +98,12 @@ def protection_of(od: ObjectDictionary, entry: Entry, *, same_device: bool = Fal
 
 def without_unused_slots(values: Mapping[Address, Value]) -> dict[Address, Value]:
     """Return the values without mapping entries above the count of their PDO: what stands there means nothing."""
-    kept = {}
+    used = {}
     for (index, subindex), value in values.items():
         count = values.get((index, 0)) if any(index in records for records in _MAPPINGS) else None
         if not (isinstance(count, int) and count <= _MOST_MAPPED and subindex > count):
-            kept[index, subindex] = value
-    return kept
+            used[index, subindex] = value
+    return used
 
 
 def follows_node_id(entry: Entry, value: Value, node_id: int) -> bool:
@@ -260,10 +260,10 @@ def backup_text(
     now = datetime.now(UTC)
     od = parameters.od
     sections = {title: lines for title, lines in od.sections.items() if title.lower() != SECTION.lower()}
-    kept = next((title for title in sections if title.lower() == "fileinfo"), "FileInfo")
-    info = {**sections.pop(kept, {})}
+    section = next((title for title in sections if title.lower() == "fileinfo"), "FileInfo")
+    info = {**sections.pop(section, {})}
     info |= {"LastEDS": eds_name, "ModificationDate": f"{now:%m-%d-%Y}", "ModificationTime": f"{now:%I:%M%p}"}
-    sections |= {kept: info, SECTION: _section(parameters, f"{now:%Y-%m-%dT%H:%M:%SZ}")}
+    sections |= {section: info, SECTION: _section(parameters, f"{now:%Y-%m-%dT%H:%M:%SZ}")}
     cleared = {address: replace(entry, parameter_value=None) for address, entry in od.entries.items()}
     plain = replace(od, sections=sections, entries=cleared)
     rate = bitrate or od.bitrate or _DEFAULT_BITRATE
@@ -341,9 +341,9 @@ def backup_file_text(parameters: ParameterSet, node_name: str = "") -> tuple[str
     lost = lost_in_text(parameters, text)
     if not lost:
         return text, []
-    kept = {address: value for address, value in parameters.values.items() if address not in lost}
+    values = {address: value for address, value in parameters.values.items() if address not in lost}
     reasons = [f"0x{index:04X}:{subindex:02X}: a DCF cannot hold this text" for index, subindex in lost]
-    return backup_text(replace(parameters, values=kept), eds_name=eds_name, node_name=node_name), reasons
+    return backup_text(replace(parameters, values=values), eds_name=eds_name, node_name=node_name), reasons
 
 
 def lost_in_text(parameters: ParameterSet, text: str) -> list[Address]:
@@ -388,10 +388,10 @@ def _identity_of(od: ObjectDictionary) -> DeviceIdentity:
     """Return what a file tells by its objects; a product or vendor of 0 is none."""
     entries = {name: od.get(*OBJECTS[name]) for name in NUMBERS.values()}
     values = {name: None if entry is None else entry.value for name, entry in entries.items()}
-    known = {name: value if isinstance(value, int) and value else None for name, value in values.items()}
+    numbers = {name: value if isinstance(value, int) and value else None for name, value in values.items()}
     device = {"vendor": od.device.vendor_number or None, "product": od.device.product_number or None}
-    known |= {name: known[name] or device[name] for name in device}
-    return identity_from(known, {})
+    numbers |= {name: numbers[name] or device[name] for name in device}
+    return identity_from(numbers, {})
 
 
 def _shown(value: object) -> str:
@@ -503,9 +503,11 @@ def read_parameters(
     values, left_out = read_values(session, entries, lambda done: told(done, total) if told else None)
     if twice:
         again, _ = read_values(
-            session, [od[each] for each in values], lambda done: told(len(entries) + done, total) if told else None
+            session, [od[value] for value in values], lambda done: told(len(entries) + done, total) if told else None
         )
-        for address in [each for each, value in values.items() if not _again(od[each], again, value)]:
+        for address in [
+            address_read for address_read, value in values.items() if not _again(od[address_read], again, value)
+        ]:
             left_out.append(LeftOut(od[address], _VARIES))
             del values[address]
     return ParameterSet(od, session.node_id, identity, without_unused_slots(values), str(session)), left_out

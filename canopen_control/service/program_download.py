@@ -240,7 +240,7 @@ def _prepare(number: int, progress: DownloadProgress, options: ProgramOptions) -
         raise DriveError(f"the program was not cleared: {why}")
 
 
-def _command(number: int, command: int, wanted: tuple[int, ...], seconds: float, word: str) -> Sequence:
+def _command(number: int, command: int, expected: tuple[int, ...], seconds: float, word: str) -> Sequence:
     """Write 0x1F51 and wait until it shows what was wanted; a missing answer is none, a refusal is repeated.
 
     A node that resets is asked again soon: a boot-loader that nobody talks to starts the program that was to stop.
@@ -257,7 +257,7 @@ def _command(number: int, command: int, wanted: tuple[int, ...], seconds: float,
             yield DownloadOrder(DownloadAct.PRE_OPERATIONAL)
         yield DownloadOrder(DownloadAct.PAUSE, seconds=_POLL_S)
         status = yield from _number(CONTROL, number, soon)
-        if status in wanted:
+        if status in expected:
             return
         if refusal and (command, status) == (STOP, CONFIRM):
             raise DriveError(
@@ -311,10 +311,10 @@ def _run(number: int, options: ProgramOptions, progress: DownloadProgress) -> Se
 def _verify_date(options: ProgramOptions, progress: DownloadProgress) -> Sequence:
     """Read the date of the program that runs now: a boot-loader need not know it."""
     progress.new_date = yield from _date()
-    wanted = options.expected_date
-    if wanted is not None and not wanted.fits(progress.new_date):
+    expected = options.expected_date
+    if expected is not None and not expected.fits(progress.new_date):
         shown = "no date" if progress.new_date is None else str(progress.new_date)
-        raise DriveError(f"the program runs, and reports {shown} (0x1F52); expected was {wanted}")
+        raise DriveError(f"the program runs, and reports {shown} (0x1F52); expected was {expected}")
 
 
 def _date() -> Generator[DownloadOrder, DownloadAnswer, ProgramDate | None]:
@@ -323,8 +323,8 @@ def _date() -> Generator[DownloadOrder, DownloadAnswer, ProgramDate | None]:
     if not days or not 0 < days <= _MOST_DAYS:
         return None
     milliseconds = yield from _number(SOFTWARE_DATE, 2)
-    known = milliseconds is not None and 0 <= milliseconds < _DAY_MS
-    return ProgramDate(_EPOCH + datetime.timedelta(days=days), milliseconds if known else None)
+    is_set = milliseconds is not None and 0 <= milliseconds < _DAY_MS
+    return ProgramDate(_EPOCH + datetime.timedelta(days=days), milliseconds if is_set else None)
 
 
 def _number(index: int, subindex: int, seconds: float = 0.0) -> Numbers:
@@ -353,7 +353,7 @@ def refuse_stranger(session: NodeSession, identity: DeviceIdentity) -> None:
         return
     differences = session.identity_differences()
     if is_loader(identity):
-        differences = [each for each in differences if each.startswith(_VENDOR)]
+        differences = [difference for difference in differences if difference.startswith(_VENDOR)]
     if differences:
         raise ConfigError(
             f"{session} is no device of that EDS: {', '.join(differences)}; nothing was sent; of a boot-loader with an "
@@ -383,8 +383,8 @@ def download(
 def interrupted_words(session: NodeSession, progress: DownloadProgress, error: BaseException) -> str:
     """Say how far a download was that has ended half-way, and what to do next."""
     reason = str(error) or "interrupted"
-    gone = "" if isinstance(error, DriveError) else "the old program may be gone: "
-    return f"{session}: {progress.step.value}: {reason}; {gone}the same command starts again"
+    warning = "" if isinstance(error, DriveError) else "the old program may be gone: "
+    return f"{session}: {progress.step.value}: {reason}; {warning}the same command starts again"
 
 
 def _carry_out(session: NodeSession, order: DownloadOrder, pause: Callable[[float], None]) -> DownloadAnswer:
@@ -417,8 +417,8 @@ def _transferred(session: NodeSession, order: DownloadOrder) -> bytes:
 def _is_answer(error: CanopenError) -> bool:
     """Whether the node has refused, was silent or has restarted; what is left is the bus or the robot."""
     kinds = (SdoTimeout, SdoRestarted, DriveError)
-    told = isinstance(error, RemoteError) and error.kind in (SdoTimeout.__name__, SdoRestarted.__name__)
-    return told or isinstance(error, kinds) or is_abort(error)
+    is_timeout = isinstance(error, RemoteError) and error.kind in (SdoTimeout.__name__, SdoRestarted.__name__)
+    return is_timeout or isinstance(error, kinds) or is_abort(error)
 
 
 def boot_check(session: NodeSession, before: DeviceIdentity) -> DeviceIdentity:

@@ -97,52 +97,54 @@ class RestoreGroup:
 
 
 def restore_groups(
-    od: ObjectDictionary, wanted: Mapping[Address, Value], held: Mapping[Address, Value]
+    od: ObjectDictionary, target: Mapping[Address, Value], current: Mapping[Address, Value]
 ) -> list[RestoreGroup]:
     """Return in order what has to be written into a device that holds `held`, so that it holds `wanted`.
 
     Both are parameters of `od`; what `held` lacks is not written. Nothing where nothing differs.
     """
-    known = {address: value for address, value in wanted.items() if address in held}
-    changed = {address: value for address, value in known.items() if not same_value(od[address], value, held[address])}
-    found: list[tuple[tuple[int, int, int], RestoreGroup]] = []
+    common = {address: value for address, value in target.items() if address in current}
+    changed = {
+        address: value for address, value in common.items() if not same_value(od[address], value, current[address])
+    }
+    groups: list[tuple[tuple[int, int, int], RestoreGroup]] = []
     for kind, number in {pdo for index, _ in changed if (pdo := pdo_of(index)) is not None}:
-        writes = tuple(_pdo_writes(od, kind, number, known, held))
+        writes = tuple(_pdo_writes(od, kind, number, common, current))
         place = _PDOS, COMMUNICATION[kind] + number, 0
-        found.append((place, RestoreGroup(f"{kind.upper()} {number}", writes)))
+        groups.append((place, RestoreGroup(f"{kind.upper()} {number}", writes)))
     for address, value in changed.items():
         if pdo_of(address[0]) is None:
             entry = od[address]
             write = Write(address, encode(value, entry.data_type))
-            found.append((_place(address, known, held), RestoreGroup(entry_label(entry), (write,))))
-    return [group for _, group in sorted(found, key=lambda each: each[0])]
+            groups.append((_place(address, common, current), RestoreGroup(entry_label(entry), (write,))))
+    return [group for _, group in sorted(groups, key=lambda item: item[0])]
 
 
-def _place(address: Address, wanted: Mapping[Address, Value], held: Mapping[Address, Value]) -> tuple[int, int, int]:
+def _place(address: Address, target: Mapping[Address, Value], current: Mapping[Address, Value]) -> tuple[int, int, int]:
     """Return the rank of a parameter, its index, and its place among those of the index."""
     index, subindex = address
     base, _ = o.axis_of(index)
     if base in _PAIRS:
-        new, old = wanted.get((index, 2)), held.get((index, 2))
+        new, old = target.get((index, 2)), current.get((index, 2))
         widens = isinstance(new, int) and isinstance(old, int) and new > old
         subindex = -subindex if widens else subindex
     return _RANK_OF.get(base, _OTHERS), index, subindex
 
 
 def _pdo_writes(
-    od: ObjectDictionary, kind: str, number: int, wanted: Mapping[Address, Value], held: Mapping[Address, Value]
+    od: ObjectDictionary, kind: str, number: int, wanted: Mapping[Address, Value], current: Mapping[Address, Value]
 ) -> Iterator[Write]:
     """Yield the writes of one PDO: invalid, settings, count 0, entries, count, and the COB-ID as it is to be."""
     communication, mapping = COMMUNICATION[kind] + number - 1, MAPPING[kind] + number - 1
     cob_id = communication, _COB_ID
-    present = held.get(cob_id)
+    present = current.get(cob_id)
     can_switch = cob_id in wanted and isinstance(present, int)
 
     def put(address: Address, value: Value) -> Write:
         return Write(address, encode(value, od[address].data_type))
 
     def differs(address: Address) -> bool:
-        return not same_value(od[address], wanted[address], held[address])
+        return not same_value(od[address], wanted[address], current[address])
 
     if can_switch and isinstance(present, int) and not present & INVALID_BIT:
         yield put(cob_id, present | INVALID_BIT)
@@ -151,7 +153,7 @@ def _pdo_writes(
             yield put(address, wanted[address])
     slots = [address for address in sorted(wanted) if address[0] == mapping and address[1]]
     if any(differs(address) for address in (*slots, (mapping, 0)) if address in wanted):
-        yield from _mapping_writes(od, (mapping, 0), slots, wanted, held)
+        yield from _mapping_writes(od, (mapping, 0), slots, wanted, current)
     if can_switch and isinstance(present, int):
         target = wanted[cob_id]
         if isinstance(target, int) and not (target & INVALID_BIT and target & ~NO_RTR_BIT == present & ~NO_RTR_BIT):
@@ -162,20 +164,20 @@ def _mapping_writes(
     od: ObjectDictionary,
     count: Address,
     slots: list[Address],
-    wanted: Mapping[Address, Value],
-    held: Mapping[Address, Value],
+    target: Mapping[Address, Value],
+    current: Mapping[Address, Value],
 ) -> Iterator[Write]:
     """Yield a mapping as a whole; of one whose count is fixed what differs."""
-    if count not in wanted:
+    if count not in target:
         for address in slots:
-            if not same_value(od[address], wanted[address], held[address]):
-                yield Write(address, encode(wanted[address], od[address].data_type))
+            if not same_value(od[address], target[address], current[address]):
+                yield Write(address, encode(target[address], od[address].data_type))
         return
     yield Write(count, encode(0, od[count].data_type))
-    used = wanted[count]
+    used = target[count]
     for address in slots:
         if isinstance(used, int) and address[1] <= used:
-            yield Write(address, encode(wanted[address], od[address].data_type))
+            yield Write(address, encode(target[address], od[address].data_type))
     yield Write(count, encode(used, od[count].data_type))
 
 
@@ -282,18 +284,18 @@ class Restore:
     def _prove(self, failed: Mapping[str, str]) -> None:
         """Read everything back: what is not as wanted was refused, or changed by the drive."""
         self.step = RestoreStep.VERIFYING
-        found, left_out = read_values(self.session, [self.od[address] for address in self.held])
+        values, left_out = read_values(self.session, [self.od[address] for address in self.held])
         self.refused += [f"{name}: {why}" for name, why in failed.items()]
         self.refused += map(str, left_out)
-        for address, value in found.items():
-            entry, wanted = self.od[address], self.wanted[address]
-            if same_value(entry, wanted, value):
+        for address, value in values.items():
+            entry, target = self.od[address], self.wanted[address]
+            if same_value(entry, target, value):
                 self.verified += 1
                 continue
             name = entry_label(entry)
             if name not in failed:
-                asked, has = value_text(entry, wanted), value_text(entry, value)
-                self.refused.append(f"{name}: asked {asked}, the drive has {has}")
+                target_text, has = value_text(entry, target), value_text(entry, value)
+                self.refused.append(f"{name}: asked {target_text}, the drive has {has}")
 
     def _undo(self) -> None:
         """Put back what the drive held before."""
@@ -302,10 +304,10 @@ class Restore:
         for group in restore_groups(self.od, self.held, now):
             self._write_group(group)
         after, _ = read_values(self.session, [self.od[address] for address in self.held])
-        left = [address for address, value in self.held.items()
+        changed = [address for address, value in self.held.items()
                 if address not in after or not same_value(self.od[address], value, after[address])]  # fmt: skip
-        self.undone = not left
-        self.refused += [f"{entry_label(self.od[address])}: could not be put back" for address in left]
+        self.undone = not changed
+        self.refused += [f"{entry_label(self.od[address])}: could not be put back" for address in changed]
 
 
 def store(session: NodeSession, *, pause: Callable[[float], None] = time.sleep) -> None:
@@ -355,18 +357,18 @@ class KeptParameters:
 
     def read(self) -> Mapping[Address, Value]:
         """Return the values that are kept."""
-        kept = self.parameters
-        return {} if kept is None else kept.values
+        parameters = self.parameters
+        return {} if parameters is None else parameters.values
 
     def keep(self, od: ObjectDictionary, values: Mapping[Address, Value]) -> None:
         """Keep values instead of those before; ConfigError where that cannot be."""
         session = self._session
-        known = {address: value for address, value in values.items() if address in od}
-        parameters = ParameterSet(od, session.node_id, self._identity, known, str(session))
+        listed = {address: value for address, value in values.items() if address in od}
+        parameters = ParameterSet(od, session.node_id, self._identity, listed, str(session))
         text = backup_text(parameters)
         if lost := lost_in_text(parameters, text):  # text that no DCF can hold
-            kept = {address: value for address, value in known.items() if address not in lost}
-            text = backup_text(replace(parameters, values=kept))
+            values_kept = {address: value for address, value in listed.items() if address not in lost}
+            text = backup_text(replace(parameters, values=values_kept))
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             write_whole(self.path, text.encode())
@@ -427,10 +429,10 @@ class RestoreJournal:
         """Say which command puts back what the node held before."""
         return f"`canopen-control restore {shlex.join([str(self.path), *self._words()])}` puts back"
 
-    def begin(self, od: ObjectDictionary, held: Mapping[Address, Value]) -> None:
+    def begin(self, od: ObjectDictionary, current: Mapping[Address, Value]) -> None:
         """Keep what the node holds before it is written; ConfigError where that cannot be, and nothing is written."""
         old = {} if self._old is None else self._old.values
-        self._kept.keep(od, {**held, **old})
+        self._kept.keep(od, {**current, **old})
 
     def end(self, restore: Restore) -> None:
         """Forget what was proven or put back; what an earlier restore wrote beside that is kept."""
@@ -447,8 +449,8 @@ class RestoreJournal:
 
     def _words(self) -> list[str]:
         how, node = self._reached, str(self._session.name or self._session.node_id)
-        found = [node, *(["--can", how.channel] if how.channel else ["--name", how.robot] if how.robot else [])]
-        return [*found, *(["--include-protected"] if how.include_protected else [])]
+        words = [node, *(["--can", how.channel] if how.channel else ["--name", how.robot] if how.robot else [])]
+        return [*words, *(["--include-protected"] if how.include_protected else [])]
 
 
 def unfinished_words(session: NodeSession, reached: Reached) -> str:
@@ -520,7 +522,7 @@ def protected(
     od: ObjectDictionary, addresses: Iterator[Address], globs: Sequence[str], *, same_device: bool
 ) -> dict[Address, str]:
     """Return the parameters that stay as they are, with the reason; ConfigError for a glob that fits none."""
-    found: dict[Address, str] = {}
+    reasons: dict[Address, str] = {}
     used: set[str] = set()
     for address in addresses:
         entry = od[address]
@@ -528,10 +530,10 @@ def protected(
         used.update(fitting)
         reason = protection_of(od, entry, same_device=same_device) or (f"--protect {fitting[0]}" if fitting else "")
         if reason:
-            found[address] = reason
+            reasons[address] = reason
     if unused := [glob for glob in globs if glob not in used]:
         raise ConfigError(f"--protect {unused[0]}: fits no parameter; write an address as in '0x2*', or a name")
-    return found
+    return reasons
 
 
 def _fits(od: ObjectDictionary, entry: Entry, glob: str) -> bool:
@@ -587,13 +589,15 @@ def guarded_restore(
     for line in check_device(source, identity, session):
         note(line)
     same_device = source.identity.serial is not None and source.identity.serial == identity.serial
-    wanted = source.for_node(session.node_id)
+    target = source.for_node(session.node_id)
     od = source.od.for_node(session.node_id)
-    left = protected(od, iter(wanted), options.protect, same_device=same_device or options.include_protected)
+    reasons = protected(od, iter(target), options.protect, same_device=same_device or options.include_protected)
     journal = RestoreJournal(session, identity, options.reached)
     if journal.unfinished and Path(source.where) != journal.path:
         note(journal.unfinished)
-    restore = Restore(session, od, {address: value for address, value in wanted.items() if address not in left}, told)
+    restore = Restore(
+        session, od, {address: value for address, value in target.items() if address not in reasons}, told
+    )
     restore.keep_held = partial(journal.begin, od)
     stored = False
     with quiet_node(session), _half_way_told(restore, journal):
@@ -602,11 +606,11 @@ def guarded_restore(
         if good and options.store:
             store(session)
             stored = True
-    kept = [f"{entry_label(od[address])}: {why}" for address, why in left.items()]
+    lines = [f"{entry_label(od[address])}: {why}" for address, why in reasons.items()]
     written = len(restore.written)
     foreign = [entry_label(od[address]) for address in source.foreign]
     refused, undone = restore.refused, restore.undone
-    return RestoreReport(source.where, written, restore.verified, kept, foreign, refused, undone, stored)
+    return RestoreReport(source.where, written, restore.verified, lines, foreign, refused, undone, stored)
 
 
 @contextlib.contextmanager
@@ -622,10 +626,10 @@ def _half_way_told(restore: Restore, journal: RestoreJournal) -> Iterator[None]:
 
 def _interrupted(restore: Restore, journal: RestoreJournal, error: BaseException) -> str:
     names = first_of(restore.written)
-    what = f"{len(restore.written)} of {restore.planned} were written{f' ({names})' if names else ''}"
+    summary = f"{len(restore.written)} of {restore.planned} were written{f' ({names})' if names else ''}"
     reason = str(error) or "interrupted"
     return (
-        f"{restore.session}: the restore ended while {restore.step.value}: {reason}; {what}, nothing was stored; "
+        f"{restore.session}: the restore ended while {restore.step.value}: {reason}; {summary}, nothing was stored; "
         f"the same command again writes what is missing, {journal.undo_words} what the node held"
     )
 

@@ -62,10 +62,10 @@ class Trigger:
         holds = _HOLDS[self.condition]
         if not holds(now, self.level):
             return False
-        known = before is not None and not math.isnan(before)
-        if known and before is not None and holds(before, self.level):
+        is_known = before is not None and not math.isnan(before)
+        if is_known and before is not None and holds(before, self.level):
             return False
-        return known or self.condition in _WITHOUT_A_BEFORE
+        return is_known or self.condition in _WITHOUT_A_BEFORE
 
 
 def _has_fault(value: float, _level: float) -> bool:
@@ -88,17 +88,17 @@ def parse_trigger(text: str, signals: int) -> Trigger:
         return Trigger(Condition.FAULT, ())
     place, _, rest = text.partition(":")
     word, _, level = rest.partition(":")
-    known = {each.value: each for each in Condition if each is not Condition.FAULT}
+    conditions = {condition.value: condition for condition in Condition if condition is not Condition.FAULT}
     try:
         number, at = int(place), float(level)
     except ValueError:
         number, at = 0, math.nan
-    if word not in known or not 1 <= number <= signals or not math.isfinite(at):
+    if word not in conditions or not 1 <= number <= signals or not math.isfinite(at):
         raise ConfigError(
             f"--trigger {text}: write SIGNAL:CONDITION:LEVEL, the signals counted from 1 to {signals}, as in "
-            f"1:rising:1000; conditions: {', '.join(known)}; or `fault`"
+            f"1:rising:1000; conditions: {', '.join(conditions)}; or `fault`"
         )
-    return Trigger(known[word], (number - 1,), at)
+    return Trigger(conditions[word], (number - 1,), at)
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,16 +138,16 @@ class Shot:
         return self.rows[0][0] if self.triggered is None else self.triggered
 
     @property
-    def span(self) -> tuple[float, float]:
+    def time_range(self) -> tuple[float, float]:
         """From when to when it goes, counted from `zero`."""
         return self.rows[0][0] - self.zero, self.rows[-1][0] - self.zero
 
     def between(self, first: float, second: float) -> Shot:
         """Return the part between two times, counted from `zero`; the value that holds at each end stands there."""
         begin, end = sorted((first + self.zero, second + self.zero))
-        held = [row for time, row in self.rows if time <= begin][-1:]
+        row_before = [row for time, row in self.rows if time <= begin][-1:]
         inner = [(time, row) for time, row in self.rows if begin < time <= end]
-        rows = [(begin, row) for row in held] + inner
+        rows = [(begin, row) for row in row_before] + inner
         if rows and rows[-1][0] < end:
             rows.append((end, rows[-1][1]))
         return Shot(tuple(rows), self.triggered)
@@ -158,19 +158,21 @@ class Shot:
         ends = [part.rows[at][1][place] for at in (0, -1)] if part.rows else [None]
         measured = part.measure(place) if part.rows else None
         low, high = ends[0], ends[-1]
-        if low is None or high is None or measured is None or not self.span[0] <= min(first, second):
+        if low is None or high is None or measured is None or not self.time_range[0] <= min(first, second):
             return None
         return CursorReading(*((low, high) if first <= second else (high, low)), measured.rms)
 
     def measure(self, place: int) -> Measures | None:
         """Measure a signal, each value for as long as it held; None where it had none."""
-        known = [(time, value) for time, row in self.rows if (value := row[place]) is not None and value == value]
-        if not known:
+        points = [(time, value) for time, row in self.rows if (value := row[place]) is not None and value == value]
+        if not points:
             return None
         end = self.rows[-1][0]
-        spans = [after - time for (time, _), after in zip(known, [*(time for time, _ in known[1:]), end], strict=True)]
-        weights = spans if sum(spans) > 0 else [1.0] * len(known)
-        total, values = sum(weights), [value for _, value in known]
+        spans = [
+            after - time for (time, _), after in zip(points, [*(time for time, _ in points[1:]), end], strict=True)
+        ]
+        weights = spans if sum(spans) > 0 else [1.0] * len(points)
+        total, values = sum(weights), [value for _, value in points]
         mean = sum(weight * value for weight, value in zip(weights, values, strict=True)) / total
         square = sum(weight * value * value for weight, value in zip(weights, values, strict=True)) / total
         return Measures(min(values), max(values), mean, math.sqrt(square))
@@ -246,8 +248,8 @@ class ScopeCapture:
 
     def take(self) -> list[Shot]:
         """Return the shots that were finished since the last call."""
-        found, self._shots = self._shots, []
-        return found
+        shots, self._shots = self._shots, []
+        return shots
 
     # -- inside
 
@@ -299,7 +301,7 @@ class NamedShot:
 
 def named_shot(shot: Shot, signals: Sequence[Signal], label: str = "") -> NamedShot:
     """Return a shot with the names of its signals."""
-    return NamedShot(shot, tuple(each.name for each in signals), tuple(each.unit for each in signals), label)
+    return NamedShot(shot, tuple(signal.name for signal in signals), tuple(signal.unit for signal in signals), label)
 
 
 def csv_of(named: NamedShot) -> str:
@@ -314,11 +316,11 @@ def csv_of(named: NamedShot) -> str:
     return out.getvalue()
 
 
-def parse_csv(text: str, where: str) -> NamedShot:
+def parse_csv(text: str, place: str) -> NamedShot:
     """Read what `csv_of` has written; ConfigError for what is none."""
     lines = list(csv.reader(io.StringIO(text)))
     if len(lines) < 2 or lines[0][:2] != [_TIME, _FROM_ZERO] or len(lines[0]) < 3:
-        raise ConfigError(f"{where} is no shot of a scope: it begins with time,t and the names of signals")
+        raise ConfigError(f"{place} is no shot of a scope: it begins with time,t and the names of signals")
     names = tuple(lines[0][2:])
     try:
         rows = tuple(
@@ -326,11 +328,11 @@ def parse_csv(text: str, where: str) -> NamedShot:
         )
         zero = float(lines[1][0]) - float(lines[1][1])
     except (ValueError, IndexError):
-        raise ConfigError(f"{where}: a cell is no number; give a file that `scope -o` has written") from None
+        raise ConfigError(f"{place}: a cell is no number; give a file that `scope -o` has written") from None
     if any(len(row) != len(names) for _, row in rows):
-        raise ConfigError(f"{where}: a row has more or fewer cells than the first line")
+        raise ConfigError(f"{place}: a row has more or fewer cells than the first line")
     first = rows[0][0]
-    return NamedShot(Shot(rows, None if zero == first else zero), names, ("",) * len(names), where)
+    return NamedShot(Shot(rows, None if zero == first else zero), names, ("",) * len(names), place)
 
 
 def refuse_without_pictures() -> None:
@@ -352,8 +354,8 @@ def picture_of(named: NamedShot, overlay: NamedShot | None = None, cursors: tupl
     axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
     for place, axis in enumerate(axes):
         name = named.names[place]
-        if overlay is not None and (other := overlay.place(name)) is not None:
-            _line(axis, overlay.shot, other, color=_OVERLAY, label=overlay.label or "overlay")
+        if overlay is not None and (overlay_place := overlay.place(name)) is not None:
+            _line(axis, overlay.shot, overlay_place, color=_OVERLAY, label=overlay.label or "overlay")
         _line(axis, named.shot, place, color=f"C{place}", label=name)
         unit = named.units[place] if place < len(named.units) else ""
         axis.set_ylabel(unit, fontsize=8)

@@ -80,9 +80,9 @@ class RobotSource:
         self._period = 1.0 / min(rate, READS_PER_S)
         self._due = time.monotonic() + self._period  # the first message has all that TPDOs carry
         if values.joints:
-            known = client.ask(GetStatus()).joints
-            if missing := [joint for joint in values.joints if joint not in known]:
-                raise ConfigError(f"robot {client.robot} has no joint {missing[0]!r}; its joints: {', '.join(known)}")
+            joints = client.ask(GetStatus()).joints
+            if missing := [joint for joint in values.joints if joint not in joints]:
+                raise ConfigError(f"robot {client.robot} has no joint {missing[0]!r}; its joints: {', '.join(joints)}")
         client.ask(Subscribe(pdos=bool(values.objects), state_rate=_EVERY_CYCLE if values.joints else None))
 
     def cycles(self) -> tuple[int, int]:
@@ -110,14 +110,14 @@ class RobotSource:
             yield from self._poll()
 
     def _take(self, message: ProcessData) -> bool:
-        taken = False
+        is_read = False
         for name, mapped in message.nodes.items():
             node_id = self._ids.get(name)
-            for each in mapped if node_id is not None else ():
-                if self._values.put(node_id or 0, each.index, each.subindex, each.data):
-                    self._polled.pop((node_id or 0, each.index, each.subindex), None)
-                    taken = True
-        return taken
+            for entry in mapped if node_id is not None else ():
+                if self._values.put(node_id or 0, entry.index, entry.subindex, entry.data):
+                    self._polled.pop((node_id or 0, entry.index, entry.subindex), None)
+                    is_read = True
+        return is_read
 
     def _poll(self) -> Iterator[tuple[float, tuple[float | None, ...]]]:
         """Read one of those that no TPDO carries, in turn."""
@@ -168,8 +168,8 @@ class ScopeSignal:
 
     def value(self, data: bytes) -> float | None:
         """Return the number of these bytes; None for another length."""
-        whole = fitted(data, self.data_type)
-        number = None if whole is None else decode(whole, self.data_type)
+        padded = fitted(data, self.data_type)
+        number = None if padded is None else decode(padded, self.data_type)
         return float(number) if isinstance(number, int | float) else None
 
 

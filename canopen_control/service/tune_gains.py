@@ -50,14 +50,14 @@ def gain_values(
 
     `gains` are those of the shaft in rad, of which `units_per_rad` user units of 0x6064 make one.
     """
-    wanted = {
+    values = {
         LoopGain.VELOCITY_P: gains.velocity_p / units_per_rad,
         LoopGain.VELOCITY_I: gains.velocity_i / units_per_rad,
         LoopGain.POSITION_P: gains.position_p,
         LoopGain.VELOCITY_FEED_FORWARD: 1.0,
     }
     return {
-        (place.index, place.subindex): _raw(od[place.index, place.subindex], wanted[gain] / place.scale)
+        (place.index, place.subindex): _raw(od[place.index, place.subindex], values[gain] / place.scale)
         for gain, place in objects.items()
     }
 
@@ -93,31 +93,33 @@ def set_gains(session: NodeSession, values: Mapping[Address, Value], kept: KeptG
     """Write gains and prove them; DriveError where the drive is enabled, or refuses one: it is then as it was."""
     refuse_moving(session)
     od = session.dictionary
-    held, left_out = read_values(session, [od[address] for address in values])
+    current, left_out = read_values(session, [od[address] for address in values])
     if left_out:
         raise DriveError(f"{session} does not show its gains, so they could not be taken back: {left_out[0]}")
-    kept.keep(od, {**held, **kept.read()})
+    kept.keep(od, {**current, **kept.read()})
     _write(session, values)
-    return _changes(od, held, values)
+    return _changes(od, current, values)
 
 
 def revert_gains(session: NodeSession, kept: KeptGains) -> list[GainChange]:
     """Give a drive back the gains from before the first `set_gains`; DriveError where there were none."""
-    wanted = kept.read()
-    if not wanted:
+    target = kept.read()
+    if not target:
         raise DriveError(f"{session}: no gains were set on this drive from here, so there is nothing to take back")
     refuse_moving(session)
     od = session.dictionary
-    held, _ = read_values(session, [od[address] for address in wanted if address in od])
-    _write(session, wanted)
+    current, _ = read_values(session, [od[address] for address in target if address in od])
+    _write(session, target)
     kept.forget()
-    return _changes(od, held, wanted)
+    return _changes(od, current, target)
 
 
-def _changes(od: ObjectDictionary, held: Mapping[Address, Value], wanted: Mapping[Address, Value]) -> list[GainChange]:
+def _changes(
+    od: ObjectDictionary, current: Mapping[Address, Value], target: Mapping[Address, Value]
+) -> list[GainChange]:
     return [
-        GainChange(entry_label(od[address]), value_text(od[address], held[address]), value_text(od[address], value))
-        for address, value in wanted.items()
+        GainChange(entry_label(od[address]), value_text(od[address], current[address]), value_text(od[address], value))
+        for address, value in target.items()
     ]
 
 
@@ -249,15 +251,15 @@ def identify_plant(torque: Sequence[float], speed: Sequence[float], period: floa
     fastest = float(np.nanmax(np.abs(w)))
     if not fastest:
         raise DriveError("the shaft did not move: the torque does not overcome its friction; take more, or free it")
-    found: tuple[float, NDArray[np.floating], float, float] | None = None
+    best: tuple[float, NDArray[np.floating], float, float] | None = None
     first = int(_MOST_DELAY) + 1
     for quarter in range(round(_MOST_DELAY * _STEPS) + 1):
         delay = quarter / _STEPS
         fitted = _fit(_delayed(u, delay, first), w, first, fastest, period)
-        if found is None or fitted[1] < found[2]:
-            found = delay, fitted[0], fitted[1], fitted[2]
-    assert found is not None
-    delay, parts, residual, power = found
+        if best is None or fitted[1] < best[2]:
+            best = delay, fitted[0], fitted[1], fitted[2]
+    assert best is not None
+    delay, parts, residual, power = best
     share = 1.0 - residual / power if power > 0.0 else 0.0
     if parts[0] <= 0.0 or share < _TRUSTED:
         raise DriveError(
@@ -271,10 +273,10 @@ def identify_plant(torque: Sequence[float], speed: Sequence[float], period: floa
 
 def _delayed(u: NDArray[np.float64], delay: float, first: int) -> NDArray[np.float64]:
     """Return the mean torque between each sample from `first` on and the one before, `delay` cycles late."""
-    whole = int(delay)
-    part = delay - whole
-    late = u[first - whole : len(u) - whole]
-    later = u[first - whole - 1 : len(u) - whole - 1]
+    periods = int(delay)
+    part = delay - periods
+    late = u[first - periods : len(u) - periods]
+    later = u[first - periods - 1 : len(u) - periods - 1]
     return (1.0 - part) * late + part * later
 
 
@@ -295,13 +297,13 @@ def _fit(
     allowed: list[tuple[NDArray[np.floating], float, float]] = []
     columns = period * np.column_stack([u[moving], mean[moving], turned, np.ones(len(change))])
     power = float(change @ change)
-    for kept in _MODELS:
+    for model in _MODELS:
         parts = np.zeros(columns.shape[1])
-        parts[list(kept)], _, _, _ = np.linalg.lstsq(columns[:, kept], change, rcond=None)
-        left = change - columns @ parts
+        parts[list(model)], _, _, _ = np.linalg.lstsq(columns[:, model], change, rcond=None)
+        residual = change - columns @ parts
         if parts[_VISCOUS] <= 0.0 and parts[_COULOMB] <= 0.0:
-            allowed.append((parts, float(left @ left), power))
-            if kept == _MODELS[0]:
+            allowed.append((parts, float(residual @ residual), power))
+            if model == _MODELS[0]:
                 break
     return min(allowed, key=lambda fit: fit[1])
 
@@ -347,9 +349,9 @@ def settable_gains(
             named_places = (
                 f"--gain {gain.name.lower()}=0x{i:04X}:{sub:02X}*SCALE" for gain, (i, sub) in places.items()
             )
-            held = ", ".join(f"{entry_label(od[place])} ({gain.name.lower()})" for gain, place in places.items())
+            names = ", ".join(f"{entry_label(od[place])} ({gain.name.lower()})" for gain, place in places.items())
             raise ConfigError(
-                f"{session}: its manufacturer holds gains in {held}; the value of 1 in them is in its manual alone, "
+                f"{session}: its manufacturer holds gains in {names}; the value of 1 in them is in its manual alone, "
                 f"so nothing is set without: {' '.join(named_places)}"
             )
         raise ConfigError(

@@ -48,7 +48,7 @@ class StepMetrics:
     wanted: float
     final: float
     delay: float
-    rise: float
+    rise_time: float
     overshoot: float
     settling: float | None
     error: float
@@ -56,7 +56,7 @@ class StepMetrics:
     itae: float
 
 
-def step_metrics(times: Sequence[float], values: Sequence[float], wanted: float, *, band: float = BAND) -> StepMetrics:
+def step_metrics(times: Sequence[float], values: Sequence[float], target: float, *, band: float = BAND) -> StepMetrics:
     """Measure the response to a step from 0 to `wanted` at time 0; earlier samples say where it began.
 
     DriveError where it did not follow.
@@ -69,23 +69,23 @@ def step_metrics(times: Sequence[float], values: Sequence[float], wanted: float,
     tail = [value for _, value in rows[-max(1, len(rows) // _TAIL) :]]
     final = sum(tail) / len(tail)
     height = final - base
-    if abs(height) < _LEAST * abs(wanted - base) or height * (wanted - base) <= 0.0:
+    if abs(height) < _LEAST * abs(target - base) or height * (target - base) <= 0.0:
         raise DriveError(
-            f"the drive did not follow the step: {wanted - base:g} was asked for and {height:g} came; "
+            f"the drive did not follow the step: {target - base:g} was asked for and {height:g} came; "
             "look at its limits, ramps and load"
         )
     shares = [(time, (value - base) / height) for time, value in rows]
     rise_begin, rise_end = _crossing(shares, 0.1), _crossing(shares, 0.9)
     return StepMetrics(
-        wanted=wanted,
+        wanted=target,
         final=final,
         delay=_crossing(shares, 0.05),
-        rise=rise_end - rise_begin,
+        rise_time=rise_end - rise_begin,
         overshoot=max(0.0, max(share for _, share in shares) - 1.0),
         settling=_settling(shares, band),
-        error=wanted - final,
+        error=target - final,
         ripple=math.sqrt(sum((value - final) ** 2 for value in tail) / len(tail)),
-        itae=_itae(rows, wanted),
+        itae=_itae(rows, target),
     )
 
 
@@ -110,10 +110,10 @@ def _settling(shares: Sequence[tuple[float, float]], band: float) -> float | Non
     return None if place >= len(shares) - len(shares) // _TAIL else shares[place][0]
 
 
-def _itae(rows: Sequence[tuple[float, float]], wanted: float) -> float:
+def _itae(rows: Sequence[tuple[float, float]], target: float) -> float:
     total = 0.0
     for (time, value), (after, next_value) in pairwise(rows):
-        total += 0.5 * (after - time) * (time * abs(wanted - value) + after * abs(wanted - next_value))
+        total += 0.5 * (after - time) * (time * abs(target - value) + after * abs(target - next_value))
     return total
 
 
@@ -164,18 +164,18 @@ class Findings:
 
 def findings(record: TuneRecord, request: TuneRequest, scale: JogScale) -> Findings:
     """Return the same for programs; DriveError as `report`."""
-    made = Findings(request.test.name.lower(), record.period, len(record.samples), record.lost)
+    result = Findings(request.test.name.lower(), record.period, len(record.samples), record.lost)
     if request.test is TuneTest.STEP:
-        return replace(made, step=step_of(record, request.height(scale)))
+        return replace(result, step=step_of(record, request.height(scale)))
     if request.test is TuneTest.BODE:
         bode = bode_of(record, request)
-        return replace(made, bode=bode, bandwidth=bode.bandwidth())
+        return replace(result, bode=bode, bandwidth=bode.bandwidth())
     plant = identified(record)
     try:
         gains = proposed(plant, request)
     except ConfigError as error:
-        return replace(made, plant=plant, no_gains=str(error))
-    return replace(made, plant=plant, gains=gains, velocity_i=gains.velocity_i)
+        return replace(result, plant=plant, no_gains=str(error))
+    return replace(result, plant=plant, gains=gains, velocity_i=gains.velocity_i)
 
 
 def bode_picture(bode: Bode) -> bytes:
@@ -231,20 +231,20 @@ def step_of(record: TuneRecord, height: float) -> StepMetrics:
     if begin is None:
         raise DriveError("the step was never commanded")
     zero = record.seconds(begin)
-    known = [
+    samples = [
         sample
         for sample in record.samples
         if sample.velocity is not None and (sample.command or sample.cycle < begin.cycle)
     ]
     return step_metrics(
-        [record.seconds(sample) - zero for sample in known], [sample.velocity or 0.0 for sample in known], height
+        [record.seconds(sample) - zero for sample in samples], [sample.velocity or 0.0 for sample in samples], height
     )
 
 
 def step_lines(metrics: StepMetrics, scale: JogScale) -> Iterator[str]:
     """Yield the metrics of a step."""
     settled = "never" if metrics.settling is None else f"{metrics.settling * 1e3:.0f} ms"
-    yield f"rise (10 to 90 %)   {metrics.rise * 1e3:.0f} ms, {metrics.delay * 1e3:.0f} ms after the command"
+    yield f"rise (10 to 90 %)   {metrics.rise_time * 1e3:.0f} ms, {metrics.delay * 1e3:.0f} ms after the command"
     yield f"overshoot           {metrics.overshoot:.1%}"
     yield f"settled to 2 %      {settled}"
     ripple = scale.velocity_words(metrics.ripple)
@@ -253,13 +253,13 @@ def step_lines(metrics: StepMetrics, scale: JogScale) -> Iterator[str]:
 
 def identified(record: TuneRecord) -> PlantModel:
     """Identify the plant of a record, by the torque that the drive tells, else by what was commanded."""
-    told = all(sample.effort is not None for sample in record.samples)
+    has_effort = all(sample.effort is not None for sample in record.samples)
     cycles = 1 + record.samples[-1].cycle - record.begin if record.samples else 0
     speeds, torques = [math.nan] * cycles, [math.nan] * cycles  # of a cycle that was lost
     for sample in record.samples:
         place = sample.cycle - record.begin
         speeds[place] = _speed(sample)
-        torques[place] = sample.effort if told and sample.effort is not None else sample.command
+        torques[place] = sample.effort if has_effort and sample.effort is not None else sample.command
     return identify_plant(torques, speeds, record.period)
 
 

@@ -226,7 +226,7 @@ class TuneRun:
         self._sender = AxisCommand(drive, kind.value, _SOURCE)
         self._sample: StateSample | None = None
         self._gone = self._told = False
-        self._tell = told
+        self._report = told
         self._torque_index = torque_index
         self._torque: float | None = None
 
@@ -289,7 +289,7 @@ class TuneRun:
                 elif isinstance(message, ProcessData):
                     self._take_torque(message)
             motion.tick(time.monotonic_ns())
-            self._tell(motion.elapsed)
+            self._report(motion.elapsed)
             if time.monotonic() - heard > _SILENCE_S:
                 motion.end(JogEnd.STATE)
             if self._gone:
@@ -318,11 +318,11 @@ class TuneRun:
         unit = self._effort_unit
         self._keep_torque(record)
         effort = None if joint.effort is None or unit is None else joint.effort * unit
-        known = self._torque if effort is None else effort
-        motion.see(joint.position, joint.velocity, self._current.value if known is None else known, enabled=enabled)
+        torque = self._torque if effort is None else effort
+        motion.see(joint.position, joint.velocity, self._current.value if torque is None else torque, enabled=enabled)
         cycle = sample.cycle.count + sample.cycle.missed
         record.put(TuneSample(cycle, joint.command or 0.0, joint.position, joint.velocity, effort))
-        self._told = known is not None
+        self._told = torque is not None
 
     def _command(self, client: RobotClient, motion: TuneMotion) -> None:
         """Send what is commanded, and ask for the current where no sample tells it."""
@@ -442,14 +442,14 @@ def _envelope(seconds: float, length: float) -> float:
 
 def _maximum_length(bits: int) -> tuple[int, ...]:
     """Return the sequence of a shift register that begins with ones, as 1 and -1."""
-    register, found = [1] * bits, []
+    register, bits_out = [1] * bits, []
     for _ in range((1 << bits) - 1):
-        found.append(1 if register[-1] else -1)
+        bits_out.append(1 if register[-1] else -1)
         fed = 0
         for tap in _TAPS[bits]:
             fed ^= register[tap - 1]
         register = [fed, *register[:-1]]
-    return tuple(found)
+    return tuple(bits_out)
 
 
 _BIAS, _AMPLITUDE = 1.5, 0.75  # rad/s, of a frequency response: it never turns round
@@ -537,5 +537,5 @@ class TuneRequest:
             return f"a torque of up to {self.torque / 10:g} % of the rated one, both ways, for {self.seconds:g} s"
         around = f"{scale.velocity_words(_BIAS)} and {scale.velocity_words(_AMPLITUDE)} more or less"
         low, high = self.band
-        what = f"a sine from {low:g} to {high:.3g} Hz" if self.signal == "chirp" else "a pseudo-random sequence"
-        return f"{around}, as {what}, for {self.seconds:g} s"
+        signal = f"a sine from {low:g} to {high:.3g} Hz" if self.signal == "chirp" else "a pseudo-random sequence"
+        return f"{around}, as {signal}, for {self.seconds:g} s"

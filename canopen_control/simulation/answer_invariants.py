@@ -92,7 +92,7 @@ class AnswerInvariants:
         disturbed: DisturbedNodes,
         report: Callable[[str, str], None],
     ) -> None:
-        self._robot, self._disturbed, self._tell = robot, disturbed, report
+        self._robot, self._disturbed, self._report = robot, disturbed, report
         self._ends = {motion.controller: motion.ends for motion in motions}
         nodes = {node.node_id: node for view in views.values() for node in view.nodes.values()}
         self._axes: dict[int, _Axis] = {}
@@ -130,7 +130,7 @@ class AnswerInvariants:
         """Report a breach when no reason is reported in time; a reason counts since a time."""
         axis, now = self._axes.get(node_id), self._robot.now_ns
         if axis is None:
-            self._tell(rule, text)
+            self._report(rule, text)
         else:
             self._waiting.append(_Waiting(axis, rule, text, since, now + self._limit(axis)))
 
@@ -177,7 +177,7 @@ class AnswerInvariants:
                 self._waiting.remove(waiting)
             elif now >= waiting.due:
                 self._waiting.remove(waiting)
-                self._tell(waiting.rule, waiting.text)
+                self._report(waiting.rule, waiting.text)
 
     def _judge(self, axis: _Axis, drive: VirtualDrive, now: int) -> None:
         view = axis.view
@@ -194,7 +194,7 @@ class AnswerInvariants:
                 if not self.reported(view.node_id, since):
                     late = (now - max(since, axis.moved_at)) / 1e9
                     text = f"node {view.node_id} is asked for motion and stands for {late:.1f} s, and nothing says why"
-                    self._tell("motion_missing", text)
+                    self._report("motion_missing", text)
 
     def _since(self, axis: _Axis, now: int) -> Iterator[int]:
         """Yield since when motion is asked of an axis: by its target, and by clients."""

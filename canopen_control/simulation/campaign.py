@@ -208,7 +208,7 @@ class Shrinker:
         gap = act.at_ns - before
         if gap > _SHORT_NS:
             cut = _whole(gap // 2)
-            yield (*acts[:number], *(replace(each, at_ns=each.at_ns - cut) for each in acts[number:]))
+            yield (*acts[:number], *(replace(act, at_ns=act.at_ns - cut) for act in acts[number:]))
 
 
 def _whole(time_ns: int) -> int:

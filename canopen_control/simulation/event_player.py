@@ -254,8 +254,8 @@ class EventPlayer:
         if self._down or not self.robot.up:
             return
         self.asked(replace(act, kind="command", name=act.kind))
-        left = partial(self._left, act)
-        self.clients.dead_man(act.target, act.values, act.for_ns or _BRIEFLY_NS, left)
+        on_left = partial(self._left, act)
+        self.clients.dead_man(act.target, act.values, act.for_ns or _BRIEFLY_NS, on_left)
 
     def _left(self, act: ScenarioEvent) -> None:
         self.asked(replace(act, kind="leave"))
@@ -281,8 +281,12 @@ class EventPlayer:
         self._ask(act, lambda core: self._switch_whole(core, act, partial(self._switch_to, core, act.target)))
 
     def _switch_to(self, core: RobotCore, name: str) -> None:
-        active = [each for each in core.manager.active if not core.manager.get(each).is_broadcaster]
-        core.switch([name] if name not in active else [], [each for each in active if each != name], strict=True)
+        active = [controller for controller in core.manager.active if not core.manager.get(controller).is_broadcaster]
+        core.switch(
+            [name] if name not in active else [],
+            [controller for controller in active if controller != name],
+            strict=True,
+        )
 
     def deactivate(self, act: ScenarioEvent) -> None:
         """Deactivate a controller."""

@@ -130,8 +130,8 @@ def kind_of(act: ScenarioEvent) -> str:
 
 def cells_of(faults: Sequence[str]) -> list[Cell]:
     """Return all cells with these faults of drives, ordered by state and kind."""
-    others = [name for name, kind in KINDS.items() if kind.breaks and name != "fault"]
-    kinds = sorted({*faults, *others})
+    names = [name for name, kind in KINDS.items() if kind.breaks and name != "fault"]
+    kinds = sorted({*faults, *names})
     return [(machine, state, kind) for machine, states in STATES.items() for state in states for kind in kinds]
 
 

@@ -61,7 +61,7 @@ class ReportInvariants:
     def __init__(
         self, robot: RobotUnderTest, views: Mapping[str, WireView], report: Callable[[str, str], None]
     ) -> None:
-        self._robot, self._tell = robot, report
+        self._robot, self._report = robot, report
         self._nodes = [node for view in views.values() for node in view.nodes.values()]
         self._wrong_since: dict[tuple[str, str], int] = {}  # (rule, node): since when
         self._names = {node.node_id: f"node {node.node_id}" for node in self._nodes}
@@ -85,13 +85,13 @@ class ReportInvariants:
         moved = {joint.node.node_id for joint in joints if joint is not None}
         axes = [node for node in self._nodes if node.node_id in moved]
         if axes and all(_is_off(node, now) for node in axes):
-            self._tell("command_taken", f"a command to {act.target} is taken, and its drives are off")
+            self._report("command_taken", f"a command to {act.target} is taken, and its drives are off")
 
     def sampled(self, now: int) -> None:
         """Check the current reports."""
         robot = self._robot
         for error in robot.errors[self._errors :]:
-            self._tell("program_error", f"{type(error).__name__}: {error}")
+            self._report("program_error", f"{type(error).__name__}: {error}")
         self._errors = len(robot.errors)
         if now >= self._weigh_at:
             self._weigh(now)
@@ -149,7 +149,7 @@ class ReportInvariants:
                 since.pop(key, None)
         elif now - since.setdefault(key, now) > _SOON_NS and since[key] >= 0:
             since[key] = 1 << 62  # only once
-            self._tell("state_told", text.format(subject))
+            self._report("state_told", text.format(subject))
 
     def _weigh(self, now: int) -> None:
         blocks = sys.getallocatedblocks()
@@ -157,7 +157,7 @@ class ReportInvariants:
         if self._blocks is None:
             self._blocks = blocks
         elif blocks - self._blocks > _BLOCKS:
-            self._tell("memory", f"{blocks - self._blocks} blocks of memory more than after a minute")
+            self._report("memory", f"{blocks - self._blocks} blocks of memory more than after a minute")
             self._blocks = blocks
 
 
@@ -183,7 +183,7 @@ class ClientInvariants:
     """
 
     def __init__(self, robot: RobotUnderTest, clients: SimulatedClients, report: Callable[[str, str], None]) -> None:
-        self._robot, self._clients, self._tell = robot, clients, report
+        self._robot, self._clients, self._report = robot, clients, report
         self._blocked = 0
         self._told: set[SimulatedClient] = set()
 
@@ -191,7 +191,7 @@ class ClientInvariants:
         """Check all clients now."""
         if self._clients.blocked > self._blocked:
             self._blocked = self._clients.blocked
-            self._tell("client_blocks", "the robot waits for a client that does not read")
+            self._report("client_blocks", "the robot waits for a client that does not read")
         host = self._robot.host
         if not self._robot.up or now < host.stalled_until:
             return
@@ -207,7 +207,7 @@ class ClientInvariants:
 
     def _say(self, client: SimulatedClient, rule: str, text: str) -> None:
         self._told.add(client)
-        self._tell(rule, text)
+        self._report(rule, text)
 
 
 GROUP: Final = "canopen_control.invariants"
@@ -256,17 +256,17 @@ class Invariants(SimulationObserver):
         self.breaches: list[Breach] = []
         self._robot, self._began = robot, robot.now_ns
         views = {name: WireView(bus) for name, bus in robot.setup.joined.items()}
-        self._motion = MotionInvariants(robot, views, motions, self._tell)
+        self._motion = MotionInvariants(robot, views, motions, self._report)
         self._disturbed = DisturbedNodes(robot)
-        self._answers = AnswerInvariants(robot, views, motions, self._disturbed, self._tell)
-        self._targets = TargetInvariants(robot, views, motions, self._disturbed, self._answers, self._tell)
-        self._told = ReportInvariants(robot, views, self._tell)
-        self._faces = StatusInvariants(robot, views, self._disturbed, self._tell)
-        self._clients = ClientInvariants(robot, player.clients, self._tell)
-        self._goals = GoalInvariants(robot, player, self._faces, self._tell)
+        self._answers = AnswerInvariants(robot, views, motions, self._disturbed, self._report)
+        self._targets = TargetInvariants(robot, views, motions, self._disturbed, self._answers, self._report)
+        self._told = ReportInvariants(robot, views, self._report)
+        self._faces = StatusInvariants(robot, views, self._disturbed, self._report)
+        self._clients = ClientInvariants(robot, player.clients, self._report)
+        self._goals = GoalInvariants(robot, player, self._faces, self._report)
         plans = [plan for bus in robot.setup.joined.values() for plan in bus.plans.values()]
-        self._configured = ConfigurationInvariants(robot, plans, self._disturbed, self._answers, self._tell)
-        self._wires = [WireInvariants(robot, robot.wires[name], view, self._tell) for name, view in views.items()]
+        self._configured = ConfigurationInvariants(robot, plans, self._disturbed, self._answers, self._report)
+        self._wires = [WireInvariants(robot, robot.wires[name], view, self._report) for name, view in views.items()]
         self.coverage, self.troubled = StateCoverage(robot, views.values()), FaultCoverage(robot)
         self._rules = list(rules)
         self._broken: set[str] = set()
@@ -276,7 +276,7 @@ class Invariants(SimulationObserver):
         robot.observers.append(self)
         robot.time.later(_LOOK_NS, self._look)
 
-    def _tell(self, rule: str, text: str) -> None:
+    def _report(self, rule: str, text: str) -> None:
         if len(self.breaches) < _MOST:
             self.breaches.append(Breach((self._robot.now_ns - self._began) / 1e9, rule, text))
 
@@ -330,4 +330,4 @@ class Invariants(SimulationObserver):
             self._broken.discard(name)
         elif name not in self._broken:
             self._broken.add(name)
-            self._tell(name, text)
+            self._report(name, text)

@@ -64,7 +64,7 @@ class MotionInvariants:
         motions: Sequence[SampleMotion],
         report: Callable[[str, str], None],
     ) -> None:
-        self._robot, self._views, self._tell = robot, views, report
+        self._robot, self._views, self._report = robot, views, report
         self._nodes = [node for view in views.values() for node in view.nodes.values()]
         self._lives = {motion.controller: motion.life_ns or PLACE_NS for motion in motions}
         self._fresh: dict[str, int] = {}  # controller -> expiry of its command
@@ -185,7 +185,7 @@ class MotionInvariants:
         stop = self._stop
         if stop is not None and stop.since + _UNASKED_NS < at:
             late = (at - stop.since) / 1e9
-            self._tell(
+            self._report(
                 "enable_unasked", f"node {node.node_id} is enabled {late:.3f} s after {stop.why}, without a request"
             )
 
@@ -199,12 +199,12 @@ class MotionInvariants:
         if now <= due:
             return
         for node in self._nodes:
-            seen = node.enabled and now - node.status_at < _SEEN_NS and node.commanded
-            kept = seen and node.told_at > stop.since and node.enabled_at <= stop.since + _UNASKED_NS
-            if kept and node.node_id not in self._kept:
+            is_enabled = node.enabled and now - node.status_at < _SEEN_NS and node.commanded
+            was_told = is_enabled and node.told_at > stop.since and node.enabled_at <= stop.since + _UNASKED_NS
+            if was_told and node.node_id not in self._kept:
                 self._kept.add(node.node_id)
                 late = (now - stop.since) / 1e9
-                self._tell("enabled_still", f"node {node.node_id} is still enabled {late:.3f} s after {stop.why}")
+                self._report("enabled_still", f"node {node.node_id} is still enabled {late:.3f} s after {stop.why}")
 
     def _judge_reach(self, node: ObservedNode, now: int) -> None:
         """Record until when a drive without a connection to the robot may move: until it detects the loss itself."""
@@ -250,7 +250,7 @@ class MotionInvariants:
 
     def _breach(self, node: ObservedNode, speed: float, when: str, rule: str) -> None:
         self._moving.add(node.node_id)
-        self._tell(rule, f"the shaft of node {node.node_id} turns at {speed:.0f} counts/s, {when}")
+        self._report(rule, f"the shaft of node {node.node_id} turns at {speed:.0f} counts/s, {when}")
 
     def _ramp_ns(self, node_id: int) -> int:
         """Return the longest ramp of a node as computed by `check`, 1 s if it is unbounded.

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from canopen_control.frame import CanFrame
     from canopen_control.master.config import BusConfig
     from canopen_control.master.plan import NodePlan
-    from canopen_control.rpc.messages.robot import Asked
+    from canopen_control.rpc.messages.robot import RequestSeen
     from canopen_control.rpc.messages.state import RobotEvent
     from canopen_control.runtime.setup import RobotSetup
 
@@ -158,14 +158,14 @@ class BusHistory:
             for now, command, about in self._nmt
         )
 
-    def _emergencies(self, node: int, told: Sequence[tuple[int, int]]) -> Iterator[ScenarioEvent]:
+    def _emergencies(self, node: int, emergencies: Sequence[tuple[int, int]]) -> Iterator[ScenarioEvent]:
         shown: str | None = None
-        for number, (now, code) in enumerate(told):
+        for number, (now, code) in enumerate(emergencies):
             if code == 0:
                 shown = None
             elif shown is None and not _is_consequence(code):
                 shown = _FAULTS.get(code, _OTHER)
-                end = next((at for at, later in told[number:] if later == 0), None)
+                end = next((at for at, later in emergencies[number:] if later == 0), None)
                 off = None if end is None else max(now + _MS, self._ended(end, shown))
                 yield ScenarioEvent(now, "fault", str(node), shown, for_ns=None if off is None else off - now)
 
@@ -202,7 +202,7 @@ class RecordedRobot:
 
     frames: Sequence[tuple[int, str, CanFrame]]
     events: Sequence[RobotEvent] = ()
-    requests: Sequence[Asked] = ()
+    requests: Sequence[RequestSeen] = ()
     active: Sequence[str] = field(default_factory=tuple)
 
 
@@ -259,7 +259,7 @@ def _merged(acts: Iterable[ScenarioEvent]) -> list[ScenarioEvent]:
     """Return the events in order, with consecutive equal commands merged into one with a duration."""
     merged: list[ScenarioEvent] = []
     latest: dict[str, tuple[int, int]] = {}  # controller -> its last command, and when it was renewed
-    for act in sorted(acts, key=lambda each: each.at_ns):
+    for act in sorted(acts, key=lambda act: act.at_ns):
         number, renewed = latest.get(act.target, (-1, 0))
         if act.kind == "command" and number >= 0:
             begun = merged[number]
@@ -280,7 +280,7 @@ class RequestActs:
         self._motions: Mapping[str, SampleMotion] = {motion.controller: motion for motion in motions}
         self._points: list[Any] = []
 
-    def acts(self, record: Asked) -> Iterator[ScenarioEvent]:
+    def acts(self, record: RequestSeen) -> Iterator[ScenarioEvent]:
         """Yield the events of a request, at Unix ns; none for one without effect on motion."""
         method = ROBOT.methods.get(record.method)
         if method is None:
@@ -321,9 +321,9 @@ class RequestActs:
         motion = self._motions.get(request.controller)
         order = motion.joints if motion is not None and set(motion.joints) == set(request.joints) else request.joints
         places = [request.joints.index(joint) for joint in order]
-        kept = [point for point in points if len(point.positions) == len(places) and point.time_from_start > 0]
-        values = tuple(point.positions[place] for point in kept for place in places)
+        valid = [point for point in points if len(point.positions) == len(places) and point.time_from_start > 0]
+        values = tuple(point.positions[place] for point in valid for place in places)
         if values:
             yield ScenarioEvent(
-                0, "trajectory", request.controller, values=values, times=tuple(e.time_from_start for e in kept)
+                0, "trajectory", request.controller, values=values, times=tuple(e.time_from_start for e in valid)
             )

@@ -182,7 +182,7 @@ class SimulatedDrive:
         self._port.close()
         self.actor.end()
         if self._robot.floor is not None and self.device is not None:
-            self._robot.floor.let_go(self.node_id, self.device)
+            self._robot.floor.release_joints(self.node_id, self.device)
         self.device = self.actor = self._host = self._port = self._methods = None
 
     def do(self, work: Callable[[NodeMethods], object]) -> None:

@@ -138,10 +138,10 @@ class _Checked:
     def _world(self, happens: Sequence[WorldAct]) -> Iterator[ScenarioEvent]:
         """Yield a disturbance of the world, which exists only with physics."""
         step, setup = self._step, self._setup
-        other = (
+        named = (
             step.node is not None or step.fault or step.quirk or step.plant or step.values or step.target or step.name
         )
-        if len(happens) > 1 or other or step.do not in ("", "world"):
+        if len(happens) > 1 or named or step.do not in ("", "world"):
             step.here.error("a step has one of payload, push, block and friction, and at, for and when beside it alone")
         if not setup.physics:
             step.here.error("payload, push, block and friction need a floor: give --physics")
@@ -227,9 +227,9 @@ def scenario_text(acts: Iterable[ScenarioEvent], *, seed: int, duration_ns: int,
 def _line(act: ScenarioEvent) -> str:
     words = {"at": _seconds(act.at_ns), "do": act.kind, "target": act.target, "name": act.name}
     if act.values:
-        words["values"] = f"[{', '.join(f'{each:g}' for each in act.values)}]"
+        words["values"] = f"[{', '.join(f'{value:g}' for value in act.values)}]"
     if act.times:
-        words["times"] = f"[{', '.join(f'{each:g}' for each in act.times)}]"
+        words["times"] = f"[{', '.join(f'{time:g}' for time in act.times)}]"
     if act.for_ns is not None:
         words["for"] = _seconds(act.for_ns)
     if act.world is not None:

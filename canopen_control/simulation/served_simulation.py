@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import socket
     from collections.abc import Sequence
 
-    from canopen_control.rpc.messages.robot import Asked
+    from canopen_control.rpc.messages.robot import RequestSeen
     from canopen_control.simulation.event_player import EventPlayer
     from canopen_control.simulation.simulated_clients import SimulatedClients
 
@@ -158,7 +158,7 @@ class ServedSimulation:
             return
         self._here.append(self._clients.admit(OutsideClient(self._clients, sock, self._front)))
 
-    def requested(self, record: Asked) -> None:
+    def requested(self, record: RequestSeen) -> None:
         """Take what a program asks for, as the acts that it stands for."""
         for act in self._requests.acts(record):
             self._player.asked(act)

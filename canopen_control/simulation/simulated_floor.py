@@ -64,7 +64,7 @@ class SimulatedFloor:
         """Return a function that creates the plants of a node's axes."""
         return lambda axis: self._world.plant(node_id, axis)
 
-    def let_go(self, node_id: int, device: VirtualNode) -> None:
+    def release_joints(self, node_id: int, device: VirtualNode) -> None:
         """Release the joints of a drive that has lost its supply."""
         for axis in device.drives:
             self._world.plant(node_id, axis)  # without an owner

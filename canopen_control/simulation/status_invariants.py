@@ -103,8 +103,8 @@ class _Shaft:
             return True
         bounds = self._bounds.get(which)
         if bounds is None:
-            seen = [truth[which] for truth in self.truth]
-            bounds = self._bounds[which] = min(seen), max(seen)
+            values = [truth[which] for truth in self.truth]
+            bounds = self._bounds[which] = min(values), max(values)
         low, high = bounds
         if which == _POSITION and self.offset is None:
             self.offset, self._blur = value - self.truth[-1][_POSITION], high - low
@@ -125,11 +125,15 @@ class StatusInvariants:
         disturbed: DisturbedNodes,
         report: Callable[[str, str], None],
     ) -> None:
-        self._robot, self._disturbed, self._tell = robot, disturbed, report
+        self._robot, self._disturbed, self._report = robot, disturbed, report
         self._nodes = {
             name: view.nodes[plan.node_id] for view in views.values() for name, plan in view.config.plans.items()
         }
-        transmissions = {each.joint: each for tag in robot.setup.description.hardware for each in tag.transmissions}
+        transmissions = {
+            transmission.joint: transmission
+            for tag in robot.setup.description.hardware
+            for transmission in tag.transmissions
+        }
         self._shafts = [
             _Shaft(joint, node.name, self._nodes[node.name], node.units.of_axis(0), transmissions.get(joint))
             for joint, node in watched_joints(robot.setup)
@@ -261,7 +265,7 @@ class StatusInvariants:
 
     def _tell_of(self, faces: Faces, text: str) -> None:
         for face in faces:
-            self._tell("shown_wrong", f"{face}: {text}")
+            self._report("shown_wrong", f"{face}: {text}")
 
     def _lasts(self, wrong: tuple[Faces, str, str], soon: int, now: int) -> bool:
         """Whether a violation of a report lasts longer than the time allowed; True once."""
@@ -296,8 +300,12 @@ class StatusInvariants:
     def _judge_fault(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
         """Check that a fault on the bus has an event."""
         hidden = max(self._disturbed.hidden_at, self._robot.started_ns)
-        seen = view.in_fault and now - view.status_at < _EVERY_NS
-        if seen and hidden + _CALM_NS < view.fault_at < now - _SOON_NS and not _has_event(events, name, view.fault_at):
+        is_in_fault = view.in_fault and now - view.status_at < _EVERY_NS
+        if (
+            is_in_fault
+            and hidden + _CALM_NS < view.fault_at < now - _SOON_NS
+            and not _has_event(events, name, view.fault_at)
+        ):
             self._tell_once(name, view.fault_at, "event_missing", f"{name} is in fault, and no event says so")
 
     def _judge_emcy(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
@@ -312,7 +320,7 @@ class StatusInvariants:
         self._emcys[name], self._emcys_told[name] = 0, sent
         hidden = max(self._disturbed.deaf_at, self._robot.started_ns)
         if hidden + _CALM_NS < sent and not _has_event(events, name, sent - _FLOOD_NS, "emcy"):
-            self._tell("event_missing", f"{name} has sent an EMCY, and no event says so")
+            self._report("event_missing", f"{name} has sent an EMCY, and no event says so")
 
     def _judge_toggle(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
         """Check that a repeated toggle bit in a guarding answer of a present node has an event."""
@@ -338,12 +346,12 @@ class StatusInvariants:
             since = max(self._disturbed.moved(node_id), self._disturbed.hidden_at, self._robot.started_ns)
             put = self._disturbed.put(node_id) / 1e9
             if since / 1e9 < event.time - _CALM_NS / 1e9 and not 0.0 <= event.time - put < _PUT_S:
-                self._tell("shown_wrong", f"events: {event.text}, and its shaft has turned on")
+                self._report("shown_wrong", f"events: {event.text}, and its shaft has turned on")
 
     def _tell_once(self, name: str, since: int, rule: str, text: str) -> None:
         if self._told_faults.get((name, text)) != since:
             self._told_faults[name, text] = since
-            self._tell(rule, text)
+            self._report(rule, text)
 
 
 def _has_event(events: list[RobotEvent], node: str, since: int, kind: str = "") -> bool:
@@ -387,7 +395,7 @@ class GoalInvariants:
     def __init__(
         self, robot: RobotUnderTest, player: EventPlayer, faces: StatusInvariants, report: Callable[[str, str], None]
     ) -> None:
-        self._robot, self._player, self._faces, self._tell = robot, player, faces, report
+        self._robot, self._player, self._faces, self._report = robot, player, faces, report
         self._open: list[_Open] = []
         self._core: object = None
         self._torn = 0
@@ -418,7 +426,7 @@ class GoalInvariants:
     def sampled(self, now: int) -> None:
         """Check the goals that have ended, or should have."""
         for text in self._player.torn[self._torn :]:
-            self._tell("switch_torn", text)
+            self._report("switch_torn", text)
         self._torn = len(self._player.torn)
         if not self._open:
             return
@@ -437,17 +445,17 @@ class GoalInvariants:
             goal.there_since = (goal.there_since or now) if arrived else 0
             if not (arrived and now > max(goal.over_ns, goal.there_since) + _LATE_NS):
                 return now < goal.over_ns + 10 * _LATE_NS
-            self._tell("goal_wrong", f"the goal of {goal.act.target} has been reached, and it does not end")
+            self._report("goal_wrong", f"the goal of {goal.act.target} has been reached, and it does not end")
         elif goal.goal.state is GoalState.SUCCEEDED:
             for joint, (_, least) in off.items():
                 if least > _GOAL_SLACK:
                     text = f"the goal of {goal.act.target} is reported as reached, {joint} is off by {least:.4f} more"
-                    self._tell("goal_wrong", f"{text} than its tolerance")
+                    self._report("goal_wrong", f"{text} than its tolerance")
         elif goal.goal.code is ResultCode.GOAL_TOLERANCE_VIOLATED and _are_there(off):
-            self._tell("goal_wrong", f"the goal of {goal.act.target} is reported as missed, and all joints are there")
+            self._report("goal_wrong", f"the goal of {goal.act.target} is reported as missed, and all joints are there")
         elif goal.goal.code is ResultCode.INVALID_GOAL and off and self._hides_its_stop(goal, now):
             message = f"a stop has ended the goal of {goal.act.target}, which says: {goal.goal.text}"
-            self._tell("goal_wrong", message)
+            self._report("goal_wrong", message)
         return False
 
     def _hides_its_stop(self, goal: _Open, now: int) -> bool:
@@ -470,7 +478,7 @@ class GoalInvariants:
         for joint, way in travels:
             if way > _GOAL_SLACK:
                 text = f"the goal of {goal.act.target} was cancelled, and {joint} moves on"
-                self._tell("goal_wrong", text)
+                self._report("goal_wrong", text)
         return False
 
     def _brake_s(self, goal: _Open, ways: dict[str, float]) -> float:

@@ -128,7 +128,7 @@ class TargetInvariants:
         answers: AnswerInvariants,
         report: Callable[[str, str], None],
     ) -> None:
-        self._robot, self._disturbed, self._answers, self._tell = robot, disturbed, answers, report
+        self._robot, self._disturbed, self._answers, self._report = robot, disturbed, answers, report
         self._axes = [_Followed(node) for view in views.values() for node in view.nodes.values()]
         self._ends = {motion.controller: motion.ends for motion in motions}
         self._scales = _velocity_scales(robot)
@@ -197,7 +197,7 @@ class TargetInvariants:
             wrong = ""
         if wrong and not axis.wrong and (pushes or self._is_calm(view, now)):
             rule = "limit_ignored" if view.enabled else "target_disabled"
-            self._tell(rule, f"node {view.node_id} gets the command {wrong}")
+            self._report(rule, f"node {view.node_id} gets the command {wrong}")
             axis.wrong = wrong
         elif not wrong:
             axis.wrong = ""
@@ -305,7 +305,7 @@ class TargetInvariants:
             if drive.modes.gate is not None and drive.modes.gate.closed_by:
                 self._answers.unless_reported(axis.view.node_id, "target_missed", text, axis.view.enabled_at)
             else:
-                self._tell("target_missed", text)
+                self._report("target_missed", text)
 
     # -- the targets follow the commands
 
@@ -330,7 +330,7 @@ class TargetInvariants:
             self._wrong.discard(joint)
         elif joint not in self._wrong:
             self._wrong.add(joint)
-            self._tell("target_wrong", f"the drive of {joint} gets {target:.0f}, commanded was {commanded[-1]:.0f}")
+            self._report("target_wrong", f"the drive of {joint} gets {target:.0f}, commanded was {commanded[-1]:.0f}")
 
     def _judge_life(self, joint: str, view: ObservedNode, recent: Sequence[float], now: int) -> None:
         """Check that a drive is not commanded to stand while a command is renewed and not ended."""
@@ -346,7 +346,7 @@ class TargetInvariants:
             if device is not None and device.drives[0].modes.number not in (_PV, _CSV):  # the robot waits for the mode
                 self._answers.unless_reported(view.node_id, "command_lost", text, view.enabled_at)
             else:
-                self._tell("command_lost", text)
+                self._report("command_lost", text)
 
 
 def _recent(commands: deque[tuple[int, float]], now: int) -> list[float]:

@@ -78,7 +78,7 @@ class ConfigurationInvariants:
         answers: AnswerInvariants,
         report: Callable[[str, str], None],
     ) -> None:
-        self._robot, self._disturbed, self._answers, self._tell = robot, disturbed, answers, report
+        self._robot, self._disturbed, self._answers, self._report = robot, disturbed, answers, report
         self._nodes = [_Configured(plan.name, plan) for plan in plans]
         self._wide = [node for node in self._nodes if node.wide]
         self._due = robot.now_ns + _EVERY_NS
@@ -122,7 +122,7 @@ class ConfigurationInvariants:
         wrong = [name for name in wrong if not self._answers.reported(node.plan.node_id, since, name)]
         if wrong:
             names = ", ".join(wrong)
-            self._tell("plan_unwritten", f"{node.name} is ready, and does not hold what the plan writes to {names}")
+            self._report("plan_unwritten", f"{node.name} is ready, and does not hold what the plan writes to {names}")
 
     # -- forbidden values
 
@@ -141,20 +141,20 @@ class ConfigurationInvariants:
                 bad.add(index)
                 if index not in node.bad:
                     text = f"the PDO 0x{index:04X} of {node.name} is active with COB-ID 0x{entry & 0x1FFFFFFF:03X}"
-                    self._tell("cob_id_restricted", text)
+                    self._report("cob_id_restricted", text)
         node.bad = bad
 
     # -- decoded values
 
     def _note(self, node: _Configured, now: int) -> None:
         device = self._robot.drives[node.plan.node_id].device
-        for _, _, mapped, seen in node.wide:
+        for _, _, mapped, values in node.wide:
             if device is None:
-                seen.clear()
+                values.clear()
                 continue
-            seen.append((now, device.get(mapped.index, mapped.subindex)))
-            while seen[0][0] < now - _LAG_NS:
-                seen.popleft()
+            values.append((now, device.get(mapped.index, mapped.subindex)))
+            while values[0][0] < now - _LAG_NS:
+                values.popleft()
 
     def _judge_wide(self, node: _Configured, remote: RemoteNode, now: int) -> None:
         """Compare the robot's decoded value with those of the object in the last cycles."""
@@ -167,7 +167,7 @@ class ConfigurationInvariants:
             reported: Any = pdo.values[position]
             values: list[Any] = [value for _, value in seen]
             if isinstance(reported, int | float) and not min(values) <= reported <= max(values):
-                self._tell(
+                self._report(
                     "shown_wrong", f"process data: {_name(mapped)} of {node.name} is {reported}, it is {values[-1]}"
                 )
                 seen.clear()
@@ -220,7 +220,7 @@ class WireInvariants:
     def __init__(
         self, robot: RobotUnderTest, wire: SimulatedWire, view: WireView, report: Callable[[str, str], None]
     ) -> None:
-        self._robot, self._wire, self._view, self._tell = robot, wire, view, report
+        self._robot, self._wire, self._view, self._report = robot, wire, view, report
         master = view.config.master
         self._sync_ns, self._heartbeat_ns = master.sync_period * 1000, master.heartbeat_producer * _MS
         self._ours = master.sync_producer != "other"
@@ -259,7 +259,7 @@ class WireInvariants:
         last, self._last[service] = self._last.get(service, 0), now
         gap = now - last
         if period and last > self._excused(now) and gap > period * _LATE:
-            self._tell(
+            self._report(
                 "late", f"{service} of the master came after {gap / 1e6:.1f} ms, its period is {period / 1e6:g} ms"
             )
 
@@ -280,7 +280,7 @@ class WireInvariants:
         pending = self._waiting.get(node)
         if pending is not None and 0 < now - pending[0] < _SDO_WAIT_NS and self._all_heard_since(pending[0]):
             again = f"{(now - pending[0]) / 1e6:.1f} ms after {pending[1].hex(' ')}, which has no answer yet"
-            self._tell("sdo_overlap", f"node {node} is asked {data.hex(' ')} {again}")
+            self._report("sdo_overlap", f"node {node} is asked {data.hex(' ')} {again}")
         self._waiting[node] = (now, data)
 
     def _all_heard_since(self, asked_ns: int) -> bool:
@@ -303,7 +303,7 @@ class WireInvariants:
         self._window, self._bits = now, self._wire.bits
         booting = any(node.booted_at > now - _BOOT_NS for node in self._view.nodes.values())
         if load > self._budget and not booting and now > self._quiet_until and now > self._last_start + _BOOT_NS:
-            self._tell("bus_budget", f"the bus is loaded to {load:.0%}, its budget is {self._budget:.0%}")
+            self._report("bus_budget", f"the bus is loaded to {load:.0%}, its budget is {self._budget:.0%}")
 
     def _excused(self, now: int) -> int:
         """Return until when the master may be late: it was stalled, restarted, or could not send."""

@@ -135,7 +135,7 @@ class _Message:
 
     def add(self, signal: _Signal) -> None:
         """Append a signal with a unique name."""
-        signal.name = _unused(signal.name, {other.name for other in self.signals})
+        signal.name = _unused(signal.name, {present.name for present in self.signals})
         self.signals.append(signal)
 
 
@@ -143,7 +143,7 @@ def _distinct(messages: Iterable[_Message]) -> list[_Message]:
     """Return the messages with unique names."""
     distinct: list[_Message] = []
     for message in messages:
-        message.name = _unused(message.name, {other.name for other in distinct})
+        message.name = _unused(message.name, {message.name for message in distinct})
         distinct.append(message)
     return distinct
 
@@ -265,8 +265,8 @@ def _pdo(node: NodeDescription, pdo: PdoDescription, sender: str) -> _Message:
 
 def _signals(mapped: DescribedPdoObject, start: int, *, is_drive: bool) -> Iterator[_Signal]:
     """Yield the signals of one object: several for a word with named parts."""
-    where = f"0x{mapped.index:04X}:{mapped.subindex:02X}"
-    name, comment = _identifier(mapped.name), f"{where} {mapped.name}"
+    address = f"0x{mapped.index:04X}:{mapped.subindex:02X}"
+    name, comment = _identifier(mapped.name), f"{address} {mapped.name}"
     base = objects.axis_of(mapped.index)[0] if is_drive and not mapped.subindex else 0
     parts = WORD_PARTS.get(base, ()) if mapped.bits == 16 else ()
     for part in parts:

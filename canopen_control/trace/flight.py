@@ -28,7 +28,7 @@ from canopen_control.host.files import state_dir
 from canopen_control.host.lifeline import LivenessReport, lifeline_fd
 from canopen_control.host.reactor import Reactor
 from canopen_control.rpc.messages.layout import Layout
-from canopen_control.rpc.messages.robot import Asked, GetLayout, GetStatus, Subscribe, Tell
+from canopen_control.rpc.messages.robot import GetLayout, GetStatus, PublishEvent, RequestSeen, Subscribe
 from canopen_control.rpc.messages.state import RobotEvent, StateSample
 from canopen_control.rpc.wire import text_of
 from canopen_control.trace.flight_file import FrameRing, LineRing
@@ -196,7 +196,7 @@ class FlightRecorder:
     def _take(self, message: RobotPush) -> None:
         if isinstance(message, StateSample):
             self._states.add(text_of(message), self._reactor.now())
-        elif isinstance(message, Asked):
+        elif isinstance(message, RequestSeen):
             self._requests.add(text_of(message), self._reactor.now())
         elif isinstance(message, RobotEvent) and text_of(message) not in self._repeated:
             self._on_event(message)
@@ -281,7 +281,7 @@ class FlightRecorder:
         """Send an event to the robot; if it is gone the text is printed at the end."""
         if self._robot is not None:
             with contextlib.suppress(CanopenError):
-                self._robot.notify(Tell(kind="flight", text=sentence))
+                self._robot.notify(PublishEvent(kind="flight", text=sentence))
                 return
         self.said.append(sentence)
 

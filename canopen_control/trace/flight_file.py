@@ -41,7 +41,7 @@ from canopen_control.host.files import make_private, telling
 from canopen_control.rpc.messages.declare import Count, Document, UnixTime
 from canopen_control.rpc.messages.drive import WorldShape
 from canopen_control.rpc.messages.layout import Layout
-from canopen_control.rpc.messages.robot import Asked
+from canopen_control.rpc.messages.robot import RequestSeen
 from canopen_control.rpc.messages.state import RobotEvent, StateSample, Status, TimedSnapshot
 from canopen_control.rpc.wire import decode, text_of
 
@@ -234,7 +234,7 @@ class FlightFile:
     events: list[RobotEvent] = field(default_factory=list)
     states: list[TimedSnapshot] = field(default_factory=list)
     frames: list[FlightFrame] = field(default_factory=list)
-    requests: list[Asked] = field(default_factory=list)
+    requests: list[RequestSeen] = field(default_factory=list)
     eds: dict[str, bytes] = field(default_factory=dict)
     unread_lines: int = 0
     notes: tuple[str, ...] = ()
@@ -393,11 +393,11 @@ def _too_large(name: str, limit: int) -> FlightFileError:
     return FlightFileError(f"{name} is larger than {limit >> 20} MiB, which no recorder writes")
 
 
-def _parsed(where: str, text: bytes, kind: type[T]) -> T:
+def _parsed(place: str, text: bytes, kind: type[T]) -> T:
     try:
         document: T = decode(text, kind)
     except ValueError as error:
-        raise FlightFileError(f"{where}: {error}") from None
+        raise FlightFileError(f"{place}: {error}") from None
     return document
 
 
@@ -426,7 +426,7 @@ def _read(archive: zipfile.ZipFile, meta: FlightMeta) -> FlightFile:
             interface = line.split()[1]
             file.frames.append((parsed[0], buses.get(interface, interface), parsed[1]))
     if _REQUESTS in archive.namelist():
-        file.requests += _lines(archive, _REQUESTS, Asked)
+        file.requests += _lines(archive, _REQUESTS, RequestSeen)
     for name in archive.namelist():
         if name.startswith(_EDS) and os.path.basename(name):
             file.eds[os.path.basename(name)] = _content(archive, name)

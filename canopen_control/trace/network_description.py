@@ -161,7 +161,7 @@ def entry_name(od: ObjectDictionary | None, index: int, subindex: int) -> str:
     return f"{info.name}: {entry.name}"
 
 
-def network_of_layout(layout: BusLayout, kept: Mapping[str, Path] = MappingProxyType({})) -> NetworkDescription:
+def network_of_layout(layout: BusLayout, paths: Mapping[str, Path] = MappingProxyType({})) -> NetworkDescription:
     """Return the description of one bus of a layout; a missing or invalid EDS becomes a note.
 
     `kept` are files that replace those with the same name, as in a recording.
@@ -169,7 +169,7 @@ def network_of_layout(layout: BusLayout, kept: Mapping[str, Path] = MappingProxy
     notes: list[str] = []
     nodes = {}
     for node in layout.nodes:
-        path = str(kept.get(Path(node.eds).name, node.eds)) if node.eds else ""
+        path = str(paths.get(Path(node.eds).name, node.eds)) if node.eds else ""
         od = _read(path, node.node_id, notes) if path else None
         pdos = tuple(_pdo_of_layout(pdo) for pdo in node.pdos)
         nodes[node.node_id] = NodeDescription(node.name, node.node_id, od, pdos, path)
@@ -252,9 +252,9 @@ def network_of_eds(channel: str, options: Iterable[str], find: Callable[[str], P
             described = _one(int(node), find(file), option)
             named[described.node_id] = described
         elif Path(option).expanduser().is_dir():
-            named.update((each.node_id, each) for each in _folder(Path(option).expanduser()))
+            named.update((description.node_id, description) for description in _folder(Path(option).expanduser()))
         else:
-            everybody.update((each.node_id, each) for each in _all(find(option)))
+            everybody.update((description.node_id, description) for description in _all(find(option)))
     return NetworkDescription(channel=channel, nodes=everybody | named)
 
 

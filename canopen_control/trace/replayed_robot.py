@@ -54,7 +54,7 @@ class ReplayedRobot:
         self.name, self.over, self._begun = name, False, False
         self._meta, self._samples = meta, samples
         self._description = Description(description.urdf, description.path, meta.world)
-        self._events = sorted(events, key=lambda each: each.time)
+        self._events = sorted(events, key=lambda event: event.time)
         self._reactor, self._speed = reactor, speed
         self._at = 0
         self._told: list[RobotEvent] = []
@@ -96,9 +96,9 @@ class ReplayedRobot:
             self._server.push(self._samples[self._at], [call.connection])
         else:
             self._begun = True
-            self._tell()
+            self._report()
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         sample = self._samples[self._at]
         self._server.push(
             sample,
@@ -112,14 +112,14 @@ class ReplayedRobot:
             )
         if self._at + 1 == len(self._samples):
             self.over = True
-            self._reactor.call_later(_STANDS_NS, self._tell)  # clients take a silent robot for lost
+            self._reactor.call_later(_STANDS_NS, self._report)  # clients take a silent robot for lost
             return
         wait = min(max(self._samples[self._at + 1].time - sample.time, 0.0), _LONGEST_S) / self._speed
         self._reactor.call_later(round(wait * 1e9), self._next)
 
     def _next(self) -> None:
         self._at += 1
-        self._tell()
+        self._report()
 
     def _status(self) -> Status:
         sample, status = self._samples[self._at], self._meta.status

@@ -406,10 +406,10 @@ def _seen(now: MeasuredFacts, before: MeasuredFacts | None) -> MeasuredFacts:
 def networks_of(file: FlightFile) -> dict[str, NetworkDescription]:
     """Return the descriptions of the buses of a recording by the layout and the EDS files in it."""
     with tempfile.TemporaryDirectory() as folder:
-        kept = {name: Path(folder) / Path(name).name for name in file.eds}
+        paths = {name: Path(folder) / Path(name).name for name in file.eds}
         for name, text in file.eds.items():
-            kept[name].write_bytes(text)
-        return {bus: network_of_layout(layout, kept) for bus, layout in file.meta.layout.buses.items()}
+            paths[name].write_bytes(text)
+        return {bus: network_of_layout(layout, paths) for bus, layout in file.meta.layout.buses.items()}
 
 
 def facts_of(file: FlightFile, networks: Mapping[str, NetworkDescription] | None = None) -> ReportFacts:

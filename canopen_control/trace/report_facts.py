@@ -32,8 +32,8 @@ def summary(facts: ReportFacts) -> list[str]:
 
 def _who(facts: ReportFacts) -> Iterator[str]:
     drives = ", ".join(f"{name} (node {node.node_id})" for name, node in facts.nodes.items())
-    where = ", ".join(f"{name} ({channel})" for name, channel in facts.channels.items())
-    heard = f" on {where}" if where else ""
+    channels = ", ".join(f"{name} ({channel})" for name, channel in facts.channels.items())
+    heard = f" on {channels}" if channels else ""
     yield (
         f"{facts.robot or 'A recording'}: {facts.seconds:.1f} s up to {clock(facts.end, date=True)}"
         f"{heard}; {drives or _no_drives(facts)}."

@@ -150,12 +150,12 @@ def _thinned(time: Sequence[float], values: Sequence[float | None]) -> tuple[lis
     if len(time) <= _POINTS:
         return list(time), list(values)
     stretch = math.ceil(2 * len(time) / _POINTS)
-    kept: list[int] = []
+    indices: list[int] = []
     for begin in range(0, len(time), stretch):
         part = range(begin, min(begin + stretch, len(time)))
         known_points = [(value, index) for index in part if (value := values[index]) is not None]
-        kept += sorted({min(known_points)[1], max(known_points)[1]}) if known_points else [begin]
-    return [time[index] for index in kept], [values[index] for index in kept]
+        indices += sorted({min(known_points)[1], max(known_points)[1]}) if known_points else [begin]
+    return [time[index] for index in indices], [values[index] for index in indices]
 
 
 def _path(points: Sequence[tuple[float, float | None]], y: Callable[[float], float]) -> str:

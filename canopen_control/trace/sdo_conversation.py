@@ -129,13 +129,13 @@ class SdoConversation:
     # -- expedited and segmented transfers
 
     def _download(self, data: bytes) -> SdoText:
-        where = self._begin(data, "write")
+        place = self._begin(data, "write")
         if data[0] & _EXPEDITED:
             value = self._asked = self._value(self._carried(data))
-            return SdoText(f"write {where} = {value.text if value else ''}", value)
+            return SdoText(f"write {place} = {value.text if value else ''}", value)
         self._open = True
         size = f", {self._announced(data)}" if data[0] & _SIZED else ""
-        return SdoText(f"write {where}{size} in segments")
+        return SdoText(f"write {place}{size} in segments")
 
     def _download_answer(self, data: bytes) -> SdoText:
         address = data[1] | data[2] << 8, data[3]
@@ -145,11 +145,11 @@ class SdoConversation:
         return SdoText(f"{'go on with' if self._open else 'written'} {self._where()}", held=value)
 
     def _segment_answer(self, data: bytes) -> SdoText:  # noqa: ARG002 - one shape for all
-        where = self._where()
+        place = self._where()
         if self._open or self._address is None:
-            return SdoText(f"segment of {where} taken")
+            return SdoText(f"segment of {place} taken")
         self._end()
-        return SdoText(f"written {where}")
+        return SdoText(f"written {place}")
 
     def _upload(self, data: bytes) -> SdoText:
         return SdoText(f"read {self._begin(data, 'read')}")
@@ -192,26 +192,26 @@ class SdoConversation:
     def _abort(self, data: bytes, side: str) -> SdoText:
         code = int.from_bytes(data[4:8], "little")
         index, subindex = data[1] | data[2] << 8, data[3]
-        where = self._named(index, subindex) if index else self._where()
+        place = self._named(index, subindex) if index else self._where()
         self._end()
-        return SdoText(f"ABORT by {side}, {where}: 0x{code:08X} {abort_text(code)}", is_abort=True)
+        return SdoText(f"ABORT by {side}, {place}: 0x{code:08X} {abort_text(code)}", is_abort=True)
 
     # -- block transfers
 
     def _block_download_client(self, data: bytes) -> SdoText:
         if data[0] & 1:
             return self._block_end(data, "block write")
-        where = self._begin(data, "block write")
+        place = self._begin(data, "block write")
         size = f", {self._announced(data)}" if data[0] & SIZED_FLAG else ""
-        return SdoText(f"write {where}{size} in blocks")
+        return SdoText(f"write {place}{size} in blocks")
 
     def _block_download_server(self, data: bytes) -> SdoText:
         if data[0] == BLOCK_ACK:
             return self._acknowledged(data)
         if data[0] == BLOCK_END_ANSWER:
-            where = self._where()
+            place = self._where()
             self._end()
-            return SdoText(f"written {where}")
+            return SdoText(f"written {place}")
         if self._kind != "block write":
             self._begin(data, "block write")
         self._streams = True
@@ -224,9 +224,9 @@ class SdoConversation:
             self._streams = self._kind == "block read"
             return SdoText(f"send {self._where()}")
         if data[0] == BLOCK_END_ANSWER:
-            where = self._where()
+            place = self._where()
             self._end()
-            return SdoText(f"{where} taken")
+            return SdoText(f"{place} taken")
         return SdoText(f"read {self._begin(data, 'block read')} in blocks of {data[4]} segments")
 
     def _block_upload_server(self, data: bytes) -> SdoText:

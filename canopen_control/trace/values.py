@@ -227,8 +227,8 @@ def _supported(_axis: AxisWords, value: int) -> str:
 
 def _communication_record(_words: NodeWords, subindex: int, value: int) -> str:
     if subindex == 1:
-        where = f"0x{value & 0x1FFFFFFF:03X}"
-        return f"0x{value:08X} ({where}, off)" if value & INVALID_BIT else f"0x{value:08X} ({where}, on)"
+        cob_id = f"0x{value & 0x1FFFFFFF:03X}"
+        return f"0x{value:08X} ({cob_id}, off)" if value & INVALID_BIT else f"0x{value:08X} ({cob_id}, on)"
     if subindex == 2:
         return f"{value} ({_transmission(value)})"
     units = {3: f"{value * 0.1:g} ms", 5: f"{value} ms"}

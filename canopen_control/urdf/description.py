@@ -227,7 +227,9 @@ def _notes(path: str, hardware: Sequence[Ros2ControlSystem], ignored: Sequence[E
     for element in ignored:
         name, line = element.attributes.get("name", ""), element.place.line
         yield f"{path}:{line}: <transmission> {name} is ROS 1's and has no effect beside a <ros2_control> tag"
-    for part in (one for system in hardware for one in system.transmissions if not one.trivial):
+    for part in (
+        transmission for system in hardware for transmission in system.transmissions if not transmission.trivial
+    ):
         drive, offset = (
             part.actuator or "its drive",
             f", offset {part.offset:g}" if part.offset else "",

@@ -64,9 +64,9 @@ class UrdfDocument:
         self.root, self._path = root, path
         self._problems: dict[tuple[ElementPlace, str], None] = {}
 
-    def error(self, where: Placed, message: str) -> None:
+    def error(self, element: Placed, message: str) -> None:
         """Add a mistake at an element, or at something read from one."""
-        self._problems[where.place, message] = None
+        self._problems[element.place, message] = None
 
     def raise_if_any(self) -> None:
         """Raise RobotConfigError with all mistakes, if there are any."""
@@ -83,15 +83,15 @@ class UrdfDocument:
     def by_name(self, pairs: Iterable[tuple[Element, T]]) -> dict[str, T]:
         """Return objects by name; a duplicate name is a mistake."""
         firsts: dict[str, Element] = {}
-        kept: dict[str, T] = {}
+        named: dict[str, T] = {}
         for element, read in pairs:
             name = element.attributes.get("name", "")
             first = firsts.setdefault(name, element)
             if first is element:
-                kept[name] = read
+                named[name] = read
             elif name:
                 self.error(element, f"{element.tag} {name!r} stands twice, {self._where_first(first, element)}")
-        return kept
+        return named
 
     def _where_first(self, first: Element, second: Element) -> str:
         if first.place == second.place:  # as far as the line can be determined in a xacro file
@@ -187,12 +187,12 @@ class _XacroLines:
 
     def place(self, tag: str, name: str) -> ElementPlace:
         """Return the place of the next element with this tag and name, the beginning of the file if none matches."""
-        seen = self._seen.get((tag, name), 0)
-        self._seen[tag, name] = seen + 1
+        count = self._seen.get((tag, name), 0)
+        self._seen[tag, name] = count + 1
         places = [place for its_tag, its_name, place in self._places if its_tag == tag and its_name == name]
         if not places:
             places = [place for its_tag, its_name, place in self._places if its_tag == tag and _fits(its_name, name)]
-        return places[min(seen, len(places) - 1)] if places else ElementPlace(1, 1)
+        return places[min(count, len(places) - 1)] if places else ElementPlace(1, 1)
 
 
 _OPENING = re.compile(r"<([\w:.-]+)\b[^<>]*?\bname=[\"']([^\"']*)[\"']")

@@ -164,7 +164,7 @@ class Joint:
         """Whether the joint is fixed."""
         return self.type == "fixed"
 
-    def span(self, interface: str) -> tuple[float, float]:
+    def range_of(self, interface: str) -> tuple[float, float]:
         """Return the minimum and maximum of an interface by its limits, infinite if unlimited."""
         limits = self.limits
         if interface == POSITION:

@@ -75,7 +75,7 @@ def _link(document: UrdfDocument, element: Element, materials: Mapping[str, _Rgb
 def _radius(elements: Sequence[Element]) -> float | None:
     """Return the radius of the only round shape in <collision> or <visual> tags."""
     geometries = [geometry.children for element in elements if (geometry := element.child("geometry")) is not None]
-    round_ones = [one for children in geometries for one in children if one.tag in _ROUND]
+    round_ones = [child for children in geometries for child in children if child.tag in _ROUND]
     size = _lengths(round_ones[0], "radius") if len(round_ones) == 1 else None
     return None if size is None else size[0]
 

@@ -70,7 +70,7 @@ def dae_triangles(content: bytes) -> list[Triangle]:
         raise ValueError(error) from None
     for element in root.iter():
         element.tag = element.tag.partition("}")[2] or element.tag
-    geometries = {f"#{each.get('id')}": each for each in root.iter("geometry")}
+    geometries = {f"#{geometry.get('id')}": geometry for geometry in root.iter("geometry")}
     unit, up = root.find("asset/unit"), root.findtext("asset/up_axis", "Y_UP")
     scale = float(unit.get("meter", "1")) if unit is not None else 1.0
     start = _scaled(_Y_UP if up == "Y_UP" else _UNTURNED, scale)
@@ -93,18 +93,20 @@ def _dae_node(node: ET.Element, matrix: Matrix, geometries: Mapping[str, ET.Elem
 
 
 def _dae_triangles(geometry: ET.Element) -> Iterator[Triangle]:
-    sources = {f"#{each.get('id')}": each for each in geometry.iter("source")}
-    vertices = {f"#{each.get('id')}": each.find("input[@semantic='POSITION']") for each in geometry.iter("vertices")}
+    sources = {f"#{element.get('id')}": element for element in geometry.iter("source")}
+    vertices = {
+        f"#{element.get('id')}": element.find("input[@semantic='POSITION']") for element in geometry.iter("vertices")
+    }
     for part in (*geometry.iter("triangles"), *geometry.iter("polylist")):
         inputs = part.findall("input")
-        vertex = next(each for each in inputs if each.get("semantic") == "VERTEX")
+        vertex = next(element for element in inputs if element.get("semantic") == "VERTEX")
         position = vertices[vertex.get("source", "")]
         source = sources["" if position is None else position.get("source", "")]
-        values = [float(each) for each in source.findtext("float_array", "").split()]
-        step = 1 + max(int(each.get("offset", "0")) for each in inputs)
-        indices = [int(each) for each in part.findtext("p", "").split()][int(vertex.get("offset", "0")) :: step]
+        values = [float(word) for word in source.findtext("float_array", "").split()]
+        step = 1 + max(int(element.get("offset", "0")) for element in inputs)
+        indices = [int(word) for word in part.findtext("p", "").split()][int(vertex.get("offset", "0")) :: step]
         points = [(values[3 * n], values[3 * n + 1], values[3 * n + 2]) for n in indices]
-        counts = [int(each) for each in part.findtext("vcount", "").split()] or [3] * (len(points) // 3)
+        counts = [int(word) for word in part.findtext("vcount", "").split()] or [3] * (len(points) // 3)
         at = 0
         for count in counts:
             for n in range(1, count - 1):

@@ -101,21 +101,25 @@ def _around(package: str, file: Path) -> Iterator[Path]:
             if _names(candidate, package) or (candidate.name == package and candidate.is_dir()):
                 yield candidate
         if 0 < distance <= _NEAR:
-            yield from (each for each in _folders(folder) if each.name != package and _names(each, package))
+            yield from (
+                package_folder
+                for package_folder in _folders(folder)
+                if package_folder.name != package and _names(package_folder, package)
+            )
 
 
 def _below(package: str, folder: Path, depth: int) -> Iterator[Path]:
     """Yield the packages with this name in a folder, excluding those inside another package."""
-    left, level = _MOST, [folder]
+    remaining, level = _MOST, [folder]
     for _ in range(depth):
         deeper = list[Path]()
-        for candidate in level[:left]:
+        for candidate in level[:remaining]:
             if (candidate / "package.xml").is_file():
                 if _names(candidate, package) or candidate.name == package:
                     yield candidate
             else:
                 deeper += _folders(candidate)
-        left -= len(level)
+        remaining -= len(level)
         level = deeper
 
 

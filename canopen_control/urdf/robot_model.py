@@ -61,10 +61,10 @@ class WheelGeometry:
         if element is None:
             return None
         point, link = element.origin.position, element.parent
-        seen = {link}
-        while (above := self._above.get(link)) is not None and above.fixed and above.parent not in seen:
+        visited = {link}
+        while (above := self._above.get(link)) is not None and above.fixed and above.parent not in visited:
             point, link = above.origin.of(point), above.parent
-            seen.add(link)
+            visited.add(link)
         return link, point
 
     def axis(self, joint: str) -> Vector | None:
@@ -114,14 +114,14 @@ def model_of(document: UrdfDocument) -> RobotModel:
     return RobotModel(root.attributes.get("name", ""), links, joints, tuple(notes))
 
 
-def _parents_first(root: str, left: list[Joint]) -> Iterator[Joint]:
+def _parents_first(root: str, remaining: list[Joint]) -> Iterator[Joint]:
     reached = {root}
-    while now := [joint for joint in left if joint.parent in reached and joint.child not in reached]:
+    while now := [joint for joint in remaining if joint.parent in reached and joint.child not in reached]:
         for joint in now:
             if joint.child not in reached:
                 reached.add(joint.child)
                 yield joint
-        left = [joint for joint in left if joint.child not in reached]
+        remaining = [joint for joint in remaining if joint.child not in reached]
 
 
 def _check_tree(document: UrdfDocument, links: Mapping[str, UrdfLink], joints: Mapping[str, Joint]) -> None:

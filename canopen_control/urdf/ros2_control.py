@@ -173,12 +173,12 @@ def read_system(document: UrdfDocument, element: Element, joints: Mapping[str, J
     if plugin is None or not plugin.text:
         document.error(element, f"<ros2_control name={name!r}>: <hardware><plugin>...</plugin></hardware> is missing")
     parts = {
-        tag: tuple(_part(document, each, joints) for each in element.children if each.tag == tag)
+        tag: tuple(_part(document, child, joints) for child in element.children if child.tag == tag)
         for tag in ("joint", "sensor", "gpio")
     }
     text = plugin.text if plugin is not None else ""
     parameters = hardware.parameters() if hardware is not None else {}
-    own = read_transmissions(document, [each for each in element.children if each.tag == "transmission"], joints)
+    own = read_transmissions(document, [child for child in element.children if child.tag == "transmission"], joints)
     return Ros2ControlSystem(
         name, kind, text, parameters, parts["joint"], parts["sensor"], parts["gpio"], own, element.place
     )

@@ -43,7 +43,7 @@ class ObjectList:
     def rows(self) -> list[TreeRow]:
         """All objects by address, as they stay."""
         entries = list(self._entries.values())
-        told = rows_of(self._od, [LiveObject(entry) for entry in entries], self._node_id)
+        rows = rows_of(self._od, [LiveObject(entry) for entry in entries], self._node_id)
         return [
             {
                 "a": address_text(entry.address),
@@ -59,7 +59,7 @@ class ObjectList:
                 "limits": limit_words(entry),
                 "fixed": why_fixed(entry),
             }
-            for entry, row in zip(entries, told, strict=True)
+            for entry, row in zip(entries, rows, strict=True)
         ]
 
     def _record(self, entry: Entry) -> str:
@@ -73,14 +73,14 @@ class ObjectList:
 
     def entries(self, addresses: Iterable[str]) -> list[Entry]:
         """Return those of these addresses that there are."""
-        return [self._entries[each] for each in addresses if each in self._entries]
+        return [self._entries[address] for address in addresses if address in self._entries]
 
     def entries_with_mode(self, addresses: Iterable[str]) -> list[Entry]:
         """Return the same, with the mode that is displayed where bits of a word depend on it."""
-        found = self.entries(addresses)
+        selected = self.entries(addresses)
         mode = self._entries.get(address_text(_MODE))
-        wants = any(axis_word(entry.index) for entry in found)
-        return [*found, mode] if wants and mode is not None and mode not in found else found
+        wants = any(axis_word(entry.index) for entry in selected)
+        return [*selected, mode] if wants and mode is not None and mode not in selected else selected
 
     def search(self, text: str) -> tuple[list[str] | None, str]:
         """Return the addresses that words mean, None for all, and what is to be said where they mean none."""
@@ -94,12 +94,12 @@ class ObjectList:
     def news(self, live: Mapping[Address, tuple[int, LiveObject]]) -> dict[str, ObjectWords]:
         """Return what is known now of the objects that were told otherwise, or not at all."""
         since, self._sent = self._sent, max((number for number, _ in live.values()), default=self._sent)
-        return self._words(live, [each for number, each in live.values() if number > since])
+        return self._words(live, [value for number, value in live.values() if number > since])
 
     def known(self, live: Mapping[Address, tuple[int, LiveObject]], addresses: Iterable[str]) -> dict[str, ObjectWords]:
         """Return what is known of these objects, whatever was told of them."""
-        there = [self._entries[each].address for each in addresses if each in self._entries]
-        return self._words(live, [live[each][1] for each in there if each in live])
+        present = [self._entries[address].address for address in addresses if address in self._entries]
+        return self._words(live, [live[each][1] for each in present if each in live])
 
     def _words(
         self, live: Mapping[Address, tuple[int, LiveObject]], objects: list[LiveObject]
@@ -108,12 +108,12 @@ class ObjectList:
         known_mode = mode if isinstance(mode, int) else None
         rows = rows_of(self._od, objects, self._node_id)
         return {
-            address_text(each.entry.address): {
+            address_text(entry.entry.address): {
                 "value": row.value,
                 "meaning": row.meaning,
                 "changed": row.changed,
                 "error": row.error,
-                "bits": [(bit, name, on) for bit, name, on in bits_of(*each.entry.address, each.value, known_mode)],
+                "bits": [(bit, name, on) for bit, name, on in bits_of(*entry.entry.address, entry.value, known_mode)],
             }
-            for each, row in zip(objects, rows, strict=True)
+            for entry, row in zip(objects, rows, strict=True)
         }

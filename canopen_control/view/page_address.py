@@ -118,8 +118,8 @@ class AccessRules:
         return tuple(f"{name}:{self.port}" for name in names)
 
     def _has_token(self, path: str) -> bool:
-        given = path.removeprefix("/").split("/", 1)[0]
-        return path.startswith("/") and hmac.compare_digest(given.encode(errors="replace"), self.token.encode())
+        token = path.removeprefix("/").split("/", 1)[0]
+        return path.startswith("/") and hmac.compare_digest(token.encode(errors="replace"), self.token.encode())
 
 
 def is_loopback(host: str) -> bool:
@@ -173,12 +173,12 @@ class PageAddress:
 
 def page_addresses(robot: str | None = None) -> dict[str, str]:
     """Return {address without token: address with it} of the pages that this user's views serve now."""
-    found: dict[str, str] = {}
+    addresses: dict[str, str] = {}
     for path in sorted(runtime_dir().glob("page-*.json")):
-        kept = _read(path)
-        if "url" in kept and robot in (None, kept.get("robot")) and _is_held(path):
-            found[kept.get("place", "")] = kept["url"]
-    return found
+        content = _read(path)
+        if "url" in content and robot in (None, content.get("robot")) and _is_held(path):
+            addresses[content.get("place", "")] = content["url"]
+    return addresses
 
 
 def killed_port(robot: str, host: str) -> int | None:
@@ -205,12 +205,16 @@ def _read(path: Path) -> dict[str, str]:
         return {}
     try:
         text = os.read(fd, _LONGEST)
-        kept = json.loads(text)
+        content = json.loads(text)
     except (OSError, ValueError):
         return {}
     finally:
         os.close(fd)
-    return {str(key): value for key, value in kept.items() if isinstance(value, str)} if isinstance(kept, dict) else {}
+    return (
+        {str(key): value for key, value in content.items() if isinstance(value, str)}
+        if isinstance(content, dict)
+        else {}
+    )
 
 
 def _is_held(path: Path) -> bool:

@@ -68,7 +68,7 @@ class AccessMiddleware:
             await _answer(307, {"Location": f"{rules.root}/", **rules.response_headers()}, "", send)
             return
         scope["root_path"] = rules.root
-        scope["headers"] = [each for each in scope["headers"] if each[0] not in _NOT_BELIEVED]
+        scope["headers"] = [header for header in scope["headers"] if header[0] not in _NOT_BELIEVED]
         if scope["type"] == "websocket":
             await self.app(scope, receive, send)
         else:
@@ -126,8 +126,8 @@ async def _answer(status: int, headers: dict[str, str], text: str, send: Send) -
 
 
 def _with(start: Message, extra: dict[str, str]) -> Message:
-    given = {name.lower().encode() for name in extra}
-    headers = [each for each in start["headers"] if each[0].lower() not in given]
+    names = {name.lower().encode() for name in extra}
+    headers = [header for header in start["headers"] if header[0].lower() not in names]
     return {**start, "headers": headers + [(name.lower().encode(), text.encode()) for name, text in extra.items()]}
 
 
@@ -137,12 +137,12 @@ def _is_html(start: Message) -> bool:
 
 def _headers_of(scope: Message) -> dict[str, str]:
     """Return the headers by their canonical names; one that comes twice is joined, and then fits nothing."""
-    found: dict[str, str] = {}
+    headers: dict[str, str] = {}
     for name, value in scope["headers"]:
         key = name.decode("latin-1").title()
         text = value.decode("latin-1")
-        found[key] = f"{found[key]}, {text}" if key in found else text
-    return found
+        headers[key] = f"{headers[key]}, {text}" if key in headers else text
+    return headers
 
 
 os.environ.setdefault("NICEGUI_STORAGE_PATH", os.devnull)  # the page keeps nothing on disk
@@ -169,15 +169,15 @@ def listen(host: str, port: int | None, first: int | None = None) -> socket.sock
     if port is None and first is not None:
         ports.insert(0, first)
     problem = OSError("no port is free")
-    for each in ports:
+    for candidate in ports:
         try:
-            family, _, _, _, address = socket.getaddrinfo(host or "0.0.0.0", each, type=socket.SOCK_STREAM)[0]
+            family, _, _, _, address = socket.getaddrinfo(host or "0.0.0.0", candidate, type=socket.SOCK_STREAM)[0]
             return socket.create_server(address[:2], family=family)
         except OSError as error:
             problem = error
-    where = f"{host}:{port}" if port is not None else f"{host}, ports {DEFAULT_PORT} to {ports[-1]}"
+    place = f"{host}:{port}" if port is not None else f"{host}, ports {DEFAULT_PORT} to {ports[-1]}"
     reason = problem.strerror or str(problem)
-    raise ConfigError(f"the page cannot listen on {where}: {reason}; choose another --host or --port")
+    raise ConfigError(f"the page cannot listen on {place}: {reason}; choose another --host or --port")
 
 
 class PageServer:
@@ -251,7 +251,9 @@ class PageServer:
 
             return Response(content, media_type=media_type)
 
-        self._outer.router.routes[:] = [each for each in self._outer.router.routes if getattr(each, "path", "") != path]
+        self._outer.router.routes[:] = [
+            route for route in self._outer.router.routes if getattr(route, "path", "") != path
+        ]
         self._outer.add_route(path, answer, methods=["GET"])
         self._outer.router.routes.insert(0, self._outer.router.routes.pop())  # before the toolkit, which takes all
 
@@ -280,7 +282,7 @@ async def access_problem(rules: AccessRules) -> str | None:
     host = f"127.0.0.1:{rules.port}"
     own, foreign = f"Host: {host}", f"Origin: http://{_STRANGER}"
     root = rules.root
-    asked: list[tuple[str, str, Sequence[str]]] = [
+    requests: list[tuple[str, str, Sequence[str]]] = [
         ("a request without the token", "/", (own,)),
         ("a file without the token", "/_nicegui/", (own,)),
         ("a WebSocket without the token", _WEBSOCKET, (own, f"Origin: http://{host}", *_UPGRADE)),
@@ -289,14 +291,14 @@ async def access_problem(rules: AccessRules) -> str | None:
         ("a WebSocket without Origin", f"{root}{_WEBSOCKET}", (own, *_UPGRADE)),
     ]
     if is_loopback(rules.host):
-        asked.append(("a request with a foreign Host", f"{root}/", (f"Host: {_STRANGER}",)))
-    for what, path, headers in asked:
+        requests.append(("a request with a foreign Host", f"{root}/", (f"Host: {_STRANGER}",)))
+    for title, path, headers in requests:
         try:
             status = await asyncio.wait_for(_status(rules, path, headers), _PROBE_S)
         except (TimeoutError, OSError, ValueError):
-            return f"the page's own server does not answer {what}"
+            return f"the page's own server does not answer {title}"
         if status != 403:
-            return f"the page's access check fails: {what} is answered with {status} instead of 403"
+            return f"the page's access check fails: {title} is answered with {status} instead of 403"
     return None
 
 
@@ -312,7 +314,7 @@ async def _status(rules: AccessRules, path: str, headers: Sequence[str]) -> int:
         writer.close()
 
 
-def silence(say: Callable[[str], None]) -> None:
+def silence(report: Callable[[str], None]) -> None:
     """Let the toolkit tell errors by `say`, and nothing else."""
     import logging
     import traceback
@@ -320,4 +322,4 @@ def silence(say: Callable[[str], None]) -> None:
     for name in ("nicegui", "uvicorn", "uvicorn.error", "asyncio", "engineio", "socketio", "websockets"):
         logging.getLogger(name).addHandler(logging.NullHandler())
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    toolkit.on_exception(lambda error: say("".join(traceback.format_exception(error)).rstrip()))
+    toolkit.on_exception(lambda error: report("".join(traceback.format_exception(error)).rstrip()))

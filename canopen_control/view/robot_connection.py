@@ -91,12 +91,12 @@ def read_robot_info(robot: str, description: Description, listing: NodeListing, 
         robot,
         description.urdf,
         description.path,
-        tuple(NodeAddress(each.name, listing.buses[each.bus].channel, each.node_id) for each in listing.nodes),
+        tuple(NodeAddress(node.name, listing.buses[node.bus].channel, node.node_id) for node in listing.nodes),
         tuple(status.buses),
         tuple(sorted(status.joints)),
         state,
         tuple(status.events),
-        tuple(sorted(listing.nodes, key=lambda each: each.node_id)),
+        tuple(sorted(listing.nodes, key=lambda node: node.node_id)),
         description.world,
     )
 
@@ -108,8 +108,8 @@ def true_pose_of(state: StateSample) -> Pose | None:
 
 def pose_of(state: StateSample) -> Pose | None:
     """Return where the first base controller believes to be."""
-    for each in state.told(OdometrySample).values():
-        return each.x, each.y, each.heading
+    for sample in state.told(OdometrySample).values():
+        return sample.x, sample.y, sample.heading
     return None
 
 
@@ -159,8 +159,8 @@ def trajectory_motion(
     goal = SendTrajectory(
         controller=controller, joints=list(joints), points=[point], source=SOURCE, heartbeat=_HEARTBEAT_S
     )
-    rest = CancelTrajectory(controller=controller, own=True, why="the page let go")
-    return TeleopCommands(controller, goal, rest, TrajectoryHeartbeat())
+    cancel = CancelTrajectory(controller=controller, own=True, why="the page let go")
+    return TeleopCommands(controller, goal, cancel, TrajectoryHeartbeat())
 
 
 def joint_motion(
@@ -171,8 +171,10 @@ def joint_motion(
     `interface` is what the values are, where the controller may take something else by the time they come.
     """
     moved, rested = (
-        CommandController(controller=controller, values=list(each), source=SOURCE, dead_man=True, interface=interface)
-        for each in (values, resting)
+        CommandController(
+            controller=controller, values=list(numbers), source=SOURCE, dead_man=True, interface=interface
+        )
+        for numbers in (values, resting)
     )
     return TeleopCommands(controller, moved, rested)
 
@@ -212,14 +214,14 @@ class DeadMan:
     def tick(self, now: int) -> None:
         """Let go when nobody has held for too long."""
         if self._driver is not None and now - self._heard >= LET_GO_NS:
-            self.let_go()
+            self.release()
 
     def leave(self, page: str) -> None:
         """Let go, because the page has been closed; other pages' driving goes on."""
         if page == self._driver:
-            self.let_go()
+            self.release()
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """End the motion now."""
         motion, self._driver, self._motion = self._motion, None, None
         if motion is not None:
@@ -307,7 +309,7 @@ async def in_thread(function: Callable[[], T]) -> T:
     loop = asyncio.get_running_loop()
     future: asyncio.Future[T] = loop.create_future()
 
-    def tell(result: T | None, error: BaseException | None) -> None:
+    def deliver(result: T | None, error: BaseException | None) -> None:
         if future.done():
             return
         if error is not None:
@@ -322,7 +324,7 @@ async def in_thread(function: Callable[[], T]) -> T:
         except Exception as raised:  # noqa: BLE001 - handed on
             error = raised
         with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
-            loop.call_soon_threadsafe(tell, result, error)
+            loop.call_soon_threadsafe(deliver, result, error)
 
     threading.Thread(target=work, name="page", daemon=True).start()
     return await future

@@ -13,7 +13,7 @@ from canopen_control.rpc.messages.drive import GetWorld
 from canopen_control.rpc.messages.simulation import GetSimulation
 from canopen_control.service.live_reader import LiveReader
 from canopen_control.urdf.robot_model import RobotModel, read_model
-from canopen_control.view.node_desk import NodeJobs
+from canopen_control.view.node_jobs import NodeJobs
 from canopen_control.view.page_content import DriveFaults, FaultClient, PageContent, RecentEvents
 from canopen_control.view.robot_connection import pose_of, true_pose_of
 from canopen_control.view.sampling import History, Sampler, commanded_interfaces, names
@@ -59,17 +59,17 @@ class WorldClient:
         except CanopenError:
             return False
 
-    def act(self, what: WorldAct) -> bool:
+    def act(self, world_act: WorldAct) -> bool:
         """Let it happen now, and return whether the robot tells of it; RemoteError where it is refused, or no world."""
         if not self._nodes:
             with RobotClient.connect(self._robot, _TIMEOUT_S) as client:
-                client.ask(what)
+                client.ask(world_act)
             return True
         node = self._drive()
         if node is None:
             raise RemoteError("BusClosed", "the robot's drives are in no world with physics: run it with --physics")
         with _connect(node) as client:
-            client.ask(what)
+            client.ask(world_act)
         return False
 
     def _drive(self) -> NodeAddress | None:
@@ -161,7 +161,7 @@ class RobotView:
 
 
 def _rounded(pose: Pose | None) -> list[float] | None:
-    return None if pose is None else [round(each, 4) for each in pose]
+    return None if pose is None else [round(number, 4) for number in pose]
 
 
 def _drawable(urdf: str) -> RobotModel:

@@ -107,14 +107,14 @@ class Chart:
 
 def names(joints: Sequence[str], buses: Sequence[str]) -> list[str]:
     """Return the rows of the history."""
-    of_joints = [f"{joint} {what}" for joint in joints[:SHOWN_JOINTS] for what in ("command", "actual", "error")]
+    of_joints = [f"{joint} {name}" for joint in joints[:SHOWN_JOINTS] for name in ("command", "actual", "error")]
     return [*of_joints, "work", "cycle", *(f"load {bus}" for bus in buses)]
 
 
 def charts(joints: Sequence[str], buses: Sequence[str]) -> list[Chart]:
     """Return what is drawn of a robot: "joints", then "cycle"."""
     shown = joints[:SHOWN_JOINTS]
-    found = [
+    plots = [
         Chart(
             joint,
             joint,
@@ -125,10 +125,10 @@ def charts(joints: Sequence[str], buses: Sequence[str]) -> list[Chart]:
     ]
     errors = tuple(Line(f"{joint} error", joint, COLORS[n % len(COLORS)]) for n, joint in enumerate(shown))
     loads = tuple(Line(f"load {bus}", bus, COLORS[2 + n % 5]) for n, bus in enumerate(buses))
-    found.append(Chart("error", "Tracking error", "joints", errors))
-    found.append(Chart("cycle", "Cycle time, ms", "cycle", (Line("cycle", "between cycles", ACTUAL),), 0.0))
-    found.append(Chart("work", "Work in a cycle, ms", "cycle", (Line("work", "work", COLORS[1]),), 0.0))
-    return [*found, Chart("load", "Bus load, %", "cycle", loads, 0.0)] if loads else found
+    plots.append(Chart("error", "Tracking error", "joints", errors))
+    plots.append(Chart("cycle", "Cycle time, ms", "cycle", (Line("cycle", "between cycles", ACTUAL),), 0.0))
+    plots.append(Chart("work", "Work in a cycle, ms", "cycle", (Line("work", "work", COLORS[1]),), 0.0))
+    return [*plots, Chart("load", "Bus load, %", "cycle", loads, 0.0)] if loads else plots
 
 
 def titles(interfaces: Mapping[str, str], linear: frozenset[str]) -> dict[str, str]:
@@ -137,9 +137,9 @@ def titles(interfaces: Mapping[str, str], linear: frozenset[str]) -> dict[str, s
     def unit(joint: str, interface: str) -> str:
         return (_LINEAR_UNITS if joint in linear else _UNITS)[interface]
 
-    found = {joint: f"{joint} {interface}, {unit(joint, interface)}" for joint, interface in interfaces.items()}
+    by_joint = {joint: f"{joint} {interface}, {unit(joint, interface)}" for joint, interface in interfaces.items()}
     units = sorted({unit(joint, interface) for joint, interface in interfaces.items()})
-    return found | {"error": f"Tracking error{', ' + ' and '.join(units) if units else ''}"}
+    return by_joint | {"error": f"Tracking error{', ' + ' and '.join(units) if units else ''}"}
 
 
 def commanded_interfaces(controllers: Sequence[ControllerReading], state: StateSample) -> dict[str, str]:
@@ -147,13 +147,13 @@ def commanded_interfaces(controllers: Sequence[ControllerReading], state: StateS
 
     Of a drive that takes targets it is what its mode of operation makes of them.
     """
-    found = {drive.joint: drive.quantity for drive in drive_targets(state, controllers) if drive.quantity}
+    quantities = {drive.joint: drive.quantity for drive in drive_targets(state, controllers) if drive.quantity}
     for controller in controllers:
         for claimed in controller.claims if controller.state == "active" else ():
             joint, _, interface = claimed.rpartition("/")
             if interface in _UNITS:
-                found.setdefault(joint, interface)
-    return found
+                quantities.setdefault(joint, interface)
+    return quantities
 
 
 class Sampler:

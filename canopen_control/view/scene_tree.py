@@ -88,13 +88,13 @@ class SceneTree:
         }
 
     def _visuals(self, model: RobotModel, link: str) -> list[_VisualDocument]:
-        found = []
+        visuals = []
         for visual in _visuals_of(model, link):
             try:
-                found.append(self._visual(visual))
+                visuals.append(self._visual(visual))
             except ConfigError as error:
                 self.notes.append(str(error))
-        return found
+        return visuals
 
     def _visual(self, visual: Visual) -> _VisualDocument:
         document: _VisualDocument = {
@@ -156,5 +156,5 @@ def extent_of(model: RobotModel) -> float:
 
 
 def _visuals_of(model: RobotModel, link: str) -> tuple[Visual, ...]:
-    found = model.links.get(link)
-    return () if found is None else found.visuals
+    model_link = model.links.get(link)
+    return () if model_link is None else model_link.visuals

@@ -36,15 +36,15 @@ def thinned(shot: Shot, place: int, most: int = MOST_POINTS) -> list[tuple[float
     if len(points) <= most:
         return points
     stretch = math.ceil(2 * len(points) / most)
-    found = []
+    kept_points = []
     for begin in range(0, len(points), stretch):
-        known = [point for point in points[begin : begin + stretch] if point[1] is not None]
-        if not known:
-            found.append(points[begin])
+        valid = [point for point in points[begin : begin + stretch] if point[1] is not None]
+        if not valid:
+            kept_points.append(points[begin])
             continue
-        ends = (min(known, key=lambda each: each[1] or 0.0), max(known, key=lambda each: each[1] or 0.0))
-        found += sorted(set(ends))
-    return found
+        ends = (min(valid, key=lambda each: each[1] or 0.0), max(valid, key=lambda each: each[1] or 0.0))
+        kept_points += sorted(set(ends))
+    return kept_points
 
 
 def _known(value: float | None) -> float | None:
@@ -59,14 +59,14 @@ def height_of(named: NamedShot) -> int:
 def chart_options(named: NamedShot, overlay: NamedShot | None, cursors: tuple[float, float] | None) -> Options:
     """Return the chart."""
     fields = _fields(named)
-    low, high = named.shot.span
+    low, high = named.shot.time_range
     axes = range(len(fields))
     series: list[Options] = []
     for place, name in enumerate(named.names):
         number = fields.index(_unit(named, place))
-        if overlay is not None and (other := overlay.place(name)) is not None:
+        if overlay is not None and (overlay_place := overlay.place(name)) is not None:
             label = f"{name} ({overlay.label or 'overlay'})"
-            series.append(_series(f"o{place}", label, overlay.shot, other, number, _OVERLAY))
+            series.append(_series(f"o{place}", label, overlay.shot, overlay_place, number, _OVERLAY))
         series.append(_series(f"s{place}", name, named.shot, place, number, _COLORS[place % len(_COLORS)]))
     return {
         "animation": False,

@@ -62,7 +62,7 @@ class DriveTarget:
 def drive_targets(state: StateSample, controllers: Iterable[ControllerReading]) -> tuple[DriveTarget, ...]:
     """Return the drives whose active controller takes a target, in the order of the controllers."""
     axes = {axis.joint: (node, axis) for node, reading in state.nodes.items() for axis in reading.axes}
-    found = []
+    targets = []
     for controller in controllers:
         if controller.topic != _TOPIC or controller.state != "active":
             continue
@@ -70,8 +70,8 @@ def drive_targets(state: StateSample, controllers: Iterable[ControllerReading]) 
             if joint in axes:
                 node, axis = axes[joint]
                 mode = axis.mode if axis.mode in MODES else ""
-                found.append(DriveTarget(controller.name, node, joint, axis.enabled, mode or ""))
-    return tuple(found)
+                targets.append(DriveTarget(controller.name, node, joint, axis.enabled, mode or ""))
+    return tuple(targets)
 
 
 _DRIVEN_S: Final = 0.5  # without a word of a held button the drive has ended
@@ -121,9 +121,9 @@ class TargetSliders:
 
     def rest(self, positions: Mapping[str, float | None]) -> list[float]:
         """Return what ends the drive: where the joints are, as far as that is known."""
-        found = {**self.values, **self._rest}
-        found |= {joint: at for joint, at in positions.items() if at is not None}
-        return [found[joint] for joint in self.values]
+        values = {**self.values, **self._rest}
+        values |= {joint: at for joint, at in positions.items() if at is not None}
+        return [values[joint] for joint in self.values]
 
     @property
     def driven(self) -> bool:

@@ -73,7 +73,11 @@ def load(data: bytes, name: str) -> LoadedTrajectory:
 
 def trajectory_takers(controllers: Iterable[ControllerReading]) -> list[str]:
     """Return the active controllers that follow trajectories."""
-    return [each.name for each in controllers if follows_trajectories(each) and each.state == "active"]
+    return [
+        controller.name
+        for controller in controllers
+        if follows_trajectories(controller) and controller.state == "active"
+    ]
 
 
 def follows_trajectories(controller: ControllerReading) -> bool:
@@ -101,13 +105,13 @@ def preview_table(
     loaded: LoadedTrajectory, number: int, now: Mapping[str, float | None], linear: frozenset[str]
 ) -> str:
     """Return where each joint is to be in a point, and where it is, as HTML."""
-    wanted = loaded.positions(number)
-    if not wanted:
+    positions = loaded.positions(number)
+    if not positions:
         return "<p class='cc-note'>This point has no positions.</p>"
     lines = [
         f"<tr><td><b>{escape(joint)}</b></td><td>{_number(position)}<small>{'m' if joint in linear else 'rad'}</small>"
         f"</td><td>{_now(joint, now)}</td></tr>"
-        for joint, position in wanted.items()
+        for joint, position in positions.items()
     ]
     titles = "<tr><th>joint</th><th>preview</th><th>now</th></tr>"
     return f"<table class='cc-table cc-joints cc-preview'>{titles}{''.join(lines)}</table>"
@@ -225,7 +229,7 @@ class _Run:
             return
         self._cancelled, self._why = True, why
         if self._sent:
-            self._tell()
+            self._report()
 
     def close(self) -> None:
         """Hang up; the robot brakes."""
@@ -235,18 +239,18 @@ class _Run:
 
     def _follow(self, client: RobotClient) -> TrajectoryOutcome:
         loaded = self._trajectory
-        rest = client.send_points(loaded.points)
+        remaining = client.send_points(loaded.points)
         if self._cancelled:
             return TrajectoryOutcome(False, f"it was not sent: {self._why or 'cancelled'}")
-        wanted = SendTrajectory(
-            controller=self._controller, joints=loaded.joints, points=rest, source=SOURCE, heartbeat=HEARTBEAT_S
+        request = SendTrajectory(
+            controller=self._controller, joints=loaded.joints, points=remaining, source=SOURCE, heartbeat=HEARTBEAT_S
         )
-        verdict = client.ask(wanted)
+        verdict = client.ask(request)
         if not verdict.accepted:
             return TrajectoryOutcome(False, verdict.text)
         self._sent = True
         if self._cancelled:  # while it was accepted
-            self._tell()
+            self._report()
         result = client.ask(TrajectoryEnd(), loaded.duration + _PATIENCE_S)
         return TrajectoryOutcome(result.state == "succeeded", result.text)
 
@@ -255,7 +259,7 @@ class _Run:
         if self._sent and not self._cancelled:
             self._notify(TrajectoryHeartbeat())
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         self._notify(CancelTrajectory(controller=self._controller, own=True, why=self._why))
 
     def _notify(self, request: CancelTrajectory | TrajectoryHeartbeat) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.errors import ConfigError, DriveError
-from canopen_control.rpc.messages.robot import Tell
+from canopen_control.rpc.messages.robot import PublishEvent
 from canopen_control.service.driven_axis import drive_of_robot, takes_targets
 from canopen_control.service.jog_motion import JogKind, JogLimits, JogScale, parse_quantity
 from canopen_control.service.scope_capture import NamedShot, Shot
@@ -120,9 +120,13 @@ def refusal(controllers: Sequence[ControllerReading], place: NodePlace, axis: in
     if not axis < len(place.joints):
         return f"{place.name} moves no joint of {robot}: there is nothing to tune."
     joint = place.joints[axis]
-    if any(takes_targets(each, joint) for each in controllers):
+    if any(takes_targets(controller, joint) for controller in controllers):
         return ""
-    users = [each.name for each in controllers if each.active and joint in each.joints and not each.is_broadcaster]
+    users = [
+        controller.name
+        for controller in controllers
+        if controller.active and joint in controller.joints and not controller.is_broadcaster
+    ]
     if not users:
         return f"No active controller takes a target for {joint}, and a run needs one."
     return (
@@ -151,18 +155,18 @@ def tune(
     session: NodeSession,
     work: JobProgress,
     client: RobotClient,
-    found: TuneFound,
+    result: TuneFound,
     presence: PagePresence,
     run: Callable[..., TuneRun] = TuneRun,
 ) -> str:
     """Excite an axis of a node within its limits, and keep what it shows; the sentence at its end."""
-    wish, request = found.wish, found.wish.request
+    wish, request = result.wish, result.wish.request
     wish.check()
     mode = "PV" if request.kind is JogKind.VELOCITY else "TQ"
     drive = drive_of_robot(client, session.name or str(session.node_id), wish.axis, mode)
     excitation = request.excitation(SCALE)
 
-    client.ask(Tell(kind="tune", text=f"page: {request.words(SCALE)} of {drive.joint}"))
+    client.ask(PublishEvent(kind="tune", text=f"page: {request.words(SCALE)} of {drive.joint}"))
 
     def told(seconds: float) -> None:
         presence.check()
@@ -178,28 +182,29 @@ def tune(
         torque_index=torque_index_of(wish.axis),
         told=told,
     ).run()
-    found.curves = curves_of(record, request)
-    found.lines = report(record, request, SCALE, None)
+    result.curves = curves_of(record, request)
+    result.lines = report(record, request, SCALE, None)
     if request.test is TuneTest.BODE:
-        found.bode = bode_of(record, request)
+        result.bode = bode_of(record, request)
     if request.test is TuneTest.IDENTIFY:
         try:
-            found.gains = proposed(identified(record), request)
+            result.gains = proposed(identified(record), request)
         except ConfigError:
-            found.gains = None  # the lines say why
+            result.gains = None  # the lines say why
     lost = f"; {record.lost} of {record.lost + len(record.samples)} cycles were lost" if record.lost else ""
     return f"{session.name}: {request.test.value} done, stopped and disabled{lost}"
 
 
 def curves_of(record: TuneRecord, request: TuneRequest) -> NamedShot:
     """Return a record as a shot, over the seconds since its first sample."""
-    what = "rad/s" if request.kind is JogKind.VELOCITY else "1/1000 of the rated torque"
+    unit = "rad/s" if request.kind is JogKind.VELOCITY else "1/1000 of the rated torque"
     rows = tuple(
-        (record.seconds(each), (each.command, each.velocity, each.position, each.effort)) for each in record.samples
+        (record.seconds(sample), (sample.command, sample.velocity, sample.position, sample.effort))
+        for sample in record.samples
     )
-    known = any(each.effort is not None for each in record.samples)
-    names, units = ("command", "velocity", "position", "torque"), (what, "rad/s", "rad", "1/1000 of the rated torque")
-    return NamedShot(Shot(rows), names[: 3 + known], units[: 3 + known], request.test.value)
+    has_effort = any(sample.effort is not None for sample in record.samples)
+    names, units = ("command", "velocity", "position", "torque"), (unit, "rad/s", "rad", "1/1000 of the rated torque")
+    return NamedShot(Shot(rows), names[: 3 + has_effort], units[: 3 + has_effort], request.test.value)
 
 
 def apply_gains(

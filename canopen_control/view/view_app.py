@@ -25,7 +25,7 @@ from canopen_control.client import RobotClient, select_robot
 from canopen_control.client.drive_client import shapes_of_world
 from canopen_control.errors import CanopenError, RemoteError
 from canopen_control.host.lifeline import lifeline_fd
-from canopen_control.rpc.messages.robot import Tell
+from canopen_control.rpc.messages.robot import PublishEvent
 from canopen_control.rpc.messages.state import RobotEvent
 from canopen_control.view.drive.drive_view import DriveView
 from canopen_control.view.elements.nicegui_elements import Feed
@@ -118,9 +118,9 @@ class Page:
         self._panels: list[Panel] = []
         columns = {}
         with ui.element("main").classes("cc-page") as main:
-            for where in ("side", "middle", "right"):
-                with ui.element("div").classes(f"cc-{where}") as columns[where]:
-                    self._panels += [self._make(slot) for slot in PANELS if slot.where == where]
+            for column in ("side", "middle", "right"):
+                with ui.element("div").classes(f"cc-{column}") as columns[column]:
+                    self._panels += [self._make(slot) for slot in PANELS if slot.where == column]
             self._drive = DriveView(context, main, columns["side"], _query())
         self._feed = Feed()
 
@@ -145,15 +145,15 @@ class Page:
 
     def changes(self, content: PageContent) -> FeedMessage:
         """Return what the feed has to tell this page: what of the content has changed since the last time."""
-        found: FeedMessage = {}
+        message: FeedMessage = {}
         if content.commanded != self._commanded:
             self._commanded = content.commanded
-            found["titles"] = titles(content.commanded, self._linear)
+            message["titles"] = titles(content.commanded, self._linear)
         if bool(content.lost) is not self._lost:
-            self._lost = found["lost"] = bool(content.lost)
+            self._lost = message["lost"] = bool(content.lost)
         if content.state.latched is not self._latched:
-            self._latched = found["latched"] = content.state.latched
-        return found
+            self._latched = message["latched"] = content.state.latched
+        return message
 
     def send(self, data: FeedMessage) -> None:
         """Send to the page's scene and plots; nothing at all says that the view is alive."""
@@ -186,16 +186,16 @@ class ViewApp:
     """
 
     def __init__(
-        self, name: str | None, host: str, port: int | None, *, teleop: bool, say: Callable[[str], None]
+        self, name: str | None, host: str, port: int | None, *, teleop: bool, report: Callable[[str], None]
     ) -> None:
-        self.name, self.teleop, self._say = select_robot(name), teleop, say
+        self.name, self.teleop, self._say = select_robot(name), teleop, report
         listener = listen(host, port, killed_port(self.name, host))
         port = listener.getsockname()[1]
         self._address = PageAddress(self.name, host, port)
         self.rules = AccessRules(host, port, self._address.token)
         self._lifeline = lifeline_fd()
         self.server = PageServer(listener, self.rules, self.name, self._build, self.stop)
-        silence(say)
+        silence(report)
         self._connection: RobotConnection | None = None
         self._lost, self._heard, self._silent = f"robot {self.name} is not connected", 0.0, False
         self._pages: dict[str, Page] = {}
@@ -232,7 +232,7 @@ class ViewApp:
             await self.server.serve(self._begin)
         finally:
             self._address.end()
-            self._dead_man.let_go()
+            self._dead_man.release()
             self.player.end()
             self._leave()
             for task in self._tasks:
@@ -290,16 +290,16 @@ class ViewApp:
             else await in_thread(partial(connection.ask, request))
         )
 
-    def hold(self, page: str, motion: TeleopCommands, told: Callable[[str], None]) -> None:
+    def hold(self, page: str, motion: TeleopCommands, on_refusal: Callable[[str], None]) -> None:
         """Take note that a page holds a button; `told` gets a sentence if it may not drive."""
         if page not in self._pages or not self.teleop:
             return  # it was closed while this was on its way
         if not self._dead_man.hold(page, motion, time.monotonic_ns()):
-            told("another page drives; it has to let go first")
+            on_refusal("another page drives; it has to let go first")
         elif self._letting_go is None:
             self._watch_hold()
 
-    def let_go(self, page: str) -> None:
+    def release(self, page: str) -> None:
         """End what a page drives, now."""
         self._dead_man.leave(page)
 
@@ -430,7 +430,7 @@ class ViewApp:
             if robot is not None and self._pages and robot.state.true_pose is not None:
                 nodes = [(node.channel, node.node_id) for node in robot.info.nodes]
                 shapes = await in_thread(partial(shapes_of_world, nodes)) or robot.info.world
-                news, moves = robot.world.take(shapes, robot.state), any(each.moves for each in shapes)
+                news, moves = robot.world.take(shapes, robot.state), any(shape.moves for shape in shapes)
                 if news is not None:
                     for page in list(self._pages.values()):
                         page.send({"world": news})
@@ -485,7 +485,7 @@ class ViewApp:
         Events are recorded, reported and published as ROS topics; `run` prints the token from `page_addresses`.
         """
         if self._lifeline is not None:
-            connection.send(Tell(kind="view", text=f"view: {self.rules.place}"))
+            connection.send(PublishEvent(kind="view", text=f"view: {self.rules.place}"))
             self._say(f"view: {self.rules.place}")
         else:
             self._say(f"view: {self.rules.url}")
@@ -539,4 +539,4 @@ def main(name: str | None, host: str, port: int | None, *, teleop: bool) -> None
         sys.stdout.write(f"{text}\n")
         sys.stdout.flush()
 
-    asyncio.run(ViewApp(name, host, port, teleop=teleop, say=say).run())
+    asyncio.run(ViewApp(name, host, port, teleop=teleop, report=say).run())

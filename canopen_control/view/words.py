@@ -89,14 +89,14 @@ def banner(state: StateSample) -> Banner:
         return Banner(
             "STOP is latched", BAD, f"Latched{by}: nothing moves.", "Press Release STOP, then Enable.", "release"
         )
-    known = _ROBOT.get(state.state.replace(" ", "_"), Banner(state.state or "unknown", WARN))
-    if known.tone == BAD:
-        return replace(known, cause=_causes(axis_rows(state)))
+    result = _ROBOT.get(state.state.replace(" ", "_"), Banner(state.state or "unknown", WARN))
+    if result.tone == BAD:
+        return replace(result, cause=_causes(axis_rows(state)))
     off = [axis for node in state.nodes.values() for axis in node.axes if not axis.enabled]
-    if known.action == "enable" or (known.tone == GOOD and off):  # a stop that has ended leaves the drives disabled
-        who = _who_is_off(off, sum(len(node.axes) for node in state.nodes.values()))
-        return replace(NEEDS_ENABLE, cause=state.hint or who)
-    return known
+    if result.action == "enable" or (result.tone == GOOD and off):  # a stop that has ended leaves the drives disabled
+        drives = _who_is_off(off, sum(len(node.axes) for node in state.nodes.values()))
+        return replace(NEEDS_ENABLE, cause=state.hint or drives)
+    return result
 
 
 def _who_is_off(off: list[AxisReading], axes: int) -> str:
@@ -116,8 +116,8 @@ def lost_banner(why: str) -> Banner:
 
 def _causes(rows: Iterable[AxisRow]) -> str:
     """Say which drives are in a fault or missing, and why."""
-    told = dict.fromkeys(f"{row.node}: {row.error or row.state}" for row in rows if row.tone == BAD)
-    return " · ".join(told) or "A drive is missing or in a fault."
+    texts = dict.fromkeys(f"{row.node}: {row.error or row.state}" for row in rows if row.tone == BAD)
+    return " · ".join(texts) or "A drive is missing or in a fault."
 
 
 def axis_rows(state: StateSample) -> list[AxisRow]:
@@ -198,19 +198,21 @@ def joint_table(joints: Mapping[str, JointReading], linear: frozenset[str], comm
         )
         if joint.tracking is not None:  # below the joint: a column of it is wider than a card
             lines.append(f"<tr class='cc-tracking'><td colspan='5'>{_tracking(joint.tracking, unit)}</td></tr>")
-    titles = "".join(f"<th>{each}</th>" for each in _JOINT_TITLES)
+    titles = "".join(f"<th>{joint_title}</th>" for joint_title in _JOINT_TITLES)
     return f"<table class='cc-table cc-joints'><tr>{titles}</tr>{''.join(lines)}</table>"
 
 
 _JOINT_TITLES: Final = ("joint", "position", "velocity", "effort", "command")
 
 
-def _tracking(each: TrackingReading, unit: str) -> str:
+def _tracking(reading: TrackingReading, unit: str) -> str:
     """Return the largest error of the last seconds and its RMS, and what was repeated or skipped, as HTML."""
-    per = "" if each.interface == "position" else "/s"
-    odd = [f"{count} {what}" for count, what in ((each.repeated, "repeated"), (each.skipped, "skipped")) if count]
-    words = ", ".join([f"{each.error_rms:.2g}", *odd])
-    return f"tracking error {each.error_max:.2g}<small>{unit}{per}, RMS {words}</small>"
+    per = "" if reading.interface == "position" else "/s"
+    odd = [
+        f"{count} {title}" for count, title in ((reading.repeated, "repeated"), (reading.skipped, "skipped")) if count
+    ]
+    words = ", ".join([f"{reading.error_rms:.2g}", *odd])
+    return f"tracking error {reading.error_max:.2g}<small>{unit}{per}, RMS {words}</small>"
 
 
 def _number(value: float | None) -> str:
@@ -266,9 +268,9 @@ def quirk_text(quirk: QuirkListing | None) -> str:
     return f"<p class='cc-note'>The drive {escape(quirk.does)}.{strength}<br>{source}</p>"
 
 
-def active_faults(found: Mapping[str, Iterable[str]]) -> str:
+def active_faults(active: Mapping[str, Iterable[str]]) -> str:
     """Say which faults are on, by drive, as HTML."""
-    lines = [f"{escape(drive)}: {escape(', '.join(names))}" for drive, names in found.items() if names]
+    lines = [f"{escape(drive)}: {escape(', '.join(names))}" for drive, names in active.items() if names]
     if not lines:
         return "<p class='cc-note'>No fault is on.</p>"
     return f"<p class='cc-note cc-on'><b>On now:</b><br>{'<br>'.join(lines)}</p>"

@@ -49,7 +49,9 @@ class WorldView:
         x, y, turn = truth.odom
         cosine, sine = math.cos(turn), math.sin(turn)
         place = [-(cosine * x + sine * y), sine * x - cosine * y, -turn]
-        drawn = WorldDocument(place=[round(each, 4) + 0.0 for each in place], shapes=[_drawn(each) for each in shapes])
+        drawn = WorldDocument(
+            place=[round(number, 4) + 0.0 for number in place], shapes=[_drawn(shape) for shape in shapes]
+        )
         if drawn == self.document:
             return None
         self.document = drawn

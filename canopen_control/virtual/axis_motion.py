@@ -120,10 +120,10 @@ class VelocityLoop:
         for point in range((start_ns // PERIOD_NS + 1) * PERIOD_NS, end_ns + 1, PERIOD_NS):
             self._push(plant, clock, point)
             position, velocity = demand.at(point)
-            known = self.fed[0] or (velocity if velocity_only else velocity * self.gains.feed_forward)
+            fed_velocity = self.fed[0] or (velocity if velocity_only else velocity * self.gains.feed_forward)
             if not velocity_only:
-                known += self.gains.position_p * (position - plant.position)
-            self._control(known - plant.velocity, limit, plant)
+                fed_velocity += self.gains.position_p * (position - plant.position)
+            self._control(fed_velocity - plant.velocity, limit, plant)
             clock = point
         self._push(plant, clock, end_ns)
 
@@ -134,12 +134,12 @@ class VelocityLoop:
     def _control(self, lacking: float, limit: float, plant: Plant) -> None:
         """Compute the torque until the next point; at a limit, of the loop or the motor, the integrator stops."""
         gains = self.gains
-        wanted = gains.velocity_p * lacking + self._integral + self.fed[1]
-        held = max(-limit, min(limit, wanted))
-        bounded = held != wanted or abs(plant.torque) < abs(self._torque) * (1.0 - 1e-9)
-        if not bounded or lacking * wanted < 0.0:
+        effort = gains.velocity_p * lacking + self._integral + self.fed[1]
+        limited = max(-limit, min(limit, effort))
+        bounded = limited != effort or abs(plant.torque) < abs(self._torque) * (1.0 - 1e-9)
+        if not bounded or lacking * effort < 0.0:
             self._integral += gains.velocity_i * lacking * _PERIOD_S
-        self._torque = held
+        self._torque = limited
 
 
 _MS = 1_000_000
@@ -274,7 +274,7 @@ class AxisMotion:
     # -- motion
 
     @property
-    def standing(self) -> bool:
+    def at_standstill(self) -> bool:
         """Whether the plant stands still."""
         return abs(self.plant.velocity) < 0.5
 
@@ -356,11 +356,11 @@ class AxisMotion:
 
     def watch_index(self, now: int) -> None:
         """Wait for the next index pulse of the demand, if it is awaited."""
-        found = self.owner.next_index(self.demand, now) if self.torque is None else None
-        if found is None:
+        place = self.owner.next_index(self.demand, now) if self.torque is None else None
+        if place is None:
             self.cancel("index")
         else:
-            self.at("index", found[0], lambda then: self._index(found[1], then))
+            self.at("index", place[0], lambda then: self._index(place[1], then))
 
     def _index(self, place: float, now: int) -> None:
         self.owner.index_passed(place)
@@ -377,7 +377,7 @@ class AxisMotion:
         error = 0.0 if self._drifts else position - self.plant.position
         if not self._drifts:
             self.owner.judge_following_error(error, now)
-        if velocity or now < self.demand.end_ns or abs(error) >= 0.5 or not self.standing:
+        if velocity or now < self.demand.end_ns or abs(error) >= 0.5 or not self.at_standstill:
             self.at("follow", now + FOLLOW_NS, self._follow)
 
     def _judge_again(self, plant: CoupledPlant, now: int) -> None:
@@ -397,7 +397,7 @@ class AxisMotion:
     def _sample(self, now: int) -> None:
         self.owner.sampled()
         moving = self.powered and (now < self.demand.end_ns or self.demand.final_velocity or self.torque is not None)
-        if (moving or not self.standing) and self.owner.wants_samples():
+        if (moving or not self.at_standstill) and self.owner.wants_samples():
             self.at("sample", now + SAMPLE_NS, self._sample)
 
 

@@ -103,7 +103,7 @@ def _check(file: BusGroup, _problems: Problems) -> None:
                 bus.here.error(f"{text!r} is no node id: 1 to {MAX_NODE_ID}")
 
 
-def run_group(path: Path, say: Callable[[str], None], like: Personality | None = None) -> int:
+def run_group(path: Path, report: Callable[[str], None], like: Personality | None = None) -> int:
     """Run the drives of a file until a signal, all with one personality; return the exit code.
 
     EdsError and ConfigError if a drive cannot be started, BusError for a channel.
@@ -115,28 +115,36 @@ def run_group(path: Path, say: Callable[[str], None], like: Personality | None =
             label = f"drives {', '.join(bus.nodes)}"
             port = open_port(bus.channel, label=label)
             cleanup.callback(port.close)
-            waiting.append((port, label, NodeIdCheck(reactor, port, [int(each) for each in bus.nodes])))
+            waiting.append((port, label, NodeIdCheck(reactor, port, [int(node) for node in bus.nodes])))
         world = cleanup.enter_context(contextlib.closing(open_world(file, path)))
         for note in world.notes:
-            say(f"{WORLD_NOTE}{note}")
-        made = []
+            report(f"{WORLD_NOTE}{note}")
+        drives = []
         for (name, bus_name, bus), (port, label, check) in zip(_buses(file), waiting, strict=True):
             side = world.side(name if file.world else "", "" if bus_name == MAIN else bus_name)
-            made.append(_nodes(bus, path, port, label, side, say, like))
+            drives.append(_nodes(bus, path, port, label, side, report, like))
             check.finish()
-        return DriveProcess(reactor, made, say).run()
+        return DriveProcess(reactor, drives, report).run()
 
 
 def _buses(file: BusGroup) -> list[tuple[str, str, BusFile]]:
-    return [(name, each, bus) for name, robot in file.robots.items() for each, bus in robot.buses.items()]
+    return [(name, bus_name, bus) for name, robot in file.robots.items() for bus_name, bus in robot.buses.items()]
 
 
 def _nodes(
-    bus: BusFile, path: Path, port: Port, label: str, world: World, say: Callable[[str], None], like: Personality | None
+    bus: BusFile,
+    path: Path,
+    port: Port,
+    label: str,
+    world: World,
+    report: Callable[[str], None],
+    like: Personality | None,
 ) -> BusNodes:
     """Return the nodes of a bus on their side of the world."""
-    others = {int(node): path.parent / eds for node, eds in bus.nodes.items()}
-    devices = make_devices(list(others), next(iter(others.values())), say, others=others, world=world, like=like)
+    eds_files = {int(node): path.parent / eds for node, eds in bus.nodes.items()}
+    devices = make_devices(
+        list(eds_files), next(iter(eds_files.values())), report, others=eds_files, world=world, like=like
+    )
     return BusNodes(port, devices.nodes, partial(reopen, bus.channel, label), world=world)
 
 

@@ -72,13 +72,13 @@ class ErrorControl:
         self._off_the_bus = False
         self.function: PoweredAxis | None = None  # of a device that is no drive
 
-    def watch(self, wanted: Mapping[int, int]) -> None:
+    def watch(self, periods: Mapping[int, int]) -> None:
         """Monitor the heartbeats of exactly these nodes: node id to consumer time in ns."""
         present = self._heartbeats.watched()
-        for node_id in present.keys() - wanted.keys():
+        for node_id in present.keys() - periods.keys():
             self._heartbeats.unwatch(node_id)
             self._clear_if_all_heard()
-        for node_id, timeout in wanted.items():
+        for node_id, timeout in periods.items():
             if present.get(node_id) != timeout:
                 self._heartbeats.watch(node_id, timeout)
 
@@ -86,12 +86,12 @@ class ErrorControl:
         """React to an event of the heartbeat consumer or of guarding."""
         node_id = event.node_id if isinstance(event, HeartbeatEvent) else 0
         if event.kind in (HeartbeatEventKind.MISSED, GuardingEventKind.MISSED):
-            self._outbox.tell(HeartbeatMissed(node_id, missed=True))
+            self._outbox.publish(HeartbeatMissed(node_id, missed=True))
             self._outbox.emergency(HEARTBEAT_ERROR, ErrorRegister.COMMUNICATION, self._model.communication_data)
             self._stop_axes(now)
             self._leave_operational()
         elif event.kind in (HeartbeatEventKind.RESOLVED, GuardingEventKind.RESOLVED):
-            self._outbox.tell(HeartbeatMissed(node_id, missed=False))
+            self._outbox.publish(HeartbeatMissed(node_id, missed=False))
             self._clear_if_all_heard()
 
     def bus_event(self, kind: BusEventKind, now: int) -> None:
@@ -204,7 +204,7 @@ class CommunicationObjects:
         A serial number in the file is ignored: two devices with this file would have the same one.
         """
         device, store = self._store.od.device, self._store
-        known: dict[Address, Value | None] = {
+        values: dict[Address, Value | None] = {
             (0x1018, 1): device.vendor_number,
             (0x1018, 2): device.product_number,
             (0x1018, 3): device.revision_number,
@@ -214,7 +214,7 @@ class CommunicationObjects:
             (0x100A, 0): "canopen_control",
             **more,
         }
-        for (index, subindex), value in known.items():
+        for (index, subindex), value in values.items():
             entry = store.od.get(index, subindex)
             if entry is None or value is None:
                 continue
@@ -285,9 +285,9 @@ class CommunicationObjects:
     def _check_consumer(self, entry: Entry, value: Value) -> Value:
         """Refuse two entries for one node (CiA 301, 7.5.2.19)."""
         node_id, ms = parse_consumer_entry(int(value))
-        others = [sub for sub in self._store.od.subindices(0x1016)[1:] if sub != entry.subindex]
-        taken = [parse_consumer_entry(self._store.number(0x1016, sub)) for sub in others]
-        if ms and any(other == node_id and time for other, time in taken):
+        entries = [sub for sub in self._store.od.subindices(0x1016)[1:] if sub != entry.subindex]
+        consumers = [parse_consumer_entry(self._store.number(0x1016, sub)) for sub in entries]
+        if ms and any(consumer == node_id and time for consumer, time in consumers):
             raise SdoServerAbort(AbortCode.PARAMETER_INCOMPATIBLE)
         return value
 

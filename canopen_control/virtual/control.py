@@ -84,7 +84,7 @@ class NodeMethods:
 
     def _faults(self, _request: messages.ListFaults) -> tuple[FaultListing, ...]:
         active = self._switches.active
-        shown = [each for each in FAULTS.values() if each.fits(self._node)]
+        shown = [fault for fault in FAULTS.values() if fault.fits(self._node)]
         return tuple(fault.listing(on=fault.name in active) for fault in shown)
 
     def _switch_fault(self, request: messages.SwitchFault) -> ActiveFaults:
@@ -105,8 +105,10 @@ class NodeMethods:
     def _tell_world(self, _request: messages.GetWorld) -> WorldState:
         if self._world is None:
             return WorldState()
-        told = self._world.describe()
-        return WorldState(told.base, told.others, told.sensors, changeable=isinstance(self._world, AcceptsEvents))
+        world_state = self._world.describe()
+        return WorldState(
+            world_state.base, world_state.others, world_state.sensors, changeable=isinstance(self._world, AcceptsEvents)
+        )
 
     def _tell_shapes(self, _request: messages.GetWorldShapes) -> tuple[WorldShape, ...]:
         return self._world.shapes() if isinstance(self._world, HasScenery) else ()
@@ -124,8 +126,8 @@ class NodeMethods:
     def _set_signals(self, request: messages.SetSignals) -> Done:
         node, now = self._node, self._host.reactor.now()
         if node.function is None:
-            what = "a drive" if node.drives else "a device of no profile that is known"
-            raise ConfigError(f"node {node.node_id} ({node.name}) has no signals to set: it is {what}")
+            device = "a drive" if node.drives else "a device of no profile that is known"
+            raise ConfigError(f"node {node.node_id} ({node.name}) has no signals to set: it is {device}")
         node.function.set_signals(request.values, now)
         node.tick(now)
         return Done()

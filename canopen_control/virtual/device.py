@@ -60,17 +60,17 @@ class ParameterFile:
     `say` takes sentences: what the file holds and no node took, and why a writing did not work.
     """
 
-    def __init__(self, path: Path, say: Callable[[str], None]) -> None:
-        self.path, self._say = path, say
+    def __init__(self, path: Path, report: Callable[[str], None]) -> None:
+        self.path, self._say = path, report
         self._nodes = self._read()
         self._keys: dict[VirtualNode, str] = {}
 
     def node_id(self, started_with: int) -> int:
         """Return the node id that LSS stored for the node started with another, or that one."""
         record = self._nodes.get(str(started_with), {})
-        found = record.get("node_id", started_with)
-        possible = isinstance(found, int) and (1 <= found <= MAX_NODE_ID or found == UNCONFIGURED)
-        return int(found) if possible else started_with
+        stored = record.get("node_id", started_with)
+        possible = isinstance(stored, int) and (1 <= stored <= MAX_NODE_ID or stored == UNCONFIGURED)
+        return int(stored) if possible else started_with
 
     def attach(self, node: VirtualNode, started_with: int) -> None:
         """Give a node what is stored for it, before its power-on, and keep what it stores from now on."""
@@ -289,7 +289,7 @@ class Devices:
 def make_devices(
     node_ids: Sequence[int],
     eds: Path,
-    say: Callable[[str], None],
+    report: Callable[[str], None],
     *,
     faults: Sequence[str] = (),
     quirks: Sequence[str] = (),
@@ -298,7 +298,7 @@ def make_devices(
     store: Path | None = None,
     scenario: Path | None = None,
     plant: Path | None = None,
-    others: Mapping[int, Path] | None = None,
+    eds_files: Mapping[int, Path] | None = None,
     world: World | None = None,
 ) -> Devices:
     """Make all that a process of virtual drives consists of; what is wrong in a file is told before anything runs.
@@ -307,15 +307,15 @@ def make_devices(
     node's, see `launch.Options`; `others` are the EDS files of nodes that have another one, `world` is a world that is
     there already. A node that LSS gave another id, in an earlier process with the same store, starts with that one.
     """
-    files = {node_id: eds if others is None else others.get(node_id, eds) for node_id in node_ids}
+    files = {node_id: eds if eds_files is None else eds_files.get(node_id, eds) for node_id in node_ids}
     ods = {file: read_eds(file, node_ids[0]).od for file in files.values()}
     if UNCONFIGURED in node_ids and not ods[files[UNCONFIGURED]].device.lss_supported:
         raise ConfigError(f"{files[UNCONFIGURED]}: it has no LSS, so a node without an id (255) could never get one")
     timeline = () if scenario is None else _timeline(scenario, node_ids)
     world = world or (IndependentPlants() if plant is None else _world(plant))
     for note in world.notes if isinstance(world, ReportsAssumptions) else ():
-        say(f"{WORLD_NOTE}{note}")
-    file = None if store is None else ParameterFile(store, say)
+        report(f"{WORLD_NOTE}{note}")
+    file = None if store is None else ParameterFile(store, report)
     nodes = [
         _node(
             ods[files[node_id]],

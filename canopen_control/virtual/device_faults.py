@@ -193,8 +193,8 @@ def _undefined(_word: int) -> int:
 def no_state(drive: VirtualDrive, on: bool, _now: int) -> None:
     """Show a statusword that is no state."""
     statusword = drive.readings.statusword
-    others = tuple(change for change in statusword.changes if change is not _undefined)
-    statusword.changes = (*others, _undefined) if on else others
+    changes = tuple(change for change in statusword.changes if change is not _undefined)
+    statusword.changes = (*changes, _undefined) if on else changes
 
 
 def inputs(kind: str) -> Switch:

@@ -110,7 +110,7 @@ class DriveModes:
         axis = self._axis
         number = axis.objects.number(o.MODES_OF_OPERATION)
         if number != self.number:
-            axis.outbox.tell(ModeChanged(axis.objects.axis, number))
+            axis.outbox.publish(ModeChanged(axis.objects.axis, number))
         self.active.reset()
         axis.mover.cancel("homing", "window")
         axis.mover.velocity_mode = number in _VELOCITY_MODES and not axis.objects.model.ramps_positions

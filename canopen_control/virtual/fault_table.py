@@ -227,7 +227,7 @@ class Fault:
         """Whether a node can show it."""
         function = node.function
         if self.acts == "output":
-            return function is not None and any(each.output for each in function.describe())
+            return function is not None and any(signal.output for signal in function.describe())
         parts = {"input": function is not None, "axis": bool(node.drives), "program": node.program is not None}
         return parts.get(self.acts, True)
 
@@ -426,7 +426,7 @@ class FaultSwitches:
             self._flood_at = now if on else None
         if fault.second_node:
             self._second = second_node(self._node, now) if on else None
-        self._node.outbox.tell(FaultSwitched(name, on))
+        self._node.outbox.publish(FaultSwitched(name, on))
         if fault.switched is not None:
             fault.switched(self._node, on, now)
             if on and fault.once:
@@ -501,7 +501,7 @@ class FaultSwitches:
 
     def _off(self, name: str) -> None:
         if self._on.pop(name, None) is not None:
-            self._node.outbox.tell(FaultSwitched(name, on=False))
+            self._node.outbox.publish(FaultSwitched(name, on=False))
 
     def _retire(self) -> None:
         """Get out of the way when nothing is on, planned or held."""

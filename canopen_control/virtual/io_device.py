@@ -196,9 +196,9 @@ class IoDevice:
             return signal.index != DIGITAL_INPUTS[0]
         old, new, sub = int(before), int(after), signal.subindex
         number = self._store.number
-        wanted = number(_ANY, sub, 0xFF) & (old ^ new)
-        wanted |= number(_RISING, sub, 0) & new & ~old | number(_FALLING, sub, 0) & old & ~new
-        return bool(wanted)
+        edges = number(_ANY, sub, 0xFF) & (old ^ new)
+        edges |= number(_RISING, sub, 0) & new & ~old | number(_FALLING, sub, 0) & old & ~new
+        return bool(edges)
 
     def _analogue_event(self, signal: Signal, before: float, after: float) -> bool:
         store, sub = self._store, signal.subindex
@@ -310,10 +310,11 @@ class SensorDevice:
         self.signals = {signal.name: signal for signal in signals}
         self._inputs = {name: signal for name, signal in self.signals.items() if not signal.output}
         self.outside = {
-            name: each.value(self.number(each.address), self.gain(each)) for name, each in self._inputs.items()
+            name: channel.value(self.number(channel.address), self.gain(channel))
+            for name, channel in self._inputs.items()
         }
         self.outside.update(dict.fromkeys(self.moving, 0.0))
-        self.outside.update({name: each for name, each in self.begins_with.items() if name in self._inputs})
+        self.outside.update({name: begin for name, begin in self.begins_with.items() if name in self._inputs})
         self.faults, self.overloaded = InputFaults(), False
         self._statuses = {signal.status for signal in self.signals.values()}
         self._moved_at: int | None = None
@@ -324,26 +325,26 @@ class SensorDevice:
 
     def set_signals(self, values: Mapping[str, float], now: int) -> None:
         """See `DeviceFunction`."""
-        known = [*self._inputs, *self.moving]
+        names = [*self._inputs, *self.moving]
         for name in values:
             if name in self.signals and name not in self._inputs:
                 raise ConfigError(f"{name} is an output: what it is the master says")
-            if name not in known:
-                raise ConfigError(f"no signal {name!r}{nearest(name, known)}")
+            if name not in names:
+                raise ConfigError(f"no signal {name!r}{nearest(name, names)}")
         self._move(now)
         self.outside.update(values)
         self.show_all(now)
 
     def describe(self) -> tuple[SignalState, ...]:
         """See `DeviceFunction`."""
-        found = [SignalState(name, self.outside[name], unit=unit) for name, unit in self.moving.items()]
+        signals = [SignalState(name, self.outside[name], unit=unit) for name, unit in self.moving.items()]
         for name, signal in self.signals.items():
             if signal.output:
                 value = signal.value(self.number(signal.address), self.gain(signal))
-                found.append(SignalState(name, 0.0 if self.overloaded else value, output=True))
+                signals.append(SignalState(name, 0.0 if self.overloaded else value, output=True))
             else:
-                found.append(SignalState(name, self.outside[name], unit=signal.unit))
-        return tuple(found)
+                signals.append(SignalState(name, self.outside[name], unit=signal.unit))
+        return tuple(signals)
 
     def break_inputs(self, kind: str, *, on: bool, now: int) -> None:
         """See `DeviceFunction`."""
@@ -386,10 +387,10 @@ class SensorDevice:
                 continue
             kind = entry.data_type
             if kind.is_integer:
-                wanted = round(self.raw_of(signal, value, gain))
-                shown: float = min(max(wanted, kind.minimum), kind.maximum)
+                raw = round(self.raw_of(signal, value, gain))
+                shown: float = min(max(raw, kind.minimum), kind.maximum)
                 if index == signal.index:
-                    self.cut_off(signal, wanted - shown)
+                    self.cut_off(signal, raw - shown)
             else:
                 shown = value
             if self.store.values[entry.address] != shown:
@@ -428,7 +429,7 @@ class SensorDevice:
 
     def next_deadline(self) -> int | None:
         """See `DeviceFunction`."""
-        deadlines = [each for each in (self.faults.next_deadline(), self._moves_at()) if each is not None]
+        deadlines = [deadline for deadline in (self.faults.next_deadline(), self._moves_at()) if deadline is not None]
         return min(deadlines, default=None)
 
     def _moves_at(self) -> int | None:
@@ -475,9 +476,9 @@ class MeasuringDevice(SensorDevice):
     def cut_off(self, signal: Signal, by: float) -> None:
         """Set the bits of an overload beside those that are set from outside."""
         if signal.status is not None and signal.status in self.store.values:
-            wanted = int(self.outside.get(f"status{signal.subindex - 1}", 0.0)) | (2 if by > 0 else 4 if by < 0 else 0)
-            if self.store.values[signal.status] != wanted:
-                self.store.set(*signal.status, wanted)
+            status = int(self.outside.get(f"status{signal.subindex - 1}", 0.0)) | (2 if by > 0 else 4 if by < 0 else 0)
+            if self.store.values[signal.status] != status:
+                self.store.set(*signal.status, status)
                 self._outbox.values_changed()
 
 
@@ -592,7 +593,7 @@ class Encoder(SensorDevice):
 
     def set_signals(self, values: Mapping[str, float], now: int) -> None:
         """See `DeviceFunction`; where it is the shaft says that it sits on."""
-        if self._shaft is not None and (led := [each for each in ("position", "velocity") if each in values]):
+        if self._shaft is not None and (led := [name for name in ("position", "velocity") if name in values]):
             raise ConfigError(f"{led[0]} is that of the shaft it sits on, as the plant file says; move the drive")
         super().set_signals(values, now)
 
@@ -645,7 +646,7 @@ class Inclinometer(SensorDevice):
     def _preset_written(self, entry: Entry, value: Value) -> None:
         """Let the present angle be the preset: the offset is what makes it so."""
         axis = entry.index - 2
-        signal = next((each for each in self.signals.values() if each.index == axis), None)
+        signal = next((signal for signal in self.signals.values() if signal.index == axis), None)
         if signal is not None and isinstance(value, int):
             raw = round(super().raw_of(signal, self.outside[signal.name], self.gain(signal)))
             raw = -raw if int(self.number((axis + 1, 0))) & self._INVERT else raw

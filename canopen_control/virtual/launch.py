@@ -43,7 +43,7 @@ class DriveOptions:
 
 
 def run_drives(
-    node_ids: Sequence[int], eds: Path, channel: str, options: DriveOptions, say: Callable[[str], None]
+    node_ids: Sequence[int], eds: Path, channel: str, options: DriveOptions, report: Callable[[str], None]
 ) -> int:
     """Run the virtual devices of an EDS until told to end; return the exit code.
 
@@ -61,7 +61,7 @@ def run_drives(
             devices = make_devices(
                 node_ids,
                 eds,
-                say,
+                report,
                 faults=options.faults,
                 quirks=options.quirks,
                 like=read_personality(options.like) if options.like else None,
@@ -75,7 +75,7 @@ def run_drives(
             with contextlib.closing(devices.world):
                 again = partial(reopen, channel, label)
                 bus = BusNodes(port, devices.nodes, again, devices.timeline, devices.world)
-                process = DriveProcess(reactor, [bus], say)
+                process = DriveProcess(reactor, [bus], report)
                 return process.run()
         finally:
             port.close()

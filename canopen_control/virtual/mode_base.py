@@ -207,7 +207,7 @@ class SetpointStatistics:
 
     # -- for people
 
-    def tell(self, velocity_unit: float) -> SetPointQuality | None:
+    def quality(self, velocity_unit: float) -> SetPointQuality | None:
         """Return what was found, in units of which one has `velocity_unit` counts; None: no cyclic mode so far."""
         if not self.used:
             return None
@@ -307,7 +307,7 @@ class Mode:
 
     def bits(self) -> int:
         """Return the mode's own bits of the statusword; without a mode bit 10 at standstill."""
-        return REACHED if self.mover.standing else 0
+        return REACHED if self.mover.at_standstill else 0
 
     def unpowered_bits(self) -> int:
         """Return the mode's own bits of the statusword outside operation."""

@@ -119,8 +119,8 @@ def _emergency(event: EmergencyRaised) -> str:
 
 
 def _missed(event: HeartbeatMissed) -> str:
-    who = f"heartbeat of node {event.node_id}" if event.node_id else "guarding"
-    return f"{who} {'lost' if event.missed else 'is back'}"
+    sender = f"heartbeat of node {event.node_id}" if event.node_id else "guarding"
+    return f"{sender} {'lost' if event.missed else 'is back'}"
 
 
 _WORDS: dict[type, Callable[..., str]] = {

@@ -66,11 +66,11 @@ class NodeHost:
         if self._closed:
             return
         self._closed = True
-        self._let_go()
+        self._release()
         if self._timer is not None:
             self._timer.cancel()
 
-    def _let_go(self) -> None:
+    def _release(self) -> None:
         """Leave the port."""
         if self._off:
             return
@@ -121,9 +121,9 @@ class NodeHost:
         listeners = self._routes.get(can_id, ())
         if len(listeners) != 1 or can_id != listeners[0].sdo.request_cob_id:
             return 0
-        if taken := listeners[0].receive_records(records, start, now):
+        if count := listeners[0].receive_records(records, start, now):
             self._touched[listeners[0]] = None
-        return taken
+        return count
 
     def _deliver(self, frame: CanFrame, now: int, touched: dict[VirtualNode, None], sender: object = None) -> None:
         for node in self._routes.get(frame.can_id, ()):
@@ -205,7 +205,7 @@ class NodeHost:
 
     def _lost(self, error: BusClosed) -> None:
         if not self._off:
-            self._let_go()
+            self._release()
             self._tell_all(BusEventKind.CLOSED)
             self.on_closed(error)
 

@@ -122,7 +122,7 @@ class NodeOutbox:
         """Say that values changed which nobody wrote."""
         self.changed = True
 
-    def tell(self, event: object) -> None:
+    def publish(self, event: object) -> None:
         """Note an event for whoever shows them."""
         self._events.put(event)
 
@@ -139,19 +139,19 @@ class NodeOutbox:
     def emergency(self, code: int, register: int, data: bytes = b"") -> None:
         """Raise an error that stays until it is cleared; one that is active already is not said again."""
         if self._emcy.raise_error(code, int(register), self._clock.now, data):
-            self.tell(EmergencyRaised(code, data))
+            self.publish(EmergencyRaised(code, data))
         self.changed = True
 
     def report(self, code: int, register: int, data: bytes = b"") -> None:
         """Say an error that does not stay; one that is active already is not said again."""
         if code not in self._emcy.active:
             self._emcy.report(code, self._clock.now, data, register=int(register))
-            self.tell(EmergencyRaised(code, data))
+            self.publish(EmergencyRaised(code, data))
 
     def clear_error(self, code: int) -> None:
         """Clear one error; no-op where it is not active."""
         if self._emcy.clear_error(code, self._clock.now):
-            self.tell(EmergencyRaised(0))
+            self.publish(EmergencyRaised(0))
             self.changed = True
 
     def clear_errors(self) -> None:

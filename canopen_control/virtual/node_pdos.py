@@ -139,7 +139,7 @@ def concerns_of(entries: Iterable[Entry | None], axes: Mapping[int, AxisPorts]) 
         if axis not in axes or base < 0x6000:
             return ()
         bases.setdefault(axis, set()).add(base)
-    return tuple(Concern(axes[axis], o.CONTROLWORD in found, frozenset(found)) for axis, found in bases.items())
+    return tuple(Concern(axes[axis], o.CONTROLWORD in base, frozenset(base)) for axis, base in bases.items())
 
 
 # The PDO records of a node, 0x1400 to 0x1BFF: the rules of writing them, and what they say.
@@ -195,8 +195,8 @@ class PdoRecords:
     def _lookup(self, index: int, subindex: int) -> MappingTarget | AbortCode:
         entry = self._store.od.get(index, subindex)
         if entry is None:
-            known = self._store.od.subindices(index)
-            return AbortCode.NO_SUBINDEX if known else AbortCode.NO_OBJECT
+            subindices = self._store.od.subindices(index)
+            return AbortCode.NO_SUBINDEX if subindices else AbortCode.NO_OBJECT
         return MappingTarget(entry.data_type.bits or 0, entry.rpdo_mappable, entry.tpdo_mappable)
 
     def _communication_guard(self, rules: PdoRules) -> Guard:
@@ -245,15 +245,15 @@ class PdoRecords:
     def parameters(self, communication: int) -> PdoParameters:
         """Return what a communication record says."""
         number = self._store.number
-        found = PdoParameters.from_value(
+        params = PdoParameters.from_value(
             number(communication, 1, INVALID_BIT),
             transmission_type=number(communication, 2, 255),
             inhibit_time_100us=number(communication, 3),
             event_timer_ms=number(communication, 5),
             sync_start=number(communication, 6),
         )
-        taken = found.enabled and not found.extended and self._users().get(found.cob_id) != communication
-        return replace(found, enabled=False) if taken else found
+        is_free = params.enabled and not params.extended and self._users().get(params.cob_id) != communication
+        return replace(params, enabled=False) if is_free else params
 
     def _mapping(self, record: int) -> list[tuple[MappedObject, Entry | None]]:
         """Return the mapped objects; a record that names what does not exist maps nothing."""
@@ -392,7 +392,7 @@ class PdoExchange:
             for number in numbers:
                 if self.records.is_valid(base + number) and not self._is_valid(base, number):
                     cob_id = self.records.parameters(base + number).cob_id
-                    self._outbox.tell(PdoLeftOff(kind, number + 1, cob_id))
+                    self._outbox.publish(PdoLeftOff(kind, number + 1, cob_id))
 
     def _rebuilt(self, base: int, number: int, _entry: Entry, _value: Value) -> None:
         before = self._is_valid(base, number)
@@ -489,16 +489,16 @@ class PdoExchange:
     def routes(self) -> list[tuple[int, Callable[[CanFrame, int], None]]]:
         """Return the identifiers, with linux/can.h's flags, that the valid PDOs listen to."""
         receivers = [(rpdo.consumer.parameters, self._receiver(rpdo)) for rpdo in self.rpdos.values()]
-        found = [(_can_id(parameters), receive) for parameters, receive in receivers if parameters.enabled]
+        handlers = [(_can_id(parameters), receive) for parameters, receive in receivers if parameters.enabled]
         for producer in (tpdo.producer for tpdo in self.tpdos.values()):
             if producer.parameters.enabled:
-                found += [(_can_id(producer.parameters) | REMOTE_FLAG, producer.receive)]
-        return found
+                handlers += [(_can_id(producer.parameters) | REMOTE_FLAG, producer.receive)]
+        return handlers
 
     def sync_rpdo_handlers(self) -> list[tuple[int, Callable[[CanFrame, int], bool]]]:
         """Return the handlers of RPDOs that only wait for SYNC, by identifier; False: `routes` must process it."""
         parameters = [(rpdo, rpdo.consumer.parameters) for rpdo in self.rpdos.values()]
-        return [(_can_id(each), self._holder(rpdo)) for rpdo, each in parameters if each.enabled]
+        return [(_can_id(params), self._holder(rpdo)) for rpdo, params in parameters if params.enabled]
 
     def _holder(self, rpdo: MappedRpdo) -> Callable[[CanFrame, int], bool]:
         consumer, source = rpdo.consumer, self.input
@@ -549,11 +549,11 @@ class PdoExchange:
 
     def _judge(self, rpdo: MappedRpdo, wrong: set[RpdoEventKind]) -> None:
         """Raise what is wrong with an RPDO, and clear what is wrong with none any more."""
-        gone, rpdo.wrong = rpdo.wrong - wrong, wrong
+        cleared, rpdo.wrong = rpdo.wrong - wrong, wrong
         for kind in wrong:
             self._outbox.emergency(EMCY_OF[kind], ErrorRegister.COMMUNICATION)
-        for kind in gone:
-            if not any(kind in each.wrong for each in self.rpdos.values()):
+        for kind in cleared:
+            if not any(kind in other_rpdo.wrong for other_rpdo in self.rpdos.values()):
                 self._outbox.clear_error(EMCY_OF[kind])
 
     def _apply(self, rpdo: MappedRpdo, data: bytes, now: int) -> None:
@@ -564,32 +564,32 @@ class PdoExchange:
         if rpdo.version == store.version and rpdo.applied == data and not store.ceilings.value:
             self._act_again(rpdo, now)  # the values are in place
             return
-        taken: list[tuple[Entry, Value]] = []
+        applied: list[tuple[Entry, Value]] = []
         refused = self.refused
         for entry, value in zip(rpdo.entries, rpdo.codec.unpack(data), strict=True):
             if entry is None:
                 continue
             try:
-                taken.append((entry, self._store.place(entry, value)))
+                applied.append((entry, self._store.place(entry, value)))
             except SdoServerAbort:
                 self.refused += 1
-        whole = self.refused == refused
-        self._tell_refusal(rpdo, not whole)
-        if whole and rpdo.by_values and rpdo.concerns:
+        is_unchanged = self.refused == refused
+        self._tell_refusal(rpdo, not is_unchanged)
+        if is_unchanged and rpdo.by_values and rpdo.concerns:
             rpdo.applied, rpdo.version = data, store.version
             self._act_again(rpdo, now)
         else:
-            self._act_on(taken, now)
+            self._act_on(applied, now)
 
     def _act_again(self, rpdo: MappedRpdo, now: int) -> None:
         """Let the axes of an RPDO act on its values, which are all in place."""
         for axis, controlword, objects in rpdo.concerns:
             axis.refresh(now, controlword=controlword, set_point=axis.set_point in objects)
 
-    def _act_on(self, taken: list[tuple[Entry, Value]], now: int) -> None:
+    def _act_on(self, applied: list[tuple[Entry, Value]], now: int) -> None:
         """Act on the values of one RPDO, which are all in place: each axis once, its controlword last."""
         axes: dict[int, int] = {}
-        for entry, value in taken:
+        for entry, value in applied:
             base, axis = o.axis_of(entry.index)
             if axis in self._axes and base >= 0x6000:
                 brings = _CONTROLWORD if base == o.CONTROLWORD else 0

@@ -209,11 +209,11 @@ class LoadedPlant:
         """Follow with the position loop on top of the velocity loop, as far as the torque limit lets it."""
         for clock in self._steps(start_ns, end_ns):
             position, velocity = demand.at(clock)
-            known = self.fed_velocity or velocity * self.velocity_feed_forward
-            wanted = known + self._correction(position - self.position)
-            effort = (wanted - self.velocity) / self.velocity_time_constant + demand.acceleration_at(clock)
+            fed = self.fed_velocity or velocity * self.velocity_feed_forward
+            target = fed + self._correction(position - self.position)
+            effort = (target - self.velocity) / self.velocity_time_constant + demand.acceleration_at(clock)
             need = effort * self._mass() + self.viscosity * self.velocity - self.external + self.fed_torque
-            need += math.copysign(self.friction, wanted) if wanted else 0.0
+            need += math.copysign(self.friction, target) if target else 0.0
             self._step(max(-self.torque_limit, min(self.torque_limit, need)))
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
@@ -307,7 +307,7 @@ class SharedWorld(ReportsAssumptions, Protocol):
 class AcceptsEvents(World, Protocol):
     """World that accepts events which no drive causes."""
 
-    def act(self, what: WorldAct) -> None:
+    def act(self, world_act: WorldAct) -> None:
         """Apply an event now; ConfigError for an unknown link or joint."""
 
 

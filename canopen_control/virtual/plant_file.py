@@ -107,9 +107,9 @@ class AxisFile:
 
     def check(self) -> None:
         """Tell numbers that this kind of plant does not have."""
-        known = {field.name for field in dataclasses.fields(_KINDS[self.kind])} - _STATE  # type: ignore[arg-type] # all are dataclasses
-        for name in self.parameters().keys() - known:
-            self.here.error(f"a plant of kind {self.kind} has no {name}; it has: {', '.join(sorted(known))}")
+        fields = {field.name for field in dataclasses.fields(_KINDS[self.kind])} - _STATE  # type: ignore[arg-type] # all are dataclasses
+        for name in self.parameters().keys() - fields:
+            self.here.error(f"a plant of kind {self.kind} has no {name}; it has: {', '.join(sorted(fields))}")
 
     def make(self) -> Plant:
         """Make the plant."""
@@ -175,9 +175,11 @@ class OwnWorld:
         self._axes = {_address(name): axis for name, axis in file.axes.items()}
         self._base: DiffBase | SharedBase | None = None
         self._wheels: list[WheelPlant] = []
-        self._encoders = {_address(name)[0]: each for name, each in file.encoders.items()}
+        self._encoders = {_address(name)[0]: encoder for name, encoder in file.encoders.items()}
         self._shafts: dict[tuple[int, int], Plant] = {}  # that are turned in this process
-        self._files = {each.share: ShaftFile(shared_path(each.share)) for each in self._encoders.values() if each.share}
+        self._files = {
+            encoder.share: ShaftFile(shared_path(encoder.share)) for encoder in self._encoders.values() if encoder.share
+        }
         self.period_ns = _SHAFT_NS if self._encoders else None if file.base is None else 20_000_000
         if file.base is not None:
             separation, share = file.base.wheel_separation, file.base.share
@@ -185,8 +187,8 @@ class OwnWorld:
 
     def plant(self, node_id: int, axis: int) -> Plant:
         """Return the plant of an axis, on the floor where it is a wheel of the base."""
-        made = self._shafts[node_id, axis] = self._made(node_id, axis)
-        return made
+        new_plant = self._shafts[node_id, axis] = self._made(node_id, axis)
+        return new_plant
 
     def shaft(self, node_id: int) -> Callable[[], float | None] | None:
         """See `ShaftWorld`."""

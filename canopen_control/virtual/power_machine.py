@@ -233,7 +233,7 @@ class PowerMachine:
         """Tell why a controlword does nothing, once while it and the reason stay the same."""
         if self._ignored != (self.controlword, why):
             self._ignored = self.controlword, why
-            self._outbox.tell(ControlwordIgnored(self._objects.axis, self.controlword, why))
+            self._outbox.publish(ControlwordIgnored(self._objects.axis, self.controlword, why))
 
     def _stop_as(self, reaction: Reaction, target: State, now: int) -> None:
         self._mover.cancel("transition")
@@ -260,7 +260,7 @@ class PowerMachine:
             self.power_off(now)
         if previous is not state:
             self._ignored = None
-            self._outbox.tell(DriveStateChanged(self._objects.axis, previous, state))
+            self._outbox.publish(DriveStateChanged(self._objects.axis, previous, state))
             self._outbox.values_changed()
 
     def power_off(self, now: int) -> None:
@@ -270,12 +270,12 @@ class PowerMachine:
         self._mover.power(False, now)
         self._motor.released()
 
-    def halt(self, wanted: bool, now: int) -> None:
+    def halt(self, on: bool, now: int) -> None:
         """Controlword bit 8, as 0x605D says; the mode goes on where it was."""
-        if wanted == self.halted or (wanted and not self._motor.can_halt()):
+        if on == self.halted or (on and not self._motor.can_halt()):
             return
-        self.halted = wanted
-        if wanted:
+        self.halted = on
+        if on:
             self._motor.stop(now, self._option(o.HALT_OPTION).reaction)
         else:
             self._motor.start(now)
@@ -306,7 +306,7 @@ class PowerMachine:
         self._objects.set(o.ERROR_CODE, code)
         if self.state in (State.FAULT_REACTION_ACTIVE, State.FAULT):
             return
-        self._outbox.tell(DriveFaulted(self._objects.axis, code))
+        self._outbox.publish(DriveFaulted(self._objects.axis, code))
         powered = self.state in POWERED_STATES and self.voltage.value
         self.enter(State.FAULT_REACTION_ACTIVE, now)
         if powered:

@@ -124,7 +124,7 @@ class ServedBus:
     @property
     def moving(self) -> bool:
         """Whether an axis moves."""
-        return any(not drive.mover.standing for node in self.nodes for drive in node.drives.values())
+        return any(not drive.mover.at_standstill for node in self.nodes for drive in node.drives.values())
 
     @property
     def ready_line(self) -> str:
@@ -144,7 +144,7 @@ class ServedBus:
         if words is None:
             return
         line = f"node {node.node_id}: {words}"
-        self._folded.tell(line, line, _SAME_LINES)
+        self._folded.report(line, line, _SAME_LINES)
         if node in self._controls:
             self._controls[node].push(words)
             if isinstance(event, NodeIdChanged) and self._host is not None:
@@ -161,7 +161,7 @@ class ServedBus:
 
     def _on_bus_event(self, event: BusEvent) -> None:
         """Tell what the controller reports: the first of its kind at once, those of the next seconds in sum."""
-        self._folded.tell(event.kind, event.text, 1)
+        self._folded.report(event.kind, event.text, 1)
 
     def _on_closed(self, error: BusClosed) -> None:
         self.error = error
@@ -193,7 +193,7 @@ class FoldedLog:
         self._counts: dict[Hashable, int] = {}
         self._left_out: dict[Hashable, tuple[str, int]] = {}
 
-    def tell(self, kind: Hashable, text: str, at_most: int) -> None:
+    def report(self, kind: Hashable, text: str, at_most: int) -> None:
         """Write a line, or count it where its kind has had as many as it may."""
         if not self._counts:
             self._reactor.call_later(WINDOW_NS, self._end_window)
@@ -217,8 +217,8 @@ _LOOK_NS = 20 * _MS
 class DriveProcess:
     """The nodes of one process on the opened ports of their buses; `say` takes the lines of the log."""
 
-    def __init__(self, reactor: Reactor, buses: Sequence[BusNodes], say: Callable[[str], None]) -> None:
-        self._reactor, self._say = reactor, say
+    def __init__(self, reactor: Reactor, buses: Sequence[BusNodes], report: Callable[[str], None]) -> None:
+        self._reactor, self._say = reactor, report
         self._buses: list[ServedBus] = []
         for bus in buses:
             log = partial(self._log, f"{bus.port.channel}: " if len(buses) > 1 else "")
@@ -292,8 +292,8 @@ class DriveProcess:
 
     # -- what happens
 
-    def _log(self, where: str, text: str) -> None:
-        line = f"{(self._reactor.now() - self._started) * 1e-9:9.3f} {where}{text}"
+    def _log(self, prefix: str, text: str) -> None:
+        line = f"{(self._reactor.now() - self._started) * 1e-9:9.3f} {prefix}{text}"
         if self._early is None:
             self._say(line)
         else:

@@ -108,7 +108,7 @@ class HomingMode(Mode):
 
     def bits(self) -> int:
         """Return bits 13, 12 and 10 of the table."""
-        still = 0 if self._running and not self._attained else (REACHED if self.mover.standing else 0)
+        still = 0 if self._running and not self._attained else (REACHED if self.mover.at_standstill else 0)
         return still | (BIT_12 if self._attained else 0) | (BIT_13 if self._error else 0)
 
     def deceleration(self) -> float:
@@ -422,7 +422,7 @@ class ProfilePosition(Mode):
 
     def bits(self) -> int:
         """Return bit 10 for the last set-point taken, bit 12 while one is acknowledged, bit 13: following error."""
-        reached = self._reached and (self._target is not None or self.mover.standing)
+        reached = self._reached and (self._target is not None or self.mover.at_standstill)
         return (
             (REACHED if reached else 0)
             | (BIT_12 if self._acknowledged else 0)

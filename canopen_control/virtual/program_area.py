@@ -65,8 +65,8 @@ class FlashError(enum.IntEnum):
 
 def whole_program(content: bytes, *, days: int = 0, milliseconds: int = 0) -> bytes:
     """Return a program that the device takes: the content, a date for 0x1F52 if there is one, and the CRC-32 of it."""
-    whole = content + _DATE.pack(_DATE_MARK, days, milliseconds) if days else content
-    return whole + zlib.crc32(whole).to_bytes(_CRC_BYTES, "little")
+    program = content + _DATE.pack(_DATE_MARK, days, milliseconds) if days else content
+    return program + zlib.crc32(program).to_bytes(_CRC_BYTES, "little")
 
 
 FACTORY_PROGRAM: Final = whole_program(b"canopen_control factory program")
@@ -145,8 +145,8 @@ class ProgramArea:
 
     def reset(self) -> None:
         """Begin anew, with a reset of the node or its power: a whole program runs, unless the reset is to stop it."""
-        wanted, self._next, self.reset_at, self._busy_until = self._next, None, None, 0
-        stopped = wanted is ProgramState.STOPPED
+        requested, self._next, self.reset_at, self._busy_until = self._next, None, None, 0
+        stopped = requested is ProgramState.STOPPED
         self.state = ProgramState.RUNNING if self.is_whole and not stopped else ProgramState.STOPPED
         if not self.is_whole and self.error is FlashError.NONE:
             self.error = FlashError.NO_PROGRAM

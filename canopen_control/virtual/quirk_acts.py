@@ -106,9 +106,9 @@ def _model(change: Callable[[float], dict[str, Any]]) -> AxisAct:
     return lambda hooks, drive, strength: hooks.model(drive, **change(strength))
 
 
-def _attribute(where: Callable[[VirtualDrive], tuple[Any, str]]) -> AxisAct:
+def _attribute(locate: Callable[[VirtualDrive], tuple[Any, str]]) -> AxisAct:
     """Make an act that sets an attribute to the strength, a whole number."""
-    return lambda hooks, drive, strength: hooks.attribute(*where(drive), int(strength))
+    return lambda hooks, drive, strength: hooks.attribute(*locate(drive), int(strength))
 
 
 def _condition(holds: Callable[[VirtualDrive], bool]) -> AxisAct:
@@ -190,11 +190,11 @@ def further_mode(like: OperationMode) -> AxisAct:
         own = int(number)
         drive.modes.add(own, like)
         hooks.later(lambda: drive.modes.remove(own))
-        taken = o.MODES_OF_OPERATION + drive.objects.offset
+        index = o.MODES_OF_OPERATION + drive.objects.offset
         beyond = hooks.node.store.beyond_limits
-        beyond.add((taken, own))
-        hooks.later(partial(beyond.discard, (taken, own)))
-        hooks.guard([taken], lambda entry, value, before: value if value == own else before(entry, value))
+        beyond.add((index, own))
+        hooks.later(partial(beyond.discard, (index, own)))
+        hooks.guard([index], lambda entry, value, before: value if value == own else before(entry, value))
 
     return act
 
@@ -389,10 +389,10 @@ def torque_to_position_faults(hooks: QuirkHooks, drive: VirtualDrive, _strength:
     )
 
     def judge(entry: Entry, value: Value, before: Guard) -> Value:
-        taken = before(entry, value)
-        if drive.state is State.OPERATION_ENABLED and modes.number in torque and taken == OperationMode.CSP:
+        result = before(entry, value)
+        if drive.state is State.OPERATION_ENABLED and modes.number in torque and result == OperationMode.CSP:
             drive.fault(0x8A00, hooks.node.clock.now)
-        return taken
+        return result
 
     hooks.guard([index], judge)
 
@@ -540,8 +540,8 @@ def mapping_swapped(hooks: QuirkHooks, _strength: float) -> None:
     store = hooks.node.store
     first, second = TPDO + 0x200, TPDO + 0x201
     values = [
-        (index, sub, store.number(other, sub))
-        for index, other in ((first, second), (second, first))
+        (index, sub, store.number(swapped, sub))
+        for index, swapped in ((first, second), (second, first))
         for sub in store.od.subindices(index)
     ]
     for index, sub, value in values:
@@ -643,12 +643,12 @@ def stale_answers(hooks: QuirkHooks, _strength: float) -> None:
 
 def first_request_lost(hooks: QuirkHooks, _strength: float) -> None:
     """Answer no SDO request before the second one after the boot-up."""
-    boot, asked = booted(hooks), [-(1 << 62)]
+    boot, last_request = booted(hooks), [-(1 << 62)]
 
     def incoming(node: VirtualNode, frame: CanFrame, now: int) -> CanFrame | None:
-        if not is_sdo_request(node, frame) or asked[0] >= boot():
+        if not is_sdo_request(node, frame) or last_request[0] >= boot():
             return frame
-        asked[0] = now
+        last_request[0] = now
         return None
 
     hooks.incoming.append(incoming)
@@ -672,9 +672,9 @@ def cob_ids_not_stored(hooks: QuirkHooks, _strength: float) -> None:
     store = hooks.node.store
 
     def judge(entry: Entry, value: Value, before: Guard) -> Value:
-        kept = {record: store.power_on.get((record, 1)) for record in pdo_records(hooks.node)}
+        cob_ids = {record: store.power_on.get((record, 1)) for record in pdo_records(hooks.node)}
         answer = before(entry, value)
-        for record, cob_id in kept.items():
+        for record, cob_id in cob_ids.items():
             store.power_on.pop((record, 1), None)
             if cob_id is not None:
                 store.power_on[record, 1] = cob_id
@@ -774,7 +774,7 @@ mode_fixed_while_halted = _condition(lambda drive: not drive.power.controlword &
 mode_fixed_while_enabled = _condition(
     lambda drive: drive.state not in (State.SWITCHED_ON, State.OPERATION_ENABLED) or not drive.modes.number
 )
-mode_fixed_while_moving = _condition(lambda drive: drive.mover.standing)
+mode_fixed_while_moving = _condition(lambda drive: drive.mover.at_standstill)
 mode_delay = _point(lambda drive: drive.modes.delay_ns, lambda seconds: round(seconds * _S))
 only_mode = _axis_refuses(
     AbortCode.INVALID_VALUE, o.MODES_OF_OPERATION, lambda _drive, value, mode: value not in (0, mode)
@@ -796,7 +796,7 @@ homing_without_bit_10 = _word(
     lambda drive, word: word & ~TARGET_REACHED if drive.modes.number == OperationMode.HM else word
 )
 homing_without_bit_12 = _word(lambda drive, word: word & ~BIT_12 if drive.modes.number == OperationMode.HM else word)
-set_point_alone = _takes(lambda drive, _word, now: drive.mover.standing and now >= drive.mover.demand.end_ns)
+set_point_alone = _takes(lambda drive, _word, now: drive.mover.at_standstill and now >= drive.mover.demand.end_ns)
 set_point_needs_bit_5 = _takes(lambda _drive, word, _now: bool(word & IMMEDIATELY))
 homing_zero_refused = _axis_refuses(AbortCode.INVALID_VALUE, o.HOMING_METHOD, lambda _drive, value, _n: value == 0)
 homing_method_fixed = _axis_refuses(

@@ -78,11 +78,11 @@ def _strength(quirk: Quirk, text: str, number: str | None) -> float:
 def check_quirks(settings: Sequence[QuirkSetting]) -> None:
     """Raise ConfigError for quirks that an axis cannot have together."""
     for place, setting in enumerate(settings):
-        for other in settings[:place]:
-            if setting.quirk is other.quirk and setting.meets(other):
-                raise ConfigError(f"quirk {setting.text!r}: {setting.quirk.name} is there already, as {other.text!r}")
-            if setting.quirk.group and setting.quirk.group == other.quirk.group and setting.meets(other):
-                names = f"{other.quirk.name} and {setting.quirk.name}"
+        for earlier in settings[:place]:
+            if setting.quirk is earlier.quirk and setting.meets(earlier):
+                raise ConfigError(f"quirk {setting.text!r}: {setting.quirk.name} is there already, as {earlier.text!r}")
+            if setting.quirk.group and setting.quirk.group == earlier.quirk.group and setting.meets(earlier):
+                names = f"{earlier.quirk.name} and {setting.quirk.name}"
                 raise ConfigError(f"quirk {setting.text!r}: {names} exclude each other; take one of them")
 
 
@@ -131,12 +131,16 @@ class QuirkSwitches:
     def set(self, text: str, on: bool, now: int) -> None:
         """Switch a quirk; on it replaces the same one of that axis, off without an axis it goes off on all."""
         setting = self._fitting(parse_quirk(text))
-        others = [each for each in self._on if each.quirk is not setting.quirk or not each.meets(setting)]
-        settings = [*others, setting] if on else others
+        remaining = [
+            setting_on
+            for setting_on in self._on
+            if setting_on.quirk is not setting.quirk or not setting_on.meets(setting)
+        ]
+        settings = [*remaining, setting] if on else remaining
         check_quirks(settings)
         self._node.advance_drives(now)
         self._hook(settings)
-        self._node.outbox.tell(QuirkSwitched(setting.text, on))
+        self._node.outbox.publish(QuirkSwitched(setting.text, on))
         self._node.outbox.values_changed()
         self._node.follow(now)
 
@@ -148,15 +152,15 @@ class QuirkSwitches:
                 f"quirk {setting.text!r} is one of drives; node {self._node.node_id} is {self._node.name}"
             )
         if setting.axis is not None and setting.axis not in axes:
-            there = f"node {self._node.node_id} has no axis {setting.axis}; it has: {', '.join(map(str, axes))}"
-            raise ConfigError(f"quirk {setting.text!r}: {there}")
+            problem = f"node {self._node.node_id} has no axis {setting.axis}; it has: {', '.join(map(str, axes))}"
+            raise ConfigError(f"quirk {setting.text!r}: {problem}")
         return setting
 
     def _hook(self, settings: Iterable[QuirkSetting]) -> None:
         hooks, node = self._hooks, self._node
         hooks.undo()
         order = list(QUIRKS)
-        self._on = sorted(settings, key=lambda each: (order.index(each.quirk.name), each.axis or 0))
+        self._on = sorted(settings, key=lambda setting: (order.index(setting.quirk.name), setting.axis or 0))
         for setting in self._on:
             if setting.quirk.node is not None:
                 setting.quirk.node(hooks, setting.value)

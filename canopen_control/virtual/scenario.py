@@ -94,11 +94,11 @@ def world_words(act: WorldAct) -> list[tuple[str, str]]:
 
 
 def _list(numbers: Iterable[float]) -> str:
-    return f"[{', '.join(f'{each:g}' for each in numbers)}]"
+    return f"[{', '.join(f'{number:g}' for number in numbers)}]"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Happening:
+class WorldEvent:
     """The keys of a step; a joint that is to `block` may be let go again after a time."""
 
     payload: Payload | None = None
@@ -108,16 +108,16 @@ class Happening:
 
     def acts(self) -> list[WorldAct]:
         """Return what is to happen."""
-        found: list[WorldAct] = []
+        acts: list[WorldAct] = []
         if self.payload is not None:
-            found.append(AddPayload(mass=self.payload.mass, on=self.payload.on, position=self.payload.position))
+            acts.append(AddPayload(mass=self.payload.mass, on=self.payload.on, position=self.payload.position))
         if self.push is not None:
-            found.append(PushRobot(force=self.push.force, on=self.push.on, seconds=self.push.seconds))
+            acts.append(PushRobot(force=self.push.force, on=self.push.on, seconds=self.push.seconds))
         if self.friction is not None:
-            found.append(SetGrip(friction=self.friction))
+            acts.append(SetGrip(friction=self.friction))
         if self.block:
-            found.append(BlockJoint(joint=self.block))
-        return found
+            acts.append(BlockJoint(joint=self.block))
+        return acts
 
 
 _TIME: Final = re.compile(r"(\d+(?:\.\d+)?)\s*(ms|s|min|h)?")
@@ -157,7 +157,7 @@ def nanoseconds_of(value: float | str) -> int:
 
 
 @dataclass(frozen=True)
-class ScenarioStep(Happening):
+class ScenarioStep(WorldEvent):
     """One step of a file; `do`, `target`, `name`, `values`, `times` and `when` are of a robot in virtual time."""
 
     at: float | str
@@ -275,15 +275,15 @@ class Timeline:
         reactor: Reactor,
         controls: Mapping[VirtualNode, NodeControl],
         started_with: Mapping[int, VirtualNode],
-        say: Callable[[str], None],
+        report: Callable[[str], None],
     ) -> None:
-        self._reactor, self._controls, self._nodes, self._say = reactor, controls, started_with, say
+        self._reactor, self._controls, self._nodes, self._say = reactor, controls, started_with, report
         self._start = reactor.now()
 
     def plan(self, switchings: Sequence[Switching]) -> None:
         """Put all on the clock."""
-        for each in switchings:
-            self._reactor.call_at(self._start + each.at_ns, partial(self._play, each))
+        for switching in switchings:
+            self._reactor.call_at(self._start + switching.at_ns, partial(self._play, switching))
 
     def _play(self, switching: Switching) -> None:
         control = self._controls[self._nodes[switching.node_id]]

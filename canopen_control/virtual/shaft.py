@@ -89,10 +89,15 @@ class DiffBase:
 
     def _assume_standing(self) -> None:
         for wheel in (LEFT, RIGHT):
-            other, since = self._next[1 - wheel], self._last[wheel] or self._last[1 - wheel]
-            if not self._next[wheel] and other and since is not None and other[-1][0] - since[0] > SILENT_NS:
+            other_wheel, since = self._next[1 - wheel], self._last[wheel] or self._last[1 - wheel]
+            if (
+                not self._next[wheel]
+                and other_wheel
+                and since is not None
+                and other_wheel[-1][0] - since[0] > SILENT_NS
+            ):
                 last = self._last[wheel] = self._last[wheel] or (since[0], 0.0)
-                self._next[wheel].append((other[-1][0], last[1]))
+                self._next[wheel].append((other_wheel[-1][0], last[1]))
 
     def _step(self, wheel: int, time_ns: int) -> float:
         """Bring a wheel to `time_ns`; return the way it went, on the straight line between its points."""
@@ -105,9 +110,9 @@ class DiffBase:
         self._last[wheel] = (max(time_ns, last[0]), way)
         return way - last[1]
 
-    def _advance(self, left: float, right: float) -> None:
+    def _advance(self, remaining: float, right: float) -> None:
         """Go along the arc that two constant wheel speeds make."""
-        way, turn = 0.5 * (left + right), (right - left) / self.separation
+        way, turn = 0.5 * (remaining + right), (right - remaining) / self.separation
         half = 0.5 * turn
         chord = way * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
         self.x += chord * math.cos(self.heading + half)
@@ -124,15 +129,15 @@ class DiffBase:
             "heading": self.heading,
             "time_ns": self.time_ns,
             "last": self._last,
-            "next": [list(each) for each in self._next],
+            "next": [list(points) for points in self._next],
         }
 
     def load(self, content: _Record) -> None:
         """Take what `dump` gave."""
         self.x, self.y, self.heading = float(content["x"]), float(content["y"]), float(content["heading"])
         self.time_ns = int(content["time_ns"])
-        self._last = [None if each is None else (int(each[0]), float(each[1])) for each in content["last"]]
-        left, right = (deque((int(when), float(way)) for when, way in each) for each in content["next"])
+        self._last = [None if item is None else (int(item[0]), float(item[1])) for item in content["last"]]
+        left, right = (deque((int(when), float(way)) for when, way in item) for item in content["next"])
         self._next = (left, right)
 
 
@@ -209,14 +214,14 @@ def open_shared(path: Path) -> int:
     except OSError as error:
         reason = "it is a symbolic link" if error.errno == errno.ELOOP else error.strerror
         raise ConfigError(f"{path} cannot be shared: {reason}; {_SHARE}") from error
-    found = os.fstat(fd)
+    status = os.fstat(fd)
     problem = ""
-    if not stat.S_ISREG(found.st_mode):
+    if not stat.S_ISREG(status.st_mode):
         problem = "it is no file"
-    elif found.st_uid != os.getuid():
-        problem = f"it belongs to user id {found.st_uid}, not to yours ({os.getuid()})"
-    elif found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        problem = f"others may write to it (mode {stat.S_IMODE(found.st_mode):04o})"
+    elif status.st_uid != os.getuid():
+        problem = f"it belongs to user id {status.st_uid}, not to yours ({os.getuid()})"
+    elif status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        problem = f"others may write to it (mode {stat.S_IMODE(status.st_mode):04o})"
     if problem:
         os.close(fd)
         raise ConfigError(f"{path} cannot be shared: {problem}; {_SHARE}")
@@ -416,8 +421,8 @@ class ShaftFile:
             data = os.pread(fd, _SLOT.size, self._place(node_id, axis))
         finally:
             fcntl.flock(fd, fcntl.LOCK_UN)
-        known, counts = _SLOT.unpack(data.ljust(_SLOT.size, b"\0"))
-        return float(counts) if known == 1 and math.isfinite(counts) else None
+        content, counts = _SLOT.unpack(data.ljust(_SLOT.size, b"\0"))
+        return float(counts) if content == 1 and math.isfinite(counts) else None
 
     def close(self) -> None:
         """Let go of the file."""

@@ -94,7 +94,7 @@ class Statusword:
         enabled = power.state is State.OPERATION_ENABLED
         bits = mode.bits() if enabled else mode.unpowered_bits()
         if not enabled or power.halted:
-            bits = bits & ~TARGET_REACHED | (TARGET_REACHED if self._mover.standing else 0)
+            bits = bits & ~TARGET_REACHED | (TARGET_REACHED if self._mover.at_standstill else 0)
         word = (word | bits) & ~self.suppressed.value
         if self.changes:
             for change in self.changes:
@@ -271,14 +271,14 @@ class TouchProbes:
         period = self._mover.switches.index_period
         ahead = (math.floor(position / period) + 1) * period
         behind = (math.ceil(position / period) - 1) * period
-        found = [(due, place) for place in (ahead, behind) if (due := demand.time_of(place, now)) is not None]
-        return min(found, default=None)
+        candidates = [(due, place) for place in (ahead, behind) if (due := demand.time_of(place, now)) is not None]
+        return min(candidates, default=None)
 
     def _catch(self, probe: int, place: float, *, rising: bool) -> None:
         shift = _SHIFTS[probe]
         function, status = self._armed >> shift, self._objects.number(o.TOUCH_PROBE_STATUS)
-        wanted, caught = (_RISING, _CAUGHT_RISING) if rising else (_FALLING, _CAUGHT_FALLING)
-        if not function & _ENABLE or not function & wanted:
+        armed, caught = (_RISING, _CAUGHT_RISING) if rising else (_FALLING, _CAUGHT_FALLING)
+        if not function & _ENABLE or not function & armed:
             return
         if status >> shift & caught and not function & _CONTINUOUS:
             return
@@ -351,7 +351,7 @@ class VirtualDrive:
             position=self.readings.position(),
             velocity=self.readings.velocity(),
             plant=PlantState(plant.position, plant.velocity, plant.torque),
-            set_points=self.meter.tell(self.objects.units.velocity),
+            set_points=self.meter.quality(self.objects.units.velocity),
         )
 
     # -- objects
@@ -373,7 +373,7 @@ class VirtualDrive:
         store.on_write([controlword], lambda _entry, _value: self.refresh(self._clock.now, controlword=True))
         store.on_write([index + shift for index in TORQUE_LIMITS], lambda _entry, _value: self._limit_torque())
         store.on_write([o.INTERPOLATION_DATA + shift], self._record_written)
-        store.on_write({each.index for each in self._gains.values()}, lambda _entry, _value: self._tune())
+        store.on_write({gain.index for gain in self._gains.values()}, lambda _entry, _value: self._tune())
         mine = {entry.index for entry in store.od if 0x6000 <= entry.index - shift < 0x6800} - {controlword}
         store.on_write(mine, lambda _entry, _value: self.refresh(self._clock.now))
 
@@ -472,7 +472,7 @@ class VirtualDrive:
 
     def _tune(self) -> None:
         """Give the loops the gains that the objects hold; without a P of velocity the drive has tuned itself."""
-        values = {gain: self._gain(each) for gain, each in self._gains.items()}
+        values = {gain: self._gain(place) for gain, place in self._gains.items()}
         speed = self.objects.units.length
         proportional = values.get(LoopGain.VELOCITY_P, 0.0) / speed
         gains = ServoGains(

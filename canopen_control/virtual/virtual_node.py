@@ -207,7 +207,7 @@ class NodeLss:
             if isinstance(event, LssNodeIdAssigned):
                 self._assigned(event.node_id, now)
             elif isinstance(event, LssActivateBitTiming):
-                self._outbox.tell(BitRateActivated(event.bitrate))
+                self._outbox.publish(BitRateActivated(event.bitrate))
 
     def reset(self, *, power: bool) -> int:
         """Take the pending node id (a reset), or the stored one (a power-on); return it."""
@@ -341,9 +341,9 @@ class VirtualNode:
             self.sdo,
             self.pdos,
         )
-        others = [part for part in (self.function, self.program) if part is not None]
+        parts = [part for part in (self.function, self.program) if part is not None]
         movers = [drive.mover for drive in self.drives.values()]
-        self._deadlines = tuple(part.next_deadline for part in (*self._cores, *movers, *others))
+        self._deadlines = tuple(part.next_deadline for part in (*self._cores, *movers, *parts))
         first = (self.nmt.outgoing, self.emcy.outgoing, self.heartbeat.outgoing, self.guarding.outgoing)
         last = (outbox.outgoing,) if self.lss is None else (self.lss.slave.outgoing, outbox.outgoing)
         # what is sent before process data and answers, and after
@@ -560,7 +560,7 @@ class VirtualNode:
 
     def _state_changed(self, event: NmtStateChanged, now: int) -> None:
         state = event.state
-        self.outbox.tell(event)
+        self.outbox.publish(event)
         self.heartbeat.state = self.guarding.state = state
         self.emcy.allowed = state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL)
         if state is NmtState.OPERATIONAL and (self.program is None or self.program.runs):
@@ -631,7 +631,7 @@ class VirtualNode:
         for core in (self.nmt, self.heartbeat, self.guarding, self.emcy, self.sdo):
             core.node_id = node_id
         self.sdo.request_cob_id, self.sdo.answer_cob_id = REQUEST_BASE + node_id, ANSWER_BASE + node_id
-        self.outbox.tell(NodeIdChanged(node_id))
+        self.outbox.publish(NodeIdChanged(node_id))
 
     def _reroute(self) -> None:
         self.routing.rebuild()

@@ -17,8 +17,8 @@ class Node:
 
     __slots__ = ("_elements", "_pairs", "_scalar", "column", "kind", "line", "problems", "quoted", "text", "where")
 
-    def __init__(self, kind: str, line: int, column: int, where: str, problems: Problems) -> None:
-        self.kind, self.line, self.column, self.where, self.problems = kind, line, column, where, problems
+    def __init__(self, kind: str, line: int, column: int, place: str, problems: Problems) -> None:
+        self.kind, self.line, self.column, self.where, self.problems = kind, line, column, place, problems
         self.text, self.quoted = "", False
         self._scalar: object = None
         self._pairs: dict[str, tuple[Node, Node]] = {}

@@ -73,10 +73,10 @@ class Problems:
         """Warnings in the order of their lines."""
         return sorted(self._warnings)
 
-    def at(self, line: int, column: int, where: str, message: str) -> Problem:
+    def at(self, line: int, column: int, place: str, message: str) -> Problem:
         """Return a problem at a position counted from 1; line 0 is the file as a whole."""
         source = self.lines[line - 1][:200] if 0 < line <= len(self.lines) else ""
-        return Problem(line, column, self.path, where, message, source)
+        return Problem(line, column, self.path, place, message, source)
 
     def error(self, place: Place, message: str) -> None:
         """Add an error at the place."""

@@ -63,25 +63,25 @@ def _value(node: yaml.ScalarNode) -> object:
         return node.value
 
 
-def _place(node: yaml.Node, where: str, problems: Problems) -> Node:
+def _place(node: yaml.Node, place: str, problems: Problems) -> Node:
     kind = "null" if node.tag == _TAG + "null" else "scalar"
     if isinstance(node, yaml.CollectionNode):
         kind = "mapping" if isinstance(node, yaml.MappingNode) else "sequence"
-    return Node(kind, node.start_mark.line + 1, node.start_mark.column + 1, where, problems)
+    return Node(kind, node.start_mark.line + 1, node.start_mark.column + 1, place, problems)
 
 
-def _build(node: yaml.Node, where: str, problems: Problems) -> Node:
+def _build(node: yaml.Node, dotted: str, problems: Problems) -> Node:
     """Return the node of a PyYAML node and of all nodes below it."""
-    place = _place(node, where, problems)
+    place = _place(node, dotted, problems)
     if isinstance(node, yaml.ScalarNode):
         return Node.scalar(place, node.value, _value(node), quoted=bool(node.style))
     if isinstance(node, yaml.SequenceNode):
-        return Node.sequence(place, [_build(one, f"{where}[{at}]", problems) for at, one in enumerate(node.value)])
+        return Node.sequence(place, [_build(item, f"{dotted}[{at}]", problems) for at, item in enumerate(node.value)])
     raw: dict[str, tuple[yaml.Node, yaml.Node]] = {}
     _flatten(node, raw)
     pairs: dict[str, tuple[Node, Node]] = {}
     for name, (key, value) in raw.items():
-        below = f"{where}.{name}" if where else name
+        below = f"{dotted}.{name}" if dotted else name
         pairs[name] = (_build(key, below, problems), _build(value, below, problems))
     return Node.mapping(place, pairs)
 
@@ -111,15 +111,15 @@ class _Walk:
         self._open: set[int] = set()
         self.endless = False
 
-    def measure(self, node: yaml.Node, where: str = "") -> tuple[int, int]:
+    def measure(self, node: yaml.Node, place: str = "") -> tuple[int, int]:
         """Return the number of nodes below a node, with aliases followed, and their depth; report excesses."""
         if id(node) in self._open:
-            _place(node, where, self._problems).error("an alias inside its own anchor never ends")
+            _place(node, place, self._problems).error("an alias inside its own anchor never ends")
             self.endless = True
             return 1, 1
         if id(node) not in self._sizes:
             self._open.add(id(node))
-            below = [self.measure(child, name) for child, name in self._children(node, where)]
+            below = [self.measure(child, name) for child, name in self._children(node, place)]
             self._open.discard(id(node))
             self._sizes[id(node)] = 1 + sum(size for size, _ in below), 1 + max((deep for _, deep in below), default=0)
         return self._sizes[id(node)]
@@ -153,7 +153,7 @@ class _Walk:
 
 def _check_merge(here: Node, value: yaml.Node) -> None:
     elements = value.value if isinstance(value, yaml.SequenceNode) else [value]
-    if not all(isinstance(one, yaml.MappingNode) for one in elements):
+    if not all(isinstance(element, yaml.MappingNode) for element in elements):
         here.error("<< merges mappings only: give it an alias of one, or a list of such")
 
 

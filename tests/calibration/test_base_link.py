@@ -99,7 +99,7 @@ def test_a_client_that_is_gone_stops_the_base(floor):
     client.answer(client_twist(0.2))
     bench.run(200)
     assert abs(bench.speed(2)) > 100
-    bench.robot.let_go(client)
+    bench.robot.client_disconnected(client)
     bench.run(600)
     assert bench.speed(2) == pytest.approx(0, abs=1)
 

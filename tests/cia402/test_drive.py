@@ -667,7 +667,7 @@ def test_bits_that_are_not_a_modes_are_refused():
 def test_axes_that_are_held_are_enabled_in_one_cycle():
     rigs = [Rig(delay=0, mode=8), Rig(delay=3, mode=8)]
     for rig in rigs:
-        rig.machine.hold()
+        rig.machine.hold_in_switched_on()
         rig.machine.enable()
     while not all(rig.machine.waiting for rig in rigs):
         for rig in rigs:
@@ -675,10 +675,10 @@ def test_axes_that_are_held_are_enabled_in_one_cycle():
     for rig in rigs:
         rig.cycle(200)  # no time runs out
         assert rig.machine.state is State.SWITCHED_ON
-        rig.machine.hold(False)
+        rig.machine.hold_in_switched_on(False)
         assert rig.cycle().words[-2:] == [0x07, 0x0F]
         rig.cycle(20)
-        rig.machine.hold()
+        rig.machine.hold_in_switched_on()
         rig.cycle(20)
         assert rig.machine.enabled  # it holds back, it takes nothing away
 
@@ -687,11 +687,11 @@ def test_a_held_drive_in_its_quick_stop_stays_there():
     rig = Rig(quick_stop_option=6).enabled()
     rig.machine.quick_stop()
     rig.until(ref.QSA)
-    rig.machine.hold()
+    rig.machine.hold_in_switched_on()
     rig.machine.enable()
     rig.cycle(200)
     assert rig.machine.waiting
-    rig.machine.hold(False)
+    rig.machine.hold_in_switched_on(False)
     rig.until(ref.OE)
     assert rig.drive.taken == [11, 16]
 

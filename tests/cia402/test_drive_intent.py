@@ -70,9 +70,9 @@ def test_a_quick_stop_of_an_enabled_drive_goes_on_until_it_is_left_whatever_is_w
 
 def test_an_enable_that_overtook_a_disable_may_see_it_arrive_once():
     intent = make(EnableTrigger.OVERTAKE)
-    assert not intent.fell(State.OPERATION_ENABLED, State.SWITCHED_ON)
+    assert not intent.lost_enable(State.OPERATION_ENABLED, State.SWITCHED_ON)
     assert intent.state is EnableRequest.ENABLED
-    assert intent.fell(State.OPERATION_ENABLED, State.SWITCHED_ON)
+    assert intent.lost_enable(State.OPERATION_ENABLED, State.SWITCHED_ON)
 
 
 @given(st.lists(st.sampled_from(list(EnableTrigger)), max_size=40), st.sampled_from([None, *State]), st.booleans())

@@ -143,8 +143,8 @@ def test_a_carrier_that_dies_and_comes_back_is_told_between_the_frames(channel, 
         if event.kind is BusEventKind.UP:
             second.incoming.put(message_of(CanFrame(0x702, b"\x05"), 0.0))
 
-    told = trace._tell
-    monkeypatch.setattr(trace, "_tell", tell)
+    told = trace._report
+    monkeypatch.setattr(trace, "_report", tell)
     assert main(["trace", "--can", channel, "--eds", "TMCM-1270.eds", "--count", "2"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines[1:-1]] == ["DOWN:", "UP:"]

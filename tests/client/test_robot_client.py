@@ -19,6 +19,7 @@ from canopen_control.rpc.messages.robot import (
     Description,
     GetDescription,
     GetStatus,
+    PublishEvent,
     Release,
     RobotHello,
     SdoData,
@@ -27,7 +28,6 @@ from canopen_control.rpc.messages.robot import (
     Shutdown,
     Stop,
     Subscribe,
-    Tell,
 )
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.rpc.messages.state import ControllerReading, CycleTimes, EventDetails, StateSample
@@ -133,7 +133,7 @@ def read(client, number):
 
 def push(client, count):
     """Have so many events pushed."""
-    client.ask(Tell(kind="push", text=str(count)))
+    client.ask(PublishEvent(kind="push", text=str(count)))
 
 
 def told(number):
@@ -348,7 +348,7 @@ def test_a_robot_that_dies_in_the_middle_of_a_call_is_one_sentence(robot, client
 
 def test_what_is_too_long_is_the_callers_mistake_and_leaves_nothing_behind(client):
     with pytest.raises(LocalProtocolError, match="more than 65536"):
-        client.ask(Tell(kind="long", text="x" * 70_000))
+        client.ask(PublishEvent(kind="long", text="x" * 70_000))
     assert client._awaited == {}
     assert read(client, 1) == 1
 

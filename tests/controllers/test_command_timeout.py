@@ -160,13 +160,13 @@ def test_a_command_goes_with_who_holds_it(make):
     name, mine, yours = control.active[0], object(), object()
     control.command(name, [1.0, 1.0], 0, source="ros", holder=mine)
     control.update(0, 0.01)
-    control.running.let_go(yours)
+    control.running.client_disconnected(yours)
     assert hardware.values()[0] > 0.0
     control.events()
-    control.running.let_go(mine)
+    control.running.client_disconnected(mine)
     assert hardware.values() == [0.0, 0.0]
     assert [event.kind for event in control.events()] == ["commander_gone"]
-    control.running.let_go(mine)
+    control.running.client_disconnected(mine)
     assert not control.events()
 
 
@@ -176,7 +176,7 @@ def test_who_has_been_followed_by_another_takes_nothing_with_him():
     control.command("forward", [1.0, 1.0], 0, holder=first)
     control.command("forward", [2.0, 2.0], 0)
     control.update(0, 0.01)
-    control.running.let_go(first)
+    control.running.client_disconnected(first)
     assert hardware.values() == [2.0, 2.0]
 
 
@@ -187,7 +187,7 @@ def test_two_of_the_same_name_are_two():
     control.command("forward", [1.0, 1.0], 0, source="command", holder=first)
     control.command("forward", [2.0, 2.0], 0, source="command", holder=second)
     control.update(0, 0.01)
-    control.running.let_go(first)
+    control.running.client_disconnected(first)
     assert hardware.values() == [2.0, 2.0]
 
 
@@ -229,7 +229,7 @@ def test_who_has_said_to_stand_may_go_and_nothing_is_told(make):
         control.update(now, 0.1)
     control.command(name, [0.0, 0.0], S // 2, holder=holder)
     control.events()
-    control.running.let_go(holder)
+    control.running.client_disconnected(holder)
     before = hardware.values()[1]
     assert before > 0.0
     control.update(S // 2, 0.1)

@@ -126,7 +126,7 @@ def test_a_target_ends_with_who_gave_it(drives, mode, value):
     drives.target(value, holder=bridge)
     drives.run(1500)
     assert abs(drives.speed(2)) > 1
-    drives.robot.let_go(bridge)
+    drives.robot.client_disconnected(bridge)
     drives.run(1500)
     here = drives.at("position")
     drives.run(2000)

@@ -96,7 +96,7 @@ def test_a_value_that_the_object_behind_cannot_hold_is_refused_and_the_others_st
 ENDS = {
     "deactivation": lambda control, sender: control.switch((), ["outputs"], now=S),
     "stop": lambda control, sender: control.running.forget(S, "stop was commanded"),
-    "sender": lambda control, sender: control.running.let_go(sender),
+    "sender": lambda control, sender: control.running.client_disconnected(sender),
     "time-out": lambda control, sender: control.update(60 * S, 0.01),
 }
 
@@ -127,7 +127,7 @@ def test_who_is_gone_is_told_with_where_the_outputs_are():
     control.events()
     control.command("outputs", {"io/lamp": 1.0}, 0, source="a panel", holder=control)
     control.update(S, 0.01)
-    control.running.let_go(control)
+    control.running.client_disconnected(control)
     (event,) = control.events()
     assert event.text == (
         "outputs: a panel is gone, and its command with it; its outputs are at their safe values, others are kept"
@@ -145,9 +145,9 @@ def test_the_safe_value_of_the_hardware_is_the_default_and_it_is_told_where_an_o
     control.update(S, 0.01)
     control.running.forget(S, "stop was commanded")
     assert hardware.values() == [1.0, 0.5, 0.0]
-    assert [each.let_go_at for each in hardware.command_interfaces] == [None] * 3
+    assert [each.release_value for each in hardware.command_interfaces] == [None] * 3
     control.switch((), ["outputs"], now=S)
-    assert same([each.let_go_at for each in hardware.command_interfaces], [1.0, math.nan, 0.0])
+    assert same([each.release_value for each in hardware.command_interfaces], [1.0, math.nan, 0.0])
 
 
 def test_an_output_that_nobody_has_commanded_is_left_as_it_is():
@@ -179,9 +179,9 @@ def test_outputs_of_a_node_that_is_lost_end_alone():
 def test_a_command_that_is_safe_outlives_who_gave_it():
     _, control = robot(kept_outputs=["valve/open"])
     control.command("outputs", {"io/lamp": 0.0, "valve/open": 1.0}, 0, holder=control)
-    assert control.running.holders == set()
+    assert control.running.clients_with_commands == set()
     control.command("outputs", {"io/horn": 1.0}, 0, holder=control)
-    assert control.running.holders == {control}
+    assert control.running.clients_with_commands == {control}
 
 
 def test_a_command_has_no_end_by_itself_unless_one_is_written():

@@ -96,11 +96,11 @@ def test_a_grip_outlives_who_asked_for_it_and_a_goal_does_not():
     gripper = Gripper(stall_timeout=0.1, allow_stalling=True)
     gripper.send(0.05, holder="me")
     gripper.step(0.03, count=12)
-    gripper.control.running.let_go("me")
+    gripper.control.running.client_disconnected("me")
     assert gripper.step() == [0.05]
     goal = gripper.send(0.0, source="ros", holder="me")
     gripper.step(0.03, -0.1)
-    gripper.control.running.let_go("me")
+    gripper.control.running.client_disconnected("me")
     assert same(gripper.step(), math.nan)
     assert goal.state is ABORTED
     assert goal.text == "ros is gone, so the goal of ros was taken back; send it again once that is over"

@@ -13,7 +13,7 @@ def test_a_base_is_driven_by_the_wheels_that_move_its_pose():
     wheels = wheels_of_three()
     base.move_by(wheels)
     base.targets = [0.0, 0.0, 0.0]
-    base.work_out([1.0, 2.0, 4.0])
+    base.compute_commands([1.0, 2.0, 4.0])
     assert base.targets == [1.0, 2.0, 4.0]
     wheels.forward, wheels.left, wheels.angular = 0.1, 0.2, 0.3
     assert base.velocities() == (0.1, 0.2, 0.3)

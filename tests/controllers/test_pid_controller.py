@@ -170,7 +170,7 @@ def test_a_place_to_go_to_ends_with_who_gave_it_also_one_of_0():
     robot.state("a/position").value = 0.3
     robot.manager.command("pid", [0.0, 0.0], robot.now, source="a test", holder=robot)
     assert robot.cycle()[0] == pytest.approx(-0.6)
-    robot.manager.running.let_go(robot)
+    robot.manager.running.client_disconnected(robot)
     assert robot.cycle() == [0.0, 0.0]
     assert [each.reference for each in robot.pid.sample(0).dofs] == [0.3, 0.0]
 
@@ -178,9 +178,9 @@ def test_a_place_to_go_to_ends_with_who_gave_it_also_one_of_0():
 def test_a_velocity_of_0_outlives_who_gave_it():
     robot = Robot("effort", ("velocity",)).start()
     robot.manager.command("pid", [0.0, 0.5], robot.now, source="a test", holder=robot)
-    assert robot.manager.running.holders == {robot}
+    assert robot.manager.running.clients_with_commands == {robot}
     robot.manager.command("pid", [0.0, 0.0], robot.now, source="a test", holder=robot)
-    assert robot.manager.running.holders == set()
+    assert robot.manager.running.clients_with_commands == set()
 
 
 def test_a_reference_beyond_the_limits_of_the_joint_is_refused_with_its_name():

@@ -70,7 +70,7 @@ def test_a_part_follows_as_a_whole_but_for_what_is_set_aside():
     assert part.enabled
     one.enabled = False
     assert not part.follows()
-    one.set_aside = True
+    one.excluded = True
     assert part.follows()
     other.enabled = False
     assert not part.follows()
@@ -196,10 +196,10 @@ def test_the_end_of_a_client_ends_what_it_commands_and_no_more():
     control.command("left", [1.0], 0, source="first", holder=first)
     control.command("left", [2.0], 0, source="second", holder=second)
     control.command("right", [3.0], 0, source="nobody's end ends it")
-    control.running.let_go(first)
+    control.running.client_disconnected(first)
     control.update(S // 50, 0.02)
     assert hardware.values() == [2.0, 3.0]
-    control.running.let_go(second)
+    control.running.client_disconnected(second)
     control.update(2 * S // 50, 0.02)
     assert hardware.values() == [0.0, 3.0]
 

@@ -134,7 +134,7 @@ def test_whatever_happens_an_axis_moves_only_after_an_enable_and_the_drive_is_to
         if trigger is PhaseTrigger.ENABLE:
             assert not power.following, "a command must be newer"
         if power.state is AxisPhase.RISING:
-            assert machine.held
+            assert machine.held_in_switched_on
         if power.following:
             assert not machine.halted
 
@@ -144,13 +144,13 @@ class Joint:
 
     def __init__(self):
         self.power = make()
-        self.may_rise = self.at_rest = False
+        self.can_enable = self.at_rest = False
 
     @property
     def wanted(self):
         return self.power.wanted
 
-    def has_come_to_rest(self, now):
+    def has_settled(self, now):
         return self.at_rest
 
     def stop(self, now):
@@ -160,7 +160,7 @@ class Joint:
 OF_THE_DRIVE = [each for each in PhaseTrigger if not each.name.startswith("GROUP_")]
 STEPS = st.one_of(
     st.tuples(st.integers(0, 2), st.sampled_from(OF_THE_DRIVE)),
-    st.tuples(st.integers(0, 2), st.sampled_from(["may_rise", "at_rest"])),
+    st.tuples(st.integers(0, 2), st.sampled_from(["can_enable", "at_rest"])),
     st.just((0, "stop")),
 )
 
@@ -188,7 +188,7 @@ def test_the_joints_of_a_group_are_let_up_together_and_stop_together(cycles):
             assert AxisPhase.FOLLOWING not in states, "none moves while another one is on its way up"
         let = [each for each in waiting if each.power.state is not AxisPhase.RISING]
         assert let in ([], waiting), "all of them or none"
-        assert not let or all(each.may_rise for each in waiting)
+        assert not let or all(each.can_enable for each in waiting)
         down = [each for each in braking if each.power.state is AxisPhase.DISABLING]
         assert down in ([], braking)
         assert not down or all(each.at_rest for each in braking)

@@ -131,10 +131,10 @@ def test_let_go_it_goes_where_its_controller_says_else_to_its_safe_value(told, r
     line = Line(VALVE, T.INTEGER16)
     assert line.command.safe == 3.0
     line.sends(11.0)
-    line.command.let_go_at = told
+    line.command.release_value = told
     line.output.release()
     assert line.object.value == raw
-    assert line.command.let_go_at is None
+    assert line.command.release_value is None
 
 
 def test_one_that_is_to_keep_what_it_has_says_so():

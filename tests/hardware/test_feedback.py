@@ -54,7 +54,7 @@ def test_values_are_nan_before_the_first_frame_and_without_the_node():
     feedback.put(0, 1000, 0)
     feedback.read(0)
     assert feedback.states["position"].value == 1.0
-    feedback.went()
+    feedback.node_lost()
     assert all(math.isnan(state.value) for state in feedback.states.values())
 
 
@@ -108,7 +108,7 @@ def test_a_node_that_is_back_goes_on_where_the_joint_was():
     feedback, _ = make()
     feedback.put(0, 5000, 0)
     feedback.read(0)
-    feedback.came()
+    feedback.node_ready()
     feedback.put(CYCLE, -1_000_000, 0)
     assert feedback.read(CYCLE) == 0
     assert feedback.states["position"].value == 5.0
@@ -122,19 +122,19 @@ def test_standing_is_by_velocity_else_by_a_position_that_does_not_change():
     feedback, _ = make()
     feedback.put(0, 0, 40)
     feedback.read(0)
-    assert feedback.standing
+    assert feedback.at_standstill
     feedback.put(CYCLE, 1, 60)
     feedback.read(CYCLE)
-    assert not feedback.standing
+    assert not feedback.at_standstill
     feedback, _ = make(velocity=False)
     for number in range(3):
         feedback.put(number * CYCLE, number)
         feedback.read(number * CYCLE)
-        assert not feedback.standing
+        assert not feedback.at_standstill
     for number in range(3, 9):
         feedback.put(number * CYCLE, 2)
         feedback.read(number * CYCLE)
-    assert feedback.standing
+    assert feedback.at_standstill
 
 
 def test_the_time_of_a_ramp_is_known_from_the_last_velocity():

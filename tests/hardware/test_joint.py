@@ -19,7 +19,7 @@ def test_before_its_node_is_there_nothing_is_known_and_nothing_enabled():
     assert (joint.state, joint.statusword, joint.claimed) == (None, None, None)
     assert (joint.enabled, joint.following, joint.wanted, joint.homed) == (False, False, False, False)
     assert joint.age_ns(0) is None
-    assert joint.has_come_to_rest(0)
+    assert joint.has_settled(0)
     assert joint.tracking.figures() is None
     bench.close()
 

@@ -83,7 +83,7 @@ def test_what_a_boot_read_is_no_target_of_an_axis_that_has_moved_since(robby):
     output.know(here + 2370)  # as the presets of a boot do
     targets.hold()
     assert output.value == here + 2370  # nobody writes anew what is held
-    targets.came()
+    targets.node_ready()
     targets.hold()
     assert output.value == here
 
@@ -268,12 +268,12 @@ def test_a_drive_that_tells_no_deceleration_is_stopped_in_half_a_second(told, sl
 
 @pytest.mark.sources
 def test_a_target_of_no_mode_pushes_nowhere_and_has_no_events():
-    assert not target().pushes(1.0)
+    assert not target().commands_into_limit(1.0)
     assert target().events() == ()
 
 
 @pytest.mark.sources  # compiled classes take no stand-ins
-@pytest.mark.parametrize("verb", ["hold", "span"])
+@pytest.mark.parametrize("verb", ["hold", "value_range"])
 def test_what_a_mode_must_say_itself_has_no_default(verb):
     with pytest.raises(NotImplementedError):
         getattr(target(), verb)()
@@ -293,7 +293,7 @@ def test_a_position_at_every_sync_stays_within_the_software_limits(mode):
         unwrap=PositionUnwrapper(),
         scale=Scale(1000.0, 0.001),
         raw_position=0,
-        misfit=math.nan,
+        out_of_range=math.nan,
     )
     axis.unwrap.update(0)
     axis.limits.low, axis.limits.high = -200, 300

@@ -172,7 +172,7 @@ def test_a_set_point_that_a_drive_ignores_on_its_way_is_given_again(robot, monke
     control = ProfilePosition.control
 
     def single(self, word, previous, now):
-        if not word & ~previous & 0x10 or self.mover.standing:
+        if not word & ~previous & 0x10 or self.mover.at_standstill:
             control(self, word, previous, now)
 
     monkeypatch.setattr(ProfilePosition, "control", single)

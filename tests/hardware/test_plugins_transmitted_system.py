@@ -82,10 +82,10 @@ def test_a_joint_says_that_its_drive_follows_no_commands():
     inner, outer = system(Transmission("t", "j", "m", 2.0, 0.0))
     for enabled in (False, True):
         inner.command_interfaces[0].enabled = enabled
-        outer.command_interfaces[0].set_aside = True
+        outer.command_interfaces[0].excluded = True
         outer.read(0, 0.01)
         assert outer.command_interfaces[0].enabled is enabled
-    assert not outer.command_interfaces[0].set_aside
+    assert not outer.command_interfaces[0].excluded
 
 
 def test_a_wheel_behind_a_gear_does_not_turn_on_by_an_enable_with_the_command_from_before_its_fault():

@@ -18,7 +18,7 @@ class Joint:
         self.power = AxisStatechart(DriveMachine("a drive"))
         for trigger in triggers:
             self.power.fire(trigger, 0)
-        self.may_rise = self.at_rest = ready
+        self.can_enable = self.at_rest = ready
         self.stopped = False
 
     @property
@@ -29,7 +29,7 @@ class Joint:
     def state(self):
         return self.power.state
 
-    def has_come_to_rest(self, now):
+    def has_settled(self, now):
         return self.at_rest
 
     def stop(self, now):
@@ -47,7 +47,7 @@ def test_nobody_is_let_through_before_the_last_one_waits():
     group = group_of(first, last)
     group.coordinate(0)
     assert first.state is AxisPhase.RISING
-    last.may_rise = True
+    last.can_enable = True
     group.coordinate(0)
     assert first.state is last.state is AxisPhase.RELEASED
     first.power.fire(PhaseTrigger.DRIVE_ENABLED, 0)

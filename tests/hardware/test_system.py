@@ -22,7 +22,7 @@ def make(count=2):
             parameters=SimpleNamespace(loaded=True),
             machine=SimpleNamespace(fault=False, reached=True),
             state=object(),
-            standing=True,
+            at_standstill=True,
             resume=True,
             power=SimpleNamespace(state=AxisPhase.OFF),
             group=group,
@@ -60,7 +60,7 @@ def faulted(joint):
 
 
 def moving(joint):
-    joint.standing = False
+    joint.at_standstill = False
 
 
 def stopping(joint):

@@ -159,7 +159,7 @@ class Commanding(RuleBasedStateMachine):
 
     @rule(holder=HOLDERS)
     def connection_gone(self, holder):
-        self.bench.robot.let_go(holder)
+        self.bench.robot.client_disconnected(holder)
         if self.holder == holder:
             self.end()
             self.pass_time(100)

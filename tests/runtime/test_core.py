@@ -564,7 +564,7 @@ def test_a_client_that_leaves_takes_no_latch_along(bench):
     robby.start()
     robby.robot.stop(lambda _error: None, "who latched it")
     for holder in (object(), None):
-        robby.robot.let_go(holder)
+        robby.robot.client_disconnected(holder)
     assert robby.robot.latch.by == "who latched it"
 
 

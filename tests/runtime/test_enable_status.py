@@ -310,14 +310,14 @@ def test_a_latch_outlives_its_process_and_a_release_ends_it(tmp_path):
     second = StopLatch(told.append)
     second.keep(tmp_path / "robby" / "stop_latched")
     assert second.by == "the page"
-    second.tell(6)
+    second.report(6)
     assert "earlier run (by the page)" in told[-1].text
     assert "canopen-control stop --release" in told[-1].text
     second.release("a test", 7)
 
     third = StopLatch(told.append)
     third.keep(tmp_path / "robby" / "stop_latched")
-    third.tell(8)
+    third.report(8)
     assert not third.held
     assert [event.kind for event in told] == ["stop_latched", "stop_latched", "stop_released"]
 

@@ -250,7 +250,7 @@ def test_cursors_read_values_that_hold_and_the_rms_between_them():
 
 def test_cursors_count_from_the_trigger_and_read_nothing_where_nothing_is_known():
     shot = shot_of([1.0, 2.0, 5.0, None], triggered=11.0)
-    assert shot.span == (-1.0, 2.0)
+    assert shot.time_range == (-1.0, 2.0)
     assert shot.cursors(0, -1.0, 1.0).difference == 4.0
     assert shot.cursors(0, -1.5, 1.0) is None
     assert shot.cursors(0, 0.0, 2.0) is None
@@ -262,7 +262,7 @@ def test_cursors_are_within_what_is_between_them(values, low, high):
     first, second = sorted(((len(values) - 1) * low / 64, (len(values) - 1) * high / 64))
     read = shot.cursors(0, first, second)
     part = shot.between(first, second)
-    assert part.span[1] - part.span[0] == pytest.approx(second - first, abs=1e-9)
+    assert part.time_range[1] - part.time_range[0] == pytest.approx(second - first, abs=1e-9)
     sizes = [abs(row[0]) for _, row in part.rows]
     assert (read.first, read.second) == (values[int(first)], values[int(second)])
     assert min(sizes) - 1e-6 <= read.rms <= max(sizes) + 1e-6
@@ -291,4 +291,4 @@ def test_a_fault_after_a_day_is_caught_with_what_was_before():
         capture.feed(day + number / rate, (float(0x08 if number >= rate else 0x27),))
     (shot,) = capture.take()
     assert shot.triggered == day + 1.0
-    assert shot.span == (-1.0, pytest.approx(1.0, abs=0.06))
+    assert shot.time_range == (-1.0, pytest.approx(1.0, abs=0.06))

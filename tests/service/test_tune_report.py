@@ -32,13 +32,13 @@ def test_a_second_order_system_is_measured_as_its_formulas_say(damping, omega, h
     assert found.final == pytest.approx(height, rel=1e-3)
     assert found.settling is not None
     assert found.settling <= 1.4 * -math.log(0.02 * math.sqrt(1 - damping**2)) / (damping * omega)
-    assert 0.0 < found.delay < found.rise < 2.5 / omega * 1.6
+    assert 0.0 < found.delay < found.rise_time < 2.5 / omega * 1.6
 
 
 def test_a_first_order_lag_rises_in_2_2_time_constants_after_its_dead_time():
     values = [0.0 if t < 0.02 else 2.0 * (1 - math.exp(-(t - 0.02) / 0.1)) for t in TIMES]
     found = step_metrics(TIMES, values, 2.5)
-    assert found.rise == pytest.approx(0.1 * math.log(9), abs=0.001)
+    assert found.rise_time == pytest.approx(0.1 * math.log(9), abs=0.001)
     assert found.delay == pytest.approx(0.02 + 0.1 * -math.log(0.95), abs=0.001)
     assert found.error == pytest.approx(0.5, abs=1e-4)
     assert found.overshoot == pytest.approx(0.0, abs=1e-3)

@@ -73,7 +73,7 @@ def test_a_command_older_than_the_enable_moves_nothing(judged, monkeypatch):
 def test_a_command_that_outlives_its_client_is_told(judged, monkeypatch):
     judged.do("dead_man", FORWARD, 0.1, values=(5.0, 5.0)).run(2.5)
     assert judged.broken == []
-    monkeypatch.setattr(RobotCore, "let_go", lambda self, *who: None)
+    monkeypatch.setattr(RobotCore, "client_disconnected", lambda self, *who: None)
     judged.do("dead_man", FORWARD, 0.1, values=(5.0, 5.0)).run(2.5)
     assert judged.broken == ["motion_uncommanded"] * 2
 

@@ -4,7 +4,7 @@ from support.simulated import BASE, FORWARD, MS, S, setup_of
 from canopen_control.errors import ConfigError
 from canopen_control.frame import CanFrame
 from canopen_control.rpc.messages import robot as messages
-from canopen_control.rpc.messages.robot import ROBOT, Asked
+from canopen_control.rpc.messages.robot import ROBOT, RequestSeen
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.rpc.messages.state import RobotEvent
 from canopen_control.rpc.messages.trajectory import SetTrajectory, TrajectoryData
@@ -124,7 +124,7 @@ STARTED = RobotEvent(time=BEGIN + 0.02, kind="note", node=None, level="info", te
 
 
 def asked(at, request):
-    return Asked(BEGIN + at, ROBOT.of(type(request)).name, Raw(text_of(request)))
+    return RequestSeen(BEGIN + at, ROBOT.of(type(request)).name, Raw(text_of(request)))
 
 
 def acts_of(*requests, robot="robby", events=(STARTED,), **more):
@@ -162,10 +162,17 @@ def test_what_a_client_asks_for_is_asked_for_again(request_, what):
     assert acts_of(asked(2, request_)) == [(2.0, *what, None)]
 
 
-@pytest.mark.parametrize("other", [messages.Tell(kind="x", text="y"), messages.AxisRequest(action="home", node="all")])
+@pytest.mark.parametrize(
+    "other", [messages.PublishEvent(kind="x", text="y"), messages.AxisRequest(action="home", node="all")]
+)
 def test_what_a_scenario_cannot_do_is_left_out(other):
     assert acts_of(asked(2, other)) == []
-    assert acts_of(Asked(BEGIN + 2, "of_another_version", Raw(b"{}")), Asked(BEGIN + 2, "stop", Raw(b'{"x": 1}'))) == []
+    assert (
+        acts_of(
+            RequestSeen(BEGIN + 2, "of_another_version", Raw(b"{}")), RequestSeen(BEGIN + 2, "stop", Raw(b'{"x": 1}'))
+        )
+        == []
+    )
 
 
 def test_the_points_of_a_trajectory_come_in_the_controllers_order():

@@ -150,7 +150,7 @@ def test_a_target_against_a_limit_switch_is_told(monkeypatch):
 def test_a_command_that_is_dropped_while_somebody_renews_it_is_told(judged, monkeypatch):
     judged.run(3.0).drive(5.0, 5.0, seconds=2.0).run(0.6).do("ask", seconds=0.25).run(0.6)
     assert judged.told == []
-    monkeypatch.setattr(UpdateLoop, "let_go", lambda self, *who: self.forget(self.now, "somebody left"))
+    monkeypatch.setattr(UpdateLoop, "client_disconnected", lambda self, *who: self.forget(self.now, "somebody left"))
     judged.do("ask", seconds=0.25).run(0.6)
     assert set(judged.broken) == {"command_lost"}
 
@@ -159,7 +159,9 @@ def test_a_command_that_is_dropped_while_somebody_renews_it_is_told(judged, monk
 @pytest.mark.parametrize("lost", [False, True])
 def test_a_command_that_leaves_with_a_client_who_was_there_before_is_told(judged, monkeypatch, lost):
     if lost:
-        monkeypatch.setattr(UpdateLoop, "let_go", lambda self, *who: self.forget(self.now, "somebody left"))
+        monkeypatch.setattr(
+            UpdateLoop, "client_disconnected", lambda self, *who: self.forget(self.now, "somebody left")
+        )
     judged.run(2.5).do("dead_man", FORWARD, 0.55, values=(2.0, 2.0)).run(0.1).drive(5.0, 5.0, seconds=2.0).run(1.0)
     assert set(judged.broken) == ({"command_lost"} if lost else set())
 

@@ -213,7 +213,7 @@ def lost_nodes_told_as_ready(patch):
 
 
 def gone_clients_hold_commands(patch):
-    patch.setattr(RobotCore, "let_go", lambda self, *who: None)
+    patch.setattr(RobotCore, "client_disconnected", lambda self, *who: None)
 
 
 def deaf_clients_are_waited_for(patch):

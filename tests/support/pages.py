@@ -10,7 +10,7 @@ from support.samples import controllers_of, sample_of, status_of
 from canopen_control.rpc.messages.drive import FaultListing
 from canopen_control.rpc.messages.robot import BusPlace, Description, NodeListing, NodePlace
 from canopen_control.service.node_session import NodeSession
-from canopen_control.view.node_desk import NodeJobs
+from canopen_control.view.node_jobs import NodeJobs
 from canopen_control.view.page_content import DriveFaults
 from canopen_control.view.robot_connection import read_robot_info
 from canopen_control.view.robot_view import RobotView
@@ -104,7 +104,7 @@ class FakeContext:
         if self.refusal:
             told(self.refusal)
 
-    def let_go(self, page):
+    def release(self, page):
         self.let += 1
 
     def refresh_faults(self):

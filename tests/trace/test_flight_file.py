@@ -15,7 +15,7 @@ from canopen_control.bus.recordings import line_of
 from canopen_control.errors import ConfigError, DiskFull
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, RECORD, CanFrame, pack_records, remote_frame
 from canopen_control.rpc.messages.layout import BusLayout, Layout, NodeLayout
-from canopen_control.rpc.messages.robot import Asked
+from canopen_control.rpc.messages.robot import RequestSeen
 from canopen_control.rpc.messages.state import RobotEvent, StateSample
 from canopen_control.rpc.wire import Raw, plain, text_of
 from canopen_control.trace import flight_file
@@ -154,7 +154,7 @@ def write(folder, frames=FRAMES, **meta):
 
 
 def test_what_clients_asked_for_is_read_back_where_it_is_there(tmp_path):
-    asked = Asked(2.0, "stop", Raw(b'{"latch":true}'))
+    asked = RequestSeen(2.0, "stop", Raw(b'{"latch":true}'))
     path = tmp_path / "run.zip"
     write_flight(path, META, iter(()), [], [], [text_of(asked)])
     [found] = read_flight(path).requests

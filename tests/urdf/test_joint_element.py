@@ -65,9 +65,9 @@ def test_where_a_joint_is_nobody_knows_before_it_or_whom_it_mimics_has_a_positio
 def test_limits_are_known_by_the_name_of_an_interface():
     limits = UrdfLimits(-1.0, 2.0, 3.0, 4.0)
     lift, wheel = (Joint("j", kind, "a", "b", limits=limits) for kind in ("prismatic", "continuous"))
-    spans = [lift.span(each) for each in ("position", "velocity", "effort", "acceleration")]
+    spans = [lift.range_of(each) for each in ("position", "velocity", "effort", "acceleration")]
     assert spans == [(-1.0, 2.0), (-3.0, 3.0), (-4.0, 4.0), (-math.inf, math.inf)]
-    assert (wheel.span("position"), wheel.span("velocity")) == ((-math.inf, math.inf), (-3.0, 3.0))
+    assert (wheel.range_of("position"), wheel.range_of("velocity")) == ((-math.inf, math.inf), (-3.0, 3.0))
 
 
 def test_a_wheel_turns_and_a_slide_slides_whatever_the_length_of_the_axis():

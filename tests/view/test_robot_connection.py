@@ -10,7 +10,7 @@ from support.mockrobot import running
 from support.pages import info, state
 
 from canopen_control.errors import ConfigError, RemoteError
-from canopen_control.rpc.messages.robot import CommandController, Release, Tell, TwistController
+from canopen_control.rpc.messages.robot import CommandController, PublishEvent, Release, TwistController
 from canopen_control.rpc.messages.state import RobotEvent, StateSample
 from canopen_control.rpc.messages.trajectory import SendTrajectory, TrajectoryHeartbeat
 from canopen_control.view.robot_connection import (
@@ -101,7 +101,7 @@ def test_another_controller_does_not_leave_the_first_one_moving(man, sent):
 
 
 def test_letting_go_of_nothing_sends_nothing(man, sent):
-    man.let_go()
+    man.release()
     man.leave("page 1")
     man.tick(10**12)
     assert sent == []
@@ -195,7 +195,7 @@ def test_a_robot_that_has_gone_is_an_error_for_stop_and_a_sentence_for_questions
 
 def test_events_come_and_of_many_samples_the_newest(robot, connection):
     connection.subscribe(50.0)
-    connection.send(Tell(kind="view", text="here"))
+    connection.send(PublishEvent(kind="view", text="here"))
     first = robot.status().cycle.count
     assert eventually(lambda: robot.status().cycle.count > first + 25)
     found = list(connection.messages())

@@ -9,7 +9,7 @@ from canopen_control.errors import ConfigError, DriveError
 from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.robot import GetStatus, MappedValue, NodePlace, ProcessData
 from canopen_control.service.node_session import NodeSession
-from canopen_control.view.node_desk import NodeJobs
+from canopen_control.view.node_jobs import NodeJobs
 from canopen_control.view.scope_run import KEPT, ScopeForm, ScopeRun
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od

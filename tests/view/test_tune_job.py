@@ -21,7 +21,7 @@ from canopen_control.runtime.observer import RobotObserver
 from canopen_control.scaffold.new_robot import Device
 from canopen_control.service.jog_motion import JogKind
 from canopen_control.service.tune_run import TuneTest
-from canopen_control.view.node_desk import NodeJob, NodeJobs
+from canopen_control.view.node_jobs import NodeJob, NodeJobs
 from canopen_control.view.tune_job import (
     PagePresence,
     TuneForm,

@@ -158,7 +158,7 @@ def play(private_folders, monkeypatch):
     def play(act, **how):
         async def both():
             said = []
-            app = ViewApp("mock", "127.0.0.1", 0, **({"teleop": True, "say": said.append} | how))
+            app = ViewApp("mock", "127.0.0.1", 0, **({"teleop": True, "report": said.append} | how))
             app.said = said
             running = asyncio.ensure_future(app.run())
             try:
@@ -189,7 +189,7 @@ def command(robot):
 
 def test_without_a_robot_it_does_not_begin(private_folders):
     with pytest.raises(ConfigError, match="no robot"):
-        ViewApp(None, "127.0.0.1", 0, teleop=False, say=print)
+        ViewApp(None, "127.0.0.1", 0, teleop=False, report=print)
 
 
 @pytest.mark.process
@@ -331,7 +331,7 @@ def test_letting_go_or_closing_the_page_ends_its_motion_at_once(robot, play):
         page = WholePage()
         app._page_opened(page)
         app.hold("page 1", MOTION, app.said.append)
-        app.let_go("page 1")
+        app.release("page 1")
         assert app._dead_man.driver is None
         app.hold("page 1", MOTION, app.said.append)
         app._page_closed("page 1")

@@ -93,7 +93,7 @@ def test_without_power_the_plant_is_released_and_the_demand_is_where_it_is():
     mover.advance(S)
     mover.power(False, S)
     mover.advance(10 * S)
-    assert mover.standing
+    assert mover.at_standstill
     assert mover.state(10 * S) == (mover.plant.position, mover.plant.velocity)
 
 

@@ -119,7 +119,7 @@ def test_mistakes_are_told_before_anything_runs(tmp_path):
 
 def test_nodes_of_one_process_may_be_of_different_files():
     eds = Path(__file__).parents[2] / "eds"
-    made = make_devices([2, 5], eds / "TMCM-1270.eds", print, others={5: eds / "generic_cia401.eds"})
+    made = make_devices([2, 5], eds / "TMCM-1270.eds", print, eds_files={5: eds / "generic_cia401.eds"})
     assert [(node.node_id, bool(node.drives)) for node in made.nodes] == [(2, True), (5, False)]
 
 

@@ -42,7 +42,7 @@ def test_it_finds_what_differences_of_the_demand_give(steps, seconds):
     first = next(n for n, way in enumerate(ways) if way)
     last = max(n for n, way in enumerate(ways) if way)
     moving = ways[first : last + 1]
-    quality = meter.tell(1.0)
+    quality = meter.quality(1.0)
     speeds = [way * 1e9 / GRID_NS for way in moving]
     assert quality.velocity.mean == pytest.approx(statistics.fmean(speeds), rel=1e-6)
     assert (quality.velocity.min, quality.velocity.max) == pytest.approx((min(speeds), max(speeds)), rel=1e-6, abs=1e-3)
@@ -61,7 +61,7 @@ def test_a_motion_of_constant_velocity_has_no_ripple_and_one_in_user_units_has_i
     demand = cruise(0, 0.0, 800.0)
     for now in range(0, 1000 * MS, 7 * MS):
         meter.follow(demand, now)
-    quality = meter.tell(-8.0)
+    quality = meter.quality(-8.0)
     assert (quality.velocity.min, quality.velocity.max) == pytest.approx((-100.0, -100.0))
     assert (quality.velocity_ripple, quality.acceleration_ripple) == pytest.approx((0.0, 0.0), abs=1e-9)
 
@@ -69,9 +69,9 @@ def test_a_motion_of_constant_velocity_has_no_ripple_and_one_in_user_units_has_i
 def test_an_axis_that_rests_says_nothing_and_a_short_stop_is_part_of_the_motion():
     targets = [1000, 2000, 3000]
     rested, _ = measured([*targets, *[3000] * 40, 4000, 5000, 6000, 6000])
-    assert rested.tell(1.0).velocity.min == pytest.approx(100_000)
+    assert rested.quality(1.0).velocity.min == pytest.approx(100_000)
     stopped, _ = measured([*targets, 3000, 4000, 5000, 6000])
-    assert stopped.tell(1.0).velocity.min == 0.0
+    assert stopped.quality(1.0).velocity.min == 0.0
 
 
 def test_without_a_look_for_a_second_another_motion_begins():

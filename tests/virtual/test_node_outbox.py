@@ -47,7 +47,7 @@ def test_a_fault_reset_leaves_the_error_of_a_lost_communication():
 def test_of_what_nobody_fetches_the_newest_is_kept():
     box, _ = outbox()
     for number in range(1500):
-        box.tell(number)
+        box.publish(number)
         box.send(CanFrame(0x123))
     assert box.events() == list(range(500, 1500))
     assert len(box.outgoing.drain()) == 1000

@@ -38,12 +38,12 @@ def test_the_first_lines_of_a_kind_then_their_number(log_reactor):
     written = []
     log = FoldedLog(log_reactor, written.append)
     for number in range(5):
-        log.tell("a", f"a {number}", 2)
-    log.tell("b", "b", 2)
+        log.report("a", f"a {number}", 2)
+    log.report("b", "b", 2)
     assert written == ["a 0", "a 1", "b"]
     log_reactor.run_for(WINDOW_NS + 1)
     assert written == ["a 0", "a 1", "b", "a 4 (3 more times in 10 s)"]
-    log.tell("a", "a 5", 2)
+    log.report("a", "a 5", 2)
     assert written[-1] == "a 5"
 
 
@@ -52,7 +52,7 @@ def test_no_line_is_lost_from_the_sum(told):
     log_reactor, written = Reactor(ManualClock(0)), []
     log = FoldedLog(log_reactor, written.append)
     for kind, at in told:
-        log_reactor.call_at(at, lambda kind=kind: log.tell(kind, kind, 3))
+        log_reactor.call_at(at, lambda kind=kind: log.report(kind, kind, 3))
     log_reactor.run_for(6 * WINDOW_NS)
     log_reactor.close()
     for kind in "abc":

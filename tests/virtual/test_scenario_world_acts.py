@@ -2,7 +2,7 @@ import pytest
 
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
-from canopen_control.virtual.scenario import Happening
+from canopen_control.virtual.scenario import WorldEvent
 from canopen_control.yamlfile.reader import load
 
 
@@ -23,9 +23,9 @@ from canopen_control.yamlfile.reader import load
 def test_each_key_is_what_the_socket_takes(tmp_path, text, act):
     path = tmp_path / "step.yml"
     path.write_text(text)
-    assert load(path, Happening, error=ConfigError).acts() == [act]
+    assert load(path, WorldEvent, error=ConfigError).acts() == [act]
 
 
 def test_none_is_nothing_and_all_are_all(tmp_path):
-    assert Happening().acts() == []
-    assert len(Happening(block="a", friction=1.0).acts()) == 2
+    assert WorldEvent().acts() == []
+    assert len(WorldEvent(block="a", friction=1.0).acts()) == 2

@@ -532,7 +532,7 @@ def test_what_nobody_fetches_is_bounded():
     node = servo()
     node.tick(S)
     for _ in range(1500):
-        node.outbox.tell(object())
+        node.outbox.publish(object())
         node.outbox.send(CanFrame(0x123))
     assert len(node.events()) == 1000
     assert len(node.frames()) == 1001

@@ -154,7 +154,7 @@ class Driver:
         values = [action.number("left"), action.number("right")]
         self._signs = {3: -values[0], 2: values[1]}
         if action.params["how"] == "socket":
-            self._tell(command_once(self.listener, NAME, values))
+            self._log(command_once(self.listener, NAME, values))
         else:
             threading.Thread(target=self._once_by_shell, args=(values,), daemon=True).start()
 
@@ -167,7 +167,7 @@ class Driver:
 
     def _do_absurd(self, action: Action) -> None:
         value = action.number("value")
-        self._tell(command_once(self.listener, NAME, [value, value]))
+        self._log(command_once(self.listener, NAME, [value, value]))
 
     # ------------------------------------------------------------------------------------------- stopping
 
@@ -206,7 +206,7 @@ class Driver:
 
     def _do_enable(self, _action: Action) -> None:
         """Ask to enable; while STOP is latched that has to be refused, and allows nothing."""
-        self._tell("done" if enable(self.listener, NAME, counts=not self.stage.latched) else "refused")
+        self._log("done" if enable(self.listener, NAME, counts=not self.stage.latched) else "refused")
 
     def _do_start(self, _action: Action) -> None:
         """Start a runtime where there is none; it enables nothing by itself where STOP was latched."""
@@ -215,7 +215,7 @@ class Driver:
     def _do_recover(self, _action: Action) -> None:
         begin = time.monotonic()
         there = self.stage.recover(self._mend)
-        self._tell(f"{'enabled' if there else 'not recovered'} after {time.monotonic() - begin:.1f} s")
+        self._log(f"{'enabled' if there else 'not recovered'} after {time.monotonic() - begin:.1f} s")
 
     def _mend(self) -> None:
         """Take away whatever still disturbs, and everybody who commands."""
@@ -274,7 +274,7 @@ class Driver:
             with DriveClient.connect(self.stage.channel, node, 2.0) as drive:
                 drive.ask(SwitchFault(name=name, on=on))
         except CanopenError as error:
-            self._tell(str(error))
+            self._log(str(error))
             return False
         return True
 
@@ -397,5 +397,5 @@ class Driver:
                 return ask_hub(self.stage.hub, request)
         return None
 
-    def _tell(self, text: str) -> None:
+    def _log(self, text: str) -> None:
         self.say(f"           {text}")

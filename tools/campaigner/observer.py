@@ -168,7 +168,7 @@ class Observer:
                 return
             speed = shaft.target / self.wire.scales[node]
             text = f"its target velocity is {speed:.2f} rad/s (controlword 0x{shaft.word:04X}), {self.why(late)}"
-            self._tell(late, "target", node, text)
+            self._report_event(late, "target", node, text)
 
     def _judge_shaft(self, early: float, late: float, node: int, speed: float) -> None:
         shaft = self._shafts[node]
@@ -187,7 +187,7 @@ class Observer:
             began = ended is None or shaft.rose > ended + margin
             power = "under power" if self.powered(node) else "without power"
             text = f"its shaft turns at {speed:.2f} rad/s ({power}), {self.why(late)}"
-            self._tell(late, "motion" if began else "stop", node, text)
+            self._report_event(late, "motion" if began else "stop", node, text)
 
     def _margin(self, early: float, node: int, margin: float) -> float:
         """Return how long motion may go on that is not allowed any more; longer by the excuses it runs into."""
@@ -266,7 +266,7 @@ class Observer:
         before, self._told = self._told, time
         return time - before <= _AGAIN_S
 
-    def _tell(self, time: float, rule: str, node: int, text: str) -> None:
+    def _report_event(self, time: float, rule: str, node: int, text: str) -> None:
         self.breaches.append(Breach(time, rule, f"node {node} ({self.wire.nodes[node]}): {text}"))
 
     # ------------------------------------------------------------------------------------------- memory

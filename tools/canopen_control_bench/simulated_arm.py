@@ -219,7 +219,7 @@ class SimulatedArm(RobotObserver):
 
     def quality(self, node: int) -> SetPointQuality:
         """Return what a drive says of its set-points since it measures anew."""
-        found = self.drives[node].drives[0].meter.tell(1.0)
+        found = self.drives[node].drives[0].meter.quality(1.0)
         if found is None:
             raise CanopenError(f"node {node} was in no cyclic mode")
         return found

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 LONGEST_S: Final = 1e9  # some thirty years
 
 
-def number(what: str, accept: Callable[[float], bool]) -> Callable[[str], float]:
+def number(title: str, accept: Callable[[float], bool]) -> Callable[[str], float]:
     """Return what reads a number; one that is not accepted, or none, "is no WHAT"."""
 
     def read(text: str) -> float:
@@ -23,13 +23,13 @@ def number(what: str, accept: Callable[[float], bool]) -> Callable[[str], float]
         except ValueError:
             value = math.nan
         if not (math.isfinite(value) and accept(value)):
-            raise argparse.ArgumentTypeError(f"{text!r} is no {what}")
+            raise argparse.ArgumentTypeError(f"{text!r} is no {title}")
         return value
 
     return read
 
 
-def whole_number(what: str, numbers: range) -> Callable[[str], int]:
+def whole_number(title: str, numbers: range) -> Callable[[str], int]:
     """Return what reads a whole number, decimal or 0x; one that is not among `numbers`, or none, "is no WHAT"."""
 
     def read(text: str) -> int:
@@ -38,7 +38,7 @@ def whole_number(what: str, numbers: range) -> Callable[[str], int]:
         except ValueError:
             value = None
         if value is None or value not in numbers:
-            raise argparse.ArgumentTypeError(f"{text!r} is no {what}")
+            raise argparse.ArgumentTypeError(f"{text!r} is no {title}")
         return value
 
     return read

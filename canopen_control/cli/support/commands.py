@@ -97,8 +97,8 @@ def _repeat(robot: RobotClient, moving: Command, end: float | None, stopped: thr
     """Yield how often it was sent, after each time."""
     sent = 1
     while not stopped.is_set():
-        left = PERIOD_S if end is None else min(PERIOD_S, end - time.monotonic())
-        if left <= 0 or stopped.wait(left):
+        delay = PERIOD_S if end is None else min(PERIOD_S, end - time.monotonic())
+        if delay <= 0 or stopped.wait(delay):
             return
         try:
             robot.ask(moving)
@@ -121,7 +121,7 @@ def values_at_the_end(controllers: Sequence[ControllerReading], name: str, value
     Where nothing is known of the controller, or it takes another number of values, these are zeros; None for outputs,
     which have safe values of their own.
     """
-    if any(each.name == name and each.takes_outputs for each in controllers):
+    if any(controller.name == name and controller.takes_outputs for controller in controllers):
         return None
     positions = positions_of(controllers, name)
     if len(positions) != len(values):
@@ -131,8 +131,10 @@ def values_at_the_end(controllers: Sequence[ControllerReading], name: str, value
 
 def target_interface(controllers: Iterable[ControllerReading], name: str) -> str | None:
     """Return what a target is in the mode that its drive is in, which may change; None where that cannot."""
-    found = [one.interface for one in controllers if one.name == name and one.topic == TARGET]
-    return next((each for each in found if each != TARGET), None)
+    interfaces = [
+        controller.interface for controller in controllers if controller.name == name and controller.topic == TARGET
+    ]
+    return next((interface for interface in interfaces if interface != TARGET), None)
 
 
 def positions_of(controllers: Iterable[ControllerReading], name: str) -> list[bool]:
@@ -140,25 +142,30 @@ def positions_of(controllers: Iterable[ControllerReading], name: str) -> list[bo
 
     What a target is depends on the mode that the drive is in then.
     """
-    interfaces = [each for one in controllers if one.name == name for each in one.required_command_interfaces]
+    interfaces = [
+        interface
+        for controller in controllers
+        if controller.name == name
+        for interface in controller.required_command_interfaces
+    ]
     return [interface.endswith(("/position", "/target")) for interface in interfaces]
 
 
-def the_controller(robot: RobotClient, name: str | None, tells: str, what: str) -> ControllerReading:
+def the_controller(robot: RobotClient, name: str | None, tells: str, title: str) -> ControllerReading:
     """Return the controller that is meant: `name`, or the only active one with such samples; ConfigError else.
 
     `what` are its kind in words.
     """
-    known = robot.ask(ListControllers())
+    controllers = robot.ask(ListControllers())
     if name is not None:
-        meant = next((each for each in known if each.name == name), None)
+        meant = next((controller for controller in controllers if controller.name == name), None)
         if meant is None:
-            loaded = ", ".join(each.name for each in known)
+            loaded = ", ".join(controller.name for controller in controllers)
             raise ConfigError(f"no controller {name!r} is loaded; there are {loaded}")
         return meant
-    found = [each for each in known if each.tells == tells and each.active]
-    if len(found) != 1:
-        names = ", ".join(each.name for each in found)
-        problem = f"several are active: {names}" if found else f"no {what} is active"
+    matching = [controller for controller in controllers if controller.tells == tells and controller.active]
+    if len(matching) != 1:
+        names = ", ".join(controller.name for controller in matching)
+        problem = f"several are active: {names}" if matching else f"no {title} is active"
         raise ConfigError(f"{problem}; name one with --controller, see canopen-control controller list")
-    return found[0]
+    return matching[0]

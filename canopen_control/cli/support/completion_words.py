@@ -65,15 +65,15 @@ def known_nodes(channel: str | None = None) -> list[KnownNode]:
 
 def ask_nodes(channel: str | None = None) -> tuple[list[KnownNode], dict[str, CanopenError]]:
     """Return the nodes as `known_nodes`, and why robots that run have told none: they hang, or end just now."""
-    wanted = None if channel is None else str(parse_channel(channel))
-    found: list[KnownNode] = []
+    selected = None if channel is None else str(parse_channel(channel))
+    nodes: list[KnownNode] = []
     silent: dict[str, CanopenError] = {}
     for name in find_robots():
         try:
-            found.extend(_nodes_of(name))
+            nodes.extend(_nodes_of(name))
         except CanopenError as error:
             silent[name] = error
-    return [node for node in found if wanted in (None, node.channel)], silent
+    return [node for node in nodes if selected in (None, node.channel)], silent
 
 
 def _nodes_of(robot: str) -> list[KnownNode]:
@@ -85,11 +85,11 @@ def _nodes_of(robot: str) -> list[KnownNode]:
 
 def find_node(word: str, nodes: Iterable[KnownNode]) -> KnownNode | None:
     """Return the node that `word` means, None where it means none; ConfigError where several robots have one."""
-    found = [node for node in nodes if word in node.words]
-    if len(found) > 1:
-        places = ", ".join(f"{node} of {node.robot} on {node.channel}" for node in found)
+    matching = [node for node in nodes if word in node.words]
+    if len(matching) > 1:
+        places = ", ".join(f"{node} of {node.robot} on {node.channel}" for node in matching)
         raise ConfigError(f"{word!r} means more than one: {places}; choose one with --can CHANNEL")
-    return found[0] if found else None
+    return matching[0] if matching else None
 
 
 A = TypeVar("A")
@@ -125,10 +125,13 @@ def parser_for(words: Sequence[str]) -> argparse.ArgumentParser:
 def _attach_completers(parser: argparse.ArgumentParser, verb: str) -> None:
     for action in parser._actions:  # noqa: SLF001 - no public way
         if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001 - argparse has no other name for it
-            for each in action.choices.values():
-                _attach_completers(each, verb)
+            for choice in action.choices.values():
+                _attach_completers(choice, verb)
         elif action.choices is None:
-            name = next((each for each in action.option_strings if each.startswith("--")), action.dest)
+            name = next(
+                (option_string for option_string in action.option_strings if option_string.startswith("--")),
+                action.dest,
+            )
             keys = ((verb, name), name, str(action.metavar))
             kind = next((_KINDS[key] for key in keys if key in _KINDS), None)
             if kind is not None:
@@ -145,15 +148,15 @@ class _Completer:
         self, *, prefix: str, action: argparse.Action, parser: argparse.ArgumentParser, parsed_args: argparse.Namespace
     ) -> dict[str, str]:
         """Return explanations by word, as far as they can be known at once."""
-        found: dict[str, str] = {}
+        words: dict[str, str] = {}
         with contextlib.suppress(CanopenError, OSError, KeyError, ValueError):
             for word, text in self.kind(parsed_args):
                 if word in _PATHS:
                     paths = _PATHS[word](prefix=prefix, action=action, parser=parser, parsed_args=parsed_args)
-                    found.update(dict.fromkeys(paths, ""))
+                    words.update(dict.fromkeys(paths, ""))
                 else:
-                    found[word] = text
-        return found
+                    words[word] = text
+        return words
 
 
 def _robots(_line: argparse.Namespace) -> Found:
@@ -172,7 +175,7 @@ def _ask(line: argparse.Namespace, request: Request[A]) -> A:
 def _controllers(line: argparse.Namespace) -> Found:
     from canopen_control.rpc.messages.robot import ListControllers
 
-    return [(each.name, each.state) for each in _ask(line, ListControllers())]
+    return [(controller.name, controller.state) for controller in _ask(line, ListControllers())]
 
 
 def _nodes(line: argparse.Namespace) -> Found:
@@ -180,7 +183,7 @@ def _nodes(line: argparse.Namespace) -> Found:
         return []  # a bare bus: node ids
     from canopen_control.rpc.messages.robot import GetNodes
 
-    return [(each.name, f"node {each.node_id}") for each in _ask(line, GetNodes()).nodes]
+    return [(node.name, f"node {node.node_id}") for node in _ask(line, GetNodes()).nodes]
 
 
 def _nodes_or_all(line: argparse.Namespace) -> Found:

@@ -64,13 +64,13 @@ def identity_of(data: Mapping[tuple[int, int], object]) -> ScannedDevice:
 
 def _number(data: object) -> int | None:
     """Return an UNSIGNED32, as all of `FIELDS` are; None for what is none."""
-    whole = fitted(data, DataType.UNSIGNED32) if isinstance(data, bytes) else None
-    return None if whole is None else int.from_bytes(whole, "little")
+    padded = fitted(data, DataType.UNSIGNED32) if isinstance(data, bytes) else None
+    return None if padded is None else int.from_bytes(padded, "little")
 
 
 def read_known(paths: Iterable[Path]) -> tuple[list[KnownEds], list[str]]:
     """Read the identities of EDS files; the second list says which could not be read and why."""
-    known, refused = [], []
+    candidates, refused = [], []
     for path in paths:
         try:
             od = read_eds(path).od
@@ -80,8 +80,8 @@ def read_known(paths: Iterable[Path]) -> tuple[list[KnownEds], list[str]]:
         vendor = _default(od, 1, od.device.vendor_number)
         product = _default(od, 2, od.device.product_number)
         if product or vendor:  # without either it would fit to every device that tells nothing
-            known.append(KnownEds(path, vendor, product, _default(od, 3, od.device.revision_number)))
-    return known, refused
+            candidates.append(KnownEds(path, vendor, product, _default(od, 3, od.device.revision_number)))
+    return candidates, refused
 
 
 def vendor_and_product(path: Path) -> tuple[int, int]:
@@ -101,13 +101,15 @@ def _default(od: ObjectDictionary, subindex: int, device: int | None) -> int:
     return entry.default if isinstance(entry.default, int) else device or 0
 
 
-def match_eds(identity: ScannedDevice, known: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
+def match_eds(identity: ScannedDevice, candidates: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
     """Return the file that fits best, and a remark: another revision, or other files that fit as well."""
     same = [
-        eds for eds in known if (eds.vendor_id, eds.product_code) == (identity.vendor_id or 0, identity.product_code)
+        eds
+        for eds in candidates
+        if (eds.vendor_id, eds.product_code) == (identity.vendor_id or 0, identity.product_code)
     ]
     if not same:
-        return _of_the_vendor(identity, known)
+        return _of_the_vendor(identity, candidates)
     exact = [eds for eds in same if eds.revision_number == identity.revision_number]
     best = (exact or sorted(same, key=lambda eds: eds.revision_number))[-1]
     if exact:
@@ -115,18 +117,18 @@ def match_eds(identity: ScannedDevice, known: Iterable[KnownEds]) -> tuple[Known
     return best, f"for revision 0x{best.revision_number:08X}"
 
 
-def _of_the_vendor(identity: ScannedDevice, known: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
+def _of_the_vendor(identity: ScannedDevice, candidates: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
     """Return the one file of the vendor that has no product code, as some vendors write theirs."""
-    same = [eds for eds in known if not eds.product_code and eds.vendor_id and eds.vendor_id == identity.vendor_id]
+    same = [eds for eds in candidates if not eds.product_code and eds.vendor_id and eds.vendor_id == identity.vendor_id]
     return (same[0], "without a product code, chosen by its vendor") if len(same) == 1 else (None, "")
 
 
 def differences(identity: ScannedDevice, expected: Mapping[str, int]) -> list[str]:
     """Return what is not as expected, in words; `expected` has the fields of `FIELDS`, 0 for anything."""
-    found = []
+    texts = []
     for field, (_, label) in FIELDS.items():
-        wanted, has = expected.get(field, 0), getattr(identity, field)
-        if wanted and wanted != has:
-            seen = "none" if has is None else f"0x{has:08X}"
-            found.append(f"{label} 0x{wanted:08X} expected, {seen} found")
-    return found
+        expected_number, has = expected.get(field, 0), getattr(identity, field)
+        if expected_number and expected_number != has:
+            shown = "none" if has is None else f"0x{has:08X}"
+            texts.append(f"{label} 0x{expected_number:08X} expected, {shown} found")
+    return texts

@@ -76,7 +76,7 @@ def own_robot(
         for node in robot.nodes:
             shutil.copyfile(node.device.eds, path.parent / robot.eds_name(node))
         setup = _short_lived(_read(robot, path, channel))
-        joint = next(each for each in robot.joints if each.axis is axis)
+        joint = next(joint for joint in robot.joints if joint.axis is axis)
         names = [part.name for tag in setup.description.hardware for part in tag.joints]
         own = names[robot.joints.index(joint)]
 
@@ -97,7 +97,7 @@ def _read(robot: NewRobot, path: Path, channel: str) -> RobotSetup:
     try:
         return read_robot(find_robot(None, bus=str(path)), name=robot.name, can=[channel], real=True)
     except ConfigError as error:
-        lines = [each for each in str(error).split("\n") if not each.startswith("    ")]
+        lines = [field for field in str(error).split("\n") if not field.startswith("    ")]
         text = re.sub(re.escape(str(path)) + r"(:\d+)*: ", "", "\n".join(lines)).replace(f"{path.parent}{os.sep}", "")
         raise RobotConfigError(
             f"{robot.nodes[0].device.eds}: what follows from this EDS cannot be run:\n{text}"

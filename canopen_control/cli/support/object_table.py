@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 _WIDEST: Final = 60  # of a value in words
 
 
-def live_objects(session: NodeSession, entries: Sequence[Entry], *, what: str = "reading") -> list[LiveObject]:
+def live_objects(session: NodeSession, entries: Sequence[Entry], *, title: str = "reading") -> list[LiveObject]:
     """Read those of the entries that a look at everything reads; RemoteProtocolError where the node is silent."""
     read = [entry for entry in entries if is_scanned(entry)]
-    with Progress(f"{what} {session}", "objects") as progress:
+    with Progress(f"{title} {session}", "objects") as progress:
         values, refused = read_values(session, _paced(read, session, progress))
-    why = {each.entry.address: each.why for each in refused}
+    why = {unread.entry.address: unread.why for unread in refused}
     return [LiveObject(entry, values.get(entry.address), why.get(entry.address, "")) for entry in entries]
 
 
@@ -114,4 +114,4 @@ def csv_text(rows: Sequence[ObjectRow]) -> str:
 
 def values_of(objects: Iterable[LiveObject]) -> Mapping[Address, Value]:
     """Return the values that can be written back, by address: what a DCF has ParameterValues for."""
-    return {each.entry.address: each.value for each in objects if each.value is not None and each.entry.writable}
+    return {entry.entry.address: entry.value for entry in objects if entry.value is not None and entry.entry.writable}

@@ -238,8 +238,8 @@ def as_file(word: str) -> Path | None:
     if path.is_file():
         return path
     if path.suffix.lower() in SUFFIXES or "/" in word:
-        what = "is a folder" if path.is_dir() else "no such file"
-        raise ConfigError(f"{word}: {what}; a node is a name or a node id")
+        problem = "is a folder" if path.is_dir() else "no such file"
+        raise ConfigError(f"{word}: {problem}; a node is a name or a node id")
     return None
 
 
@@ -275,16 +275,18 @@ def read_like(session: NodeSession, file: ParameterSet) -> Side:
 def sides(a: str, b: str, args: argparse.Namespace) -> tuple[Side, Side]:
     """Read what two words name; of a file and a node the node is asked for what the file holds."""
     files = [None if path is None else read_backup(path) for path in (as_file(a), as_file(b))]
-    found = []
-    for word, file, other in zip((a, b), files, reversed(files), strict=True):
+    parameters = []
+    for word, file, other_file in zip((a, b), files, reversed(files), strict=True):
         if file is not None:
-            found.append(Side(file))
+            parameters.append(Side(file))
             continue
         with open_session(args, word) as session:
-            found.append(
-                read_all(session, twice=False) if other is None else read_like(like_file(session, other), other)
+            parameters.append(
+                read_all(session, twice=False)
+                if other_file is None
+                else read_like(like_file(session, other_file), other_file)
             )
-    return found[0], found[1]
+    return parameters[0], parameters[1]
 
 
 def add_restore_arguments(parser: argparse.ArgumentParser) -> None:

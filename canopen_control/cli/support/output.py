@@ -70,7 +70,7 @@ class Progress:
 
     def __init__(
         self,
-        what: str,
+        title: str,
         unit: str = "",
         *,
         quiet: bool = False,
@@ -78,7 +78,7 @@ class Progress:
         clock: Callable[[], float] = time.monotonic,
         rate: bool = False,
     ) -> None:
-        self._what, self._unit, self._clock = what, f" {unit}" if unit else "", clock
+        self._what, self._unit, self._clock = title, f" {unit}" if unit else "", clock
         self._stream = sys.stderr if stream is None else stream
         self._live, self._rate = self._stream.isatty(), rate
         self._quiet = quiet

@@ -148,7 +148,7 @@ def _say(line: str, progress: Progress, order: CampaignOrder) -> None:
 def _sum_up(totals: Totals, scenarios: tuple[str, ...], real_s: float, order: CampaignOrder) -> None:
     count, hours = len(totals.results), totals.robot_s / 3600
     if order.as_json:
-        breaches = tuple(f"seed {each.seed}: {one.sentence}" for each in totals.broken for one in each.breaches)
+        breaches = tuple(f"seed {run.seed}: {breach.sentence}" for run in totals.broken for breach in run.breaches)
         print(json_line(CampaignDocument(count, totals.robot_s, round(real_s, 3), totals.frames, breaches, scenarios)))
         return
     print(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages import robot as messages
-from canopen_control.rpc.messages.robot import ROBOT, Asked
+from canopen_control.rpc.messages.robot import ROBOT, RequestSeen
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.rpc.messages.trajectory import SetTrajectory
 from canopen_control.rpc.wire import Raw, text_of
@@ -89,7 +89,7 @@ class SimulationRecorder(SimulationObserver):
         """Record what a client asks for."""
         for request in _requests_of(act, self._robot.core.manager.states):
             method = ROBOT.of(type(request)).name
-            self._requests.append(text_of(Asked(now / 1e9, method, Raw(text_of(request)))))
+            self._requests.append(text_of(RequestSeen(now / 1e9, method, Raw(text_of(request)))))
 
     def write(self, path: Path) -> None:
         """Write the recording; ConfigError and DiskFull."""
@@ -105,13 +105,13 @@ class SimulationRecorder(SimulationObserver):
             status=status_message(core),
         )
         can = candump_lines(self._frames, list(self._robot.wires), 0)
-        write_flight(path, meta, can, [text_of(each) for each in self._events], self._lines, self._requests)
+        write_flight(path, meta, can, [text_of(event) for event in self._events], self._lines, self._requests)
 
 
 def _requests_of(act: ScenarioEvent, active: Mapping[str, str]) -> list[Request[Any]]:
     """Return what a client would send to have this done."""
     name, values = act.target, list(act.values)
-    others = [each for each, state in active.items() if state == "active" and "broadcaster" not in each]
+    controllers = [each for each, state in active.items() if state == "active" and "broadcaster" not in each]
     if act.kind == "command":
         return [messages.CommandController(controller=name, values=values)]
     if act.kind == "trajectory":
@@ -125,7 +125,7 @@ def _requests_of(act: ScenarioEvent, active: Mapping[str, str]) -> list[Request[
     if act.kind == "axis":
         return [messages.AxisRequest(action=act.name, node=name or "all")]
     if act.kind == "activate":
-        return [messages.SwitchControllers(activate=(name,), deactivate=tuple(others))]
+        return [messages.SwitchControllers(activate=(name,), deactivate=tuple(controllers))]
     return [messages.SwitchControllers(deactivate=(name,))] if act.kind == "deactivate" else []
 
 

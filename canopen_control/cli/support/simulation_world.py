@@ -61,8 +61,8 @@ def simulate_world(args: argparse.Namespace, duration_ns: int, faults: Sequence[
     if args.json:
         print(json_line(outcome))
         return 1 if outcome.breaches else 0
-    for name, each in outcome.robots.items():
-        print(f"{name}: seed {each.seed}, {each.frames} frames, {each.events} events, sha256 {each.sha256}")
+    for name, robot in outcome.robots.items():
+        print(f"{name}: seed {robot.seed}, {robot.frames} frames, {robot.events} events, sha256 {robot.sha256}")
     print(f"{outcome.robot_s:g} s of {len(outcome.robots)} robots in {outcome.real_s:.1f} s, sha256 {outcome.sha256}")
     for breach in outcome.breaches:
         print(f"breach: {breach}")

@@ -77,11 +77,11 @@ class SdoTarget(Protocol):
 
 def add_target_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare --can and --name."""
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument(
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument(
         "--can", metavar="CHANNEL", help="channel of a bare bus (can0, local:NAME, ...), without a running robot"
     )
-    where.add_argument("--name", help="the running robot (default: the only one)")
+    group.add_argument("--name", help="the running robot (default: the only one)")
 
 
 def open_target(args: argparse.Namespace) -> SdoTarget:
@@ -105,7 +105,7 @@ def find_eds(text: str) -> Path:
 
 def robot_on(channel: str) -> tuple[str, NodeListing] | None:
     """Return name and node listing of the running robot whose bus is `channel`, or None."""
-    wanted = str(parse_channel(channel))
+    address = str(parse_channel(channel))
     for name in find_robots():
         try:
             with RobotClient.connect(name, timeout=2.0) as robot:
@@ -116,7 +116,7 @@ def robot_on(channel: str) -> tuple[str, NodeListing] | None:
             if error.kind == "BusClosed":
                 continue
             raise  # one that hangs may still hold the bus
-        if any(bus.channel == wanted for bus in listing.buses.values()):
+        if any(bus.channel == address for bus in listing.buses.values()):
             return name, listing
     return None
 
@@ -153,16 +153,16 @@ class RobotTarget:
         for node in self.nodes:
             if word in (node.name, str(node.node_id)):
                 return node
-        known = ", ".join(f"{node.node_id} {node.name}" for node in self.nodes) or "none (mock hardware)"
+        names = ", ".join(f"{node.node_id} {node.name}" for node in self.nodes) or "none (mock hardware)"
         raise ConfigError(
-            f"robot {self.robot.robot} has no node {word!r}; its nodes: {known}; for others on its bus use --can"
+            f"robot {self.robot.robot} has no node {word!r}; its nodes: {names}; for others on its bus use --can"
         )
 
     def transfers(self, node: TargetNode) -> RobotTransfers:
         """Return who carries the SDO of a node."""
         if node.node_id not in self._carriers:
-            who = f"{LABEL} (pid {os.getpid()})"
-            self._carriers[node.node_id] = RobotTransfers(self.robot, node.node_id, self._timeout, who)
+            label = f"{LABEL} (pid {os.getpid()})"
+            self._carriers[node.node_id] = RobotTransfers(self.robot, node.node_id, self._timeout, label)
         return self._carriers[node.node_id]
 
     def read(self, node: TargetNode, index: int, subindex: int, *, block: bool = False) -> bytes:
@@ -204,7 +204,7 @@ class BusTarget:
         """Return the node of a node id; ConfigError, also for a node that a running robot has."""
         node_id = parse_node_id(word)
         name, listing = self.owner or ("", NodeListing())
-        if any(node_id == each.node_id for each in listing.nodes):
+        if any(node_id == node.node_id for node in listing.nodes):
             raise ConfigError(
                 f"node {node_id} on {self.bus.port.channel} belongs to the running robot {name}, the one client of its "
                 f"SDO server; use --name {name} instead of --can"

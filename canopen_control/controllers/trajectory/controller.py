@@ -144,7 +144,7 @@ class Acceptance:
             or lost_start(message, now + _NEXT)
             or far_start(message, here, self.limits, given.allowed_start_tolerance)
             or (self._unreachable(message) if given.unreachable_points == "refuse" else None)
-            or self._misfit(message, survey, here)
+            or self._range_refusal(message, survey, here)
         )
         return None if unbearable is None else Refused(None, unbearable)
 
@@ -156,7 +156,9 @@ class Acceptance:
         """Say which point a joint cannot reach in time; a limiter of points is there for those."""
         return None if self._params.joint_limiter_type else unreachable(message, survey_of(message), self.limits)
 
-    def _misfit(self, message: JointTrajectory, survey: TrajectorySummary, here: Mapping[str, float]) -> str | None:
+    def _range_refusal(
+        self, message: JointTrajectory, survey: TrajectorySummary, here: Mapping[str, float]
+    ) -> str | None:
         """Say which position the object behind a command cannot hold, None if it holds all.
 
         A joint that turns without end goes there on the turn on which it is.
@@ -170,7 +172,7 @@ class Acceptance:
             first = message.points[0].positions if self.limits[joint].continuous else ()
             turns = whole_turns(here[joint], first[place]) if place < len(first) else 0.0
             for value in (survey.positions.lowest[place], survey.positions.highest[place]):
-                if (fits := command.misfit(value + turns)) is not None:
+                if (fits := command.range_error(value + turns)) is not None:
                     return f"it leads {joint} to {value:g}, and {fits}; plan within that"
         return None
 
@@ -240,7 +242,7 @@ class ToleranceMonitor:
         return self.left >= 0 or self.late
 
     def look(self, tolerances: SegmentTolerances, follower: TrajectoryExecutor, *, over: bool, past: float) -> None:
-        """Compare the errors of this cycle with the tolerances; `past` is how long it is over, in s."""
+        """Compare the errors of this cycle with the tolerances; `time_since_end` is how long it is over, in s."""
         self.left, self.outside, self.over, self.late = _NOBODY, _NOBODY, over, False
         if follower.holding:
             return
@@ -450,7 +452,7 @@ class JointTrajectoryController(Controller):
         group.wrap[:] = self._acceptance.continuous
         self._default = self.tolerances = given.tolerances()
         if (useless := self._acceptance.cannot_brake()) is not None:
-            self.tell("decelerate_on_cancel", useless)
+            self.report("decelerate_on_cancel", useless)
         positions = tuple(given.command_interfaces) == (POSITION,)
         self.speed = SpeedScaling(given.initial_scaling_factor, allowed=positions)
 
@@ -497,7 +499,7 @@ class JointTrajectoryController(Controller):
         text = f"{self.name} was deactivated; activate it and send again"
         self._end(GoalState.ABORTED, ResultCode.INVALID_GOAL, text)
         super().on_deactivate(now)
-        self._follower.drop(holding=False)
+        self._follower.clear(holding=False)
 
     def forget(self, now: int) -> None:
         """Give up what was commanded: joints that do not follow end the goal, where all do they brake."""
@@ -542,7 +544,7 @@ class JointTrajectoryController(Controller):
         self._end(GoalState.ABORTED, ResultCode.INVALID_GOAL, "another goal has taken its place")
         self.tolerances, self.refused_tolerances = resolve(goal.tolerances, self.params.joints, self._default)
         if self.refused_tolerances is not None:
-            self.tell("tolerances", self.refused_tolerances)
+            self.report("tolerances", self.refused_tolerances)
         self.goal = goal
         goal.feedback_rate, goal.outlives_client = self.params.action_monitor_rate, self.params.continue_without_client
         self._queue(goal.trajectory, now)
@@ -567,7 +569,7 @@ class JointTrajectoryController(Controller):
         elif self.holding or self.state.value != "active":
             raise ControlError(f"{self.name} follows no trajectory; there is nothing to cancel")
         else:
-            self.tell("trajectory_ended", "the trajectory was cancelled; the joints are held")
+            self.report("trajectory_ended", "the trajectory was cancelled; the joints are held")
             self._brake()
 
     def set_speed_scaling(self, factor: float) -> None:
@@ -626,7 +628,7 @@ class JointTrajectoryController(Controller):
         if (wrong := self._acceptance.mistake(message, now, begin)) is not None:
             raise TrajectoryRefused(str(self.refusal(f"refuses the trajectory: {wrong.text}")), wrong.code)
         if (doubt := self._acceptance.doubt(message)) is not None:
-            self.tell("unreachable", f"{doubt}; until then it is behind")
+            self.report("unreachable", f"{doubt}; until then it is behind")
 
     def _queue(self, message: JointTrajectory, now: int) -> None:
         self._follower.follow(message)
@@ -647,7 +649,7 @@ class JointTrajectoryController(Controller):
             return OK
         if self._waiting is not None:
             self._waiting = None
-            follower.rise()
+            follower.resume_at_rest()
         follower.take_queued()
         group.read()
         if follower.motion is None:
@@ -661,7 +663,7 @@ class JointTrajectoryController(Controller):
     def _follow(self, motion: JointSetpoint, now: int, period: float) -> None:
         """Command what was worked out, unless a joint is off its path or late at its goal."""
         group, follower, judgement = self._group, self._follower, self._judgement
-        over, past = motion.is_over, follower.past
+        over, past = motion.is_over, follower.time_since_end
         if over and not follower.holding and 0.0 < self._timeout < past:
             text = f"no other trajectory came for {past:.2f} s after the end"
             self._end(GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED, text)
@@ -672,7 +674,9 @@ class JointTrajectoryController(Controller):
             free = follower.limited is None
             follower.write(now, period)
             if free and follower.limited is not None:
-                self.tell("limited", f"{follower.limited} is held back by its limits; plan slower, or see joint_limits")
+                self.report(
+                    "limited", f"{follower.limited} is held back by its limits; plan slower, or see joint_limits"
+                )
         if not follower.holding:
             self._take_verdict(judgement.verdict(self.tolerances))
 
@@ -702,8 +706,8 @@ class JointTrajectoryController(Controller):
         if self.goal is not None:
             text = f"{self._why(joint)}, then send the goal again"
             self._end(GoalState.ABORTED, ResultCode.INVALID_GOAL, text)
-        self._follower.drop(holding=True)
-        self._group.let_go()
+        self._follower.clear(holding=True)
+        self._group.release()
 
     def _why(self, joint: str) -> str:
         """Say why a joint does not follow, and what to do."""
@@ -725,9 +729,9 @@ class JointTrajectoryController(Controller):
         goal, self.goal = self.goal, None
         if goal is None:
             if code in (ResultCode.PATH_TOLERANCE_VIOLATED, ResultCode.GOAL_TOLERANCE_VIOLATED):
-                self.tell("trajectory_ended", f"{text}; the joints are held")
+                self.report("trajectory_ended", f"{text}; the joints are held")
             return
         goal.end(state, code, text)
         self.life.end()
         if state is not GoalState.SUCCEEDED:
-            self.tell(f"goal_{state.value}", text)
+            self.report(f"goal_{state.value}", text)

@@ -318,7 +318,7 @@ class TrajectoryExecutor:
         if self._loops is not None:
             self._loops.reset()
 
-    def rise(self) -> None:
+    def resume_at_rest(self) -> None:
         """Hold the joints where they are, now that all follow again."""
         self._group.read()
         self._last.take(self._group.actual)
@@ -326,7 +326,7 @@ class TrajectoryExecutor:
             self._loops.reset()
         self.hold()
 
-    def drop(self, *, holding: bool) -> None:
+    def clear(self, *, holding: bool) -> None:
         """Clear the trajectory."""
         self.motion = self._queued = self._taken = None
         self.holding = holding
@@ -459,7 +459,7 @@ class TrajectoryExecutor:
         self._last_time = now
 
     @property
-    def past(self) -> float:
+    def time_since_end(self) -> float:
         """How long ago the point was at which it is, in s; once it is over, how long it is over."""
         motion = self.motion
         return 0.0 if motion is None else self._time / 1e9 - (motion.start + motion.time_of(motion.first)) / 1e9

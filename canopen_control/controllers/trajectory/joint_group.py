@@ -122,7 +122,7 @@ class JointGroup:
         for index in range(len(commands)):
             commands[index].value = values[places[index]]
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """Command nothing: positions are held by the hardware, all else is 0."""
         for kind in self._kinds:
             for command in self.commands[kind]:

@@ -42,12 +42,12 @@ def provide(packages: Iterable[str] = PACKAGES) -> list[str]:
     Call it before they are imported. `packages` are by default all of `PACKAGES`. CanopenError when this ROS is not
     known, before anything is made; a package that is neither installed nor one of `PACKAGES` is a CanopenError too.
     """
-    wanted = [packages] if isinstance(packages, str) else list(packages)
-    missing = [name for name in wanted if name not in sys.modules and importlib.util.find_spec(name) is None]
+    names = [packages] if isinstance(packages, str) else list(packages)
+    missing = [name for name in names if name not in sys.modules and importlib.util.find_spec(name) is None]
     unknown = [name for name in missing if name not in PACKAGES]
     if unknown:
-        there = f"those that can be made are {', '.join(PACKAGES)}"
-        raise CanopenError(f"no interfaces of {', '.join(unknown)} are known here; {there}: install the package")
+        choices = f"those that can be made are {', '.join(PACKAGES)}"
+        raise CanopenError(f"no interfaces of {', '.join(unknown)} are known here; {choices}: install the package")
     if missing:
         factory = _factory()
         for package in missing:
@@ -79,15 +79,15 @@ def interface(name: str) -> Any:  # noqa: ANN401 - a class made by somebody's ge
 
 def made(kind: Any, **values: object) -> Any:  # noqa: ANN401 - as above
     """Return a message with those of the values that its type has a field for on this host."""
-    known = kind.get_fields_and_field_types()
-    return kind(**{name: value for name, value in values.items() if name in known})
+    field_types = kind.get_fields_and_field_types()
+    return kind(**{name: value for name, value in values.items() if name in field_types})
 
 
 def put(message: Any, **values: object) -> None:  # noqa: ANN401 - as above
     """Put those of the values into a message that its type has a field for on this host."""
-    known = message.get_fields_and_field_types()
+    field_types = message.get_fields_and_field_types()
     for name, value in values.items():
-        if name in known:
+        if name in field_types:
             setattr(message, name, value)
 
 
@@ -116,8 +116,8 @@ class _Factory:
             self._classes[name] = message_class(self.registry.get(name), self.class_of, self.supports)
         if name in self._classes:
             return self._classes[name]
-        found: type = getattr(importlib.import_module(f"{package}.{kind}"), short)
-        return found
+        interface_class: type = getattr(importlib.import_module(f"{package}.{kind}"), short)
+        return interface_class
 
     def service_of(self, name: str) -> type:
         """Return the class of a service, made once; also of the two services of an action."""
@@ -176,9 +176,9 @@ def _check(factory: _Factory) -> None:
     theirs_of, ours_of = factory.class_of(_PROBED), factory.class_of(_PROBE)
     stamp = factory.class_of("builtin_interfaces/msg/Time")(sec=-12345, nanosec=67890)
     ours, theirs = ours_of(stamp=stamp, frame_id="base_link"), theirs_of(stamp=stamp, frame_id="base_link")
-    told = json.loads(_description_file(_PROBED).read_text(encoding="utf-8"))["type_hashes"][0]["hash_string"]
+    type_hash = json.loads(_description_file(_PROBED).read_text(encoding="utf-8"))["type_hashes"][0]["hash_string"]
     checks = {
-        "hash": hash_text(factory.registry.describe(_PROBED)) == told,
+        "hash": hash_text(factory.registry.describe(_PROBED)) == type_hash,
         "sending": serialization.deserialize_message(serialization.serialize_message(ours), theirs_of) == theirs,
         "receiving": serialization.deserialize_message(serialization.serialize_message(theirs), ours_of) == ours,
     }
@@ -189,7 +189,7 @@ def _check(factory: _Factory) -> None:
 
 def _shares() -> list[Path]:
     """Return where installed packages describe themselves."""
-    prefixes = [each for each in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if each]
+    prefixes = [field for field in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if field]
     return [Path(prefix, "share") for prefix in (*prefixes, sys.prefix)]
 
 

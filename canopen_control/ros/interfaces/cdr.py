@@ -61,7 +61,7 @@ class Codecs:
         return self._made[name]
 
     def _make(self, name: str) -> Codec:
-        fields = [(each.name, self._of_type(each.type)) for each in self._structure_of(name).fields]
+        fields = [(field.name, self._of_type(field.type)) for field in self._structure_of(name).fields]
         encoders = [(field, codec[0]) for field, codec in fields]
         decoders = [(field, codec[1]) for field, codec in fields]
         make = self.class_of(name)

@@ -84,26 +84,26 @@ class MadeMessage:
 def message_class(structure: Structure, class_of: Callable[[str], type], supports: Callable[[], Supports]) -> type:
     """Return the class of a structure; `class_of` gives those of nested ones, `supports` makes type supports."""
     package, kind, short = parts_of(structure.name)
-    fields = [each for each in structure.fields if each.name != DUMMY]
+    fields = [field for field in structure.fields if field.name != DUMMY]
 
     def load(metaclass: Any) -> None:  # noqa: ANN401 - the metaclass below
         for attribute, capsule in zip(_CAPSULES, supports().message(structure.name), strict=True):
             setattr(metaclass, attribute, capsule)
 
     contents = {
-        "__slots__": tuple(f"_{each.name}" for each in fields),
+        "__slots__": tuple(f"_{field.name}" for field in fields),
         "SLOT_TYPES": _SlotTypes(),
-        "__field_types__": tuple(each.type for each in fields),
+        "__field_types__": tuple(field.type for field in fields),
         "__module__": f"{package}.{kind}",
         "__doc__": f"{structure.name}, made at run time.",
-        "__defaults__": {each.name: _default_of(each.type, each.default, class_of) for each in fields},
-        "_fields_and_field_types": {each.name: _text_of(each.type) for each in fields},
+        "__defaults__": {field.name: _default_of(field.type, field.default, class_of) for field in fields},
+        "_fields_and_field_types": {field.name: _text_of(field.type) for field in fields},
         **structure.constants,
     }
-    made: type = _metaclass(short, load)(short, (MadeMessage,), contents)
-    for each in fields:
-        setattr(made, each.name, made.__dict__[f"_{each.name}"])  # the slot itself: as fast as an attribute
-    return made
+    new_class: type = _metaclass(short, load)(short, (MadeMessage,), contents)
+    for field in fields:
+        setattr(new_class, field.name, new_class.__dict__[f"_{field.name}"])  # the slot itself: as fast as an attribute
+    return new_class
 
 
 def service_class(name: str, parts: dict[str, type], supports: Callable[[], Supports]) -> type:
@@ -117,8 +117,8 @@ def service_class(name: str, parts: dict[str, type], supports: Callable[[], Supp
             load_support()
 
     contents = {**parts, "__module__": f"{package}.{kind}", "__doc__": f"{name}, made at run time."}
-    made: type = _metaclass(short, load)(short, (), contents)
-    return made
+    new_class: type = _metaclass(short, load)(short, (), contents)
+    return new_class
 
 
 def action_class(
@@ -151,8 +151,8 @@ def action_class(
         "__module__": f"{package}.{kind}",
         "__doc__": f"{name}, made at run time.",
     }
-    made: type = _metaclass(short, load)(short, (), contents)
-    return made
+    new_class: type = _metaclass(short, load)(short, (), contents)
+    return new_class
 
 
 def _metaclass(short: str, load: Callable[[Any], None]) -> Any:  # noqa: ANN401 - a metaclass
@@ -174,8 +174,8 @@ def _default_of(kind: FieldType, default: object, class_of: Callable[[str], type
     count = kind.capacity if kind.shape is Shape.ARRAY else 0
     if kind.base in NUMBERS:
         return lambda: array(NUMBERS[kind.base], bytes(array(NUMBERS[kind.base]).itemsize * count))
-    one = _default_of(FieldType(kind.base, nested=kind.nested), None, class_of)
-    return lambda: [one() for _ in range(count)]
+    element = _default_of(FieldType(kind.base, nested=kind.nested), None, class_of)
+    return lambda: [element() for _ in range(count)]
 
 
 def _text_of(kind: FieldType) -> str:
@@ -195,10 +195,10 @@ def _rosidl_type(kind: FieldType) -> object:
     """Return a type as rosidl_parser has it."""
     parser = importlib.import_module("rosidl_parser.definition")
     if kind.shape is not Shape.SCALAR:
-        one = _rosidl_type(FieldType(kind.base, string_capacity=kind.string_capacity, nested=kind.nested))
+        element = _rosidl_type(FieldType(kind.base, string_capacity=kind.string_capacity, nested=kind.nested))
         if kind.shape is Shape.ARRAY:
-            return parser.Array(one, kind.capacity)
-        return parser.BoundedSequence(one, kind.capacity) if kind.capacity else parser.UnboundedSequence(one)
+            return parser.Array(element, kind.capacity)
+        return parser.BoundedSequence(element, kind.capacity) if kind.capacity else parser.UnboundedSequence(element)
     if kind.base == NESTED:
         *namespaces, short = kind.nested.split("/")
         return parser.NamespacedType(namespaces, short)
@@ -208,10 +208,10 @@ def _rosidl_type(kind: FieldType) -> object:
     return parser.UnboundedString() if text == "string" else parser.BasicType(text)
 
 
-def _same(one: Any, other: Any) -> bool:  # noqa: ANN401 - whatever a field holds
-    if isinstance(one, array | list | tuple) and isinstance(other, array | list | tuple):
-        return list(one) == list(other)
-    return bool(one == other)
+def _same(first: Any, second: Any) -> bool:  # noqa: ANN401 - whatever a field holds
+    if isinstance(first, array | list | tuple) and isinstance(second, array | list | tuple):
+        return list(first) == list(second)
+    return bool(first == second)
 
 
 def _shown(value: object) -> str:

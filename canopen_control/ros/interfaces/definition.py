@@ -137,11 +137,11 @@ def _service(name: str, request: Structure, response: Structure) -> list[Structu
 
 def _action(name: str, goal: Structure, result: Structure, feedback: Structure) -> list[Structure]:
     goal_id = _nested("goal_id", "unique_identifier_msgs/msg/UUID")
-    send, get, told = f"{name}_SendGoal", f"{name}_GetResult", f"{name}_FeedbackMessage"
+    send, get, feedback_message = f"{name}_SendGoal", f"{name}_GetResult", f"{name}_FeedbackMessage"
     accepted = (Field("accepted", FieldType(PRIMITIVES["bool"])), _nested("stamp", "builtin_interfaces/msg/Time"))
     ended = (Field("status", FieldType(PRIMITIVES["int8"])), _nested("result", result.name))
-    whole = {"goal": goal.name, "result": result.name, "feedback": feedback.name,
-             "send_goal_service": send, "get_result_service": get, "feedback_message": told}  # fmt: skip
+    parts = {"goal": goal.name, "result": result.name, "feedback": feedback.name,
+             "send_goal_service": send, "get_result_service": get, "feedback_message": feedback_message}  # fmt: skip
     return [
         goal,
         result,
@@ -152,8 +152,8 @@ def _action(name: str, goal: Structure, result: Structure, feedback: Structure) 
             Structure(f"{send}_Response", accepted),
         ),
         *_service(get, Structure(f"{get}_Request", (goal_id,)), Structure(f"{get}_Response", ended)),
-        Structure(told, (goal_id, _nested("feedback", feedback.name))),
-        Structure(name, tuple(_nested(field, nested) for field, nested in whole.items())),
+        Structure(feedback_message, (goal_id, _nested("feedback", feedback.name))),
+        Structure(name, tuple(_nested(field, nested) for field, nested in parts.items())),
     ]
 
 
@@ -218,7 +218,7 @@ def _default(text: str, kind: str, *, is_array: bool) -> object:
     if not text:
         return None
     if is_array:
-        return [_value(each, kind) for each in text.strip("[]").split(",") if each.strip()]
+        return [_value(item, kind) for item in text.strip("[]").split(",") if item.strip()]
     return _value(text, kind)
 
 

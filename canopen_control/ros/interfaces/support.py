@@ -88,8 +88,8 @@ class Libraries:
 
     def body_of(self, message: int) -> bytes:
         """Return what a message in C holds."""
-        held = Bytes.from_address(message)
-        return ctypes.string_at(held.data, held.size) if held.size else b""
+        body = Bytes.from_address(message)
+        return ctypes.string_at(body.data, body.size) if body.size else b""
 
     def _open(self, name: str) -> ctypes.CDLL:
         try:
@@ -162,14 +162,14 @@ def _find_end(cdr: ctypes.CDLL, position: Any) -> int:  # noqa: ANN401 - as abov
     """Return the offset of the end pointer in a Cdr; RuntimeError when it is not there exactly once."""
     size, words = 16, 128
     raw = keep(ctypes.create_string_buffer(size))
-    buffer, made = keep(ctypes.create_string_buffer(64)), keep(ctypes.create_string_buffer(words * 8))
+    buffer, array = keep(ctypes.create_string_buffer(64)), keep(ctypes.create_string_buffer(words * 8))
     _declared(cdr[_BUFFER_MADE], None, c_void_p, c_void_p, c_size_t)(buffer, raw, size)
-    _declared(cdr[_CDR_MADE], None, c_void_p, c_void_p, c_int, c_int)(made, buffer, _LITTLE_ENDIAN, _XCDR1)
-    held = list((c_size_t * words).from_buffer(made))
+    _declared(cdr[_CDR_MADE], None, c_void_p, c_void_p, c_int, c_int)(array, buffer, _LITTLE_ENDIAN, _XCDR1)
+    memory = list((c_size_t * words).from_buffer(array))
     end = ctypes.addressof(raw) + size
-    if held.count(end) != 1 or position(made) != ctypes.addressof(raw):
+    if memory.count(end) != 1 or position(array) != ctypes.addressof(raw):
         raise RuntimeError("this Fast CDR is laid out in another way than the one known here")
-    return 8 * held.index(end)
+    return 8 * memory.index(end)
 
 
 # Type descriptions and their hashes: what two ROS programs compare before they talk.
@@ -221,8 +221,8 @@ class Registry:
         """Add interfaces by their texts, as {"package/msg/Name": lines}; they are read when they are asked for."""
         for name, lines in definitions.items():
             self._texts[name] = lines
-            for known in [each for each in self._structures if owner_of(each) == name]:
-                del self._structures[known]
+            for structure_name in [structure for structure in self._structures if owner_of(structure) == name]:
+                del self._structures[structure_name]
 
     def get(self, name: str) -> Structure:
         """Return a structure; LookupError if nobody has it, neither a definition nor an installed package.
@@ -232,37 +232,37 @@ class Registry:
         if name not in self._structures:
             owner = owner_of(name)
             if owner in self._texts:
-                self._structures |= {each.name: each for each in parse(owner, self._texts[owner])}
+                self._structures |= {structure.name: structure for structure in parse(owner, self._texts[owner])}
             if name not in self._structures:
                 self._load(name)
         return self._structures[name]
 
     def referenced(self, name: str) -> list[Structure]:
         """Return every structure that a structure is made of, itself not, sorted by name."""
-        seen: set[str] = set()
+        names: set[str] = set()
         todo = [name]
         while todo:
-            nested = {each.type.nested for each in self.get(todo.pop()).fields if each.type.nested}
-            todo += nested - seen
-            seen |= nested
-        return [self.get(each) for each in sorted(seen)]
+            nested = {field.type.nested for field in self.get(todo.pop()).fields if field.type.nested}
+            todo += nested - names
+            names |= nested
+        return [self.get(each) for each in sorted(names)]
 
     def describe(self, name: str) -> TypeDescription:
         """Return the type description, as type_description_interfaces/msg/TypeDescription has it."""
         return {
             "type_description": _describe(self.get(name)),
-            "referenced_type_descriptions": [_describe(each) for each in self.referenced(name)],
+            "referenced_type_descriptions": [_describe(structure) for structure in self.referenced(name)],
         }
 
     def _load(self, name: str) -> None:
         package, kind, short = parts_of(name)
         paths = [share / package / kind / f"{short}.json" for share in self._shares]
-        found = next((path for path in paths if path.exists()), None)
-        if found is None:
+        path_found = next((path for path in paths if path.exists()), None)
+        if path_found is None:
             raise LookupError(f"no description of {name}; is the package {package} installed?")
-        described = json.loads(found.read_text(encoding="utf-8"))["type_description_msg"]
-        for each in (described["type_description"], *described["referenced_type_descriptions"]):
-            self._structures.setdefault(each["type_name"], _structure(each))
+        described = json.loads(path_found.read_text(encoding="utf-8"))["type_description_msg"]
+        for structure in (described["type_description"], *described["referenced_type_descriptions"]):
+            self._structures.setdefault(structure["type_name"], _structure(structure))
 
 
 def hash_of(description: TypeDescription) -> bytes:
@@ -280,27 +280,27 @@ def _describe(structure: Structure) -> DescribedStructure:
         "type_name": structure.name,
         "fields": [
             {
-                "name": each.name,
+                "name": field.name,
                 "type": {
-                    "type_id": each.type.type_id,
-                    "capacity": each.type.capacity,
-                    "string_capacity": each.type.string_capacity,
-                    "nested_type_name": each.type.nested,
+                    "type_id": field.type.type_id,
+                    "capacity": field.type.capacity,
+                    "string_capacity": field.type.string_capacity,
+                    "nested_type_name": field.type.nested,
                 },
             }
-            for each in structure.fields
+            for field in structure.fields
         ],
     }
 
 
 def _structure(described: DescribedStructure) -> Structure:
     fields = []
-    for each in described["fields"]:
-        kind = each["type"]
+    for field in described["fields"]:
+        kind = field["type"]
         field_type = FieldType.of_id(
             kind["type_id"], kind["capacity"], kind["string_capacity"], kind["nested_type_name"]
         )
-        fields.append(Field(each["name"], field_type))
+        fields.append(Field(field["name"], field_type))
     return Structure(described["type_name"], tuple(fields))
 
 
@@ -356,12 +356,12 @@ class Supports:
         def to_py(message: int) -> int | None:
             self._tell_dropped()
             try:
-                made = codecs.decode(name, libraries.body_of(message))
+                codec = codecs.decode(name, libraries.body_of(message))
             except Exception as error:  # noqa: BLE001 - the module says why
                 _complain(name, error)
                 return None
-            ctypes.pythonapi.Py_IncRef(ctypes.py_object(made))  # the caller takes the reference over
-            return id(made)
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(codec))  # the caller takes the reference over
+            return id(codec)
 
         return Capsules(
             _capsule(libraries.create),
@@ -385,16 +385,16 @@ class Supports:
         supports = [
             abi.ServiceSupport(identifier, data, callbacks["service_of_kind"], *of_parts, *events)
             for identifier, data, of_parts in (
-                (libraries.dispatch_id, None, [each.dispatch for each in parts]),
-                (libraries.fast_id, address(fast), [each.fast for each in parts]),
-                (libraries.introspection_id, address(members), [each.introspection for each in parts]),
+                (libraries.dispatch_id, None, [part.dispatch for part in parts]),
+                (libraries.fast_id, address(fast), [part.fast for part in parts]),
+                (libraries.introspection_id, address(members), [part.introspection for part in parts]),
             )
         ]
         return _capsule(self._described("service_support", name, supports)[0])
 
     def action(self, name: str, cancel: object, status: object) -> object:
         """Make the support of an action of its parts' and of the capsules of the installed ones; return its capsule."""
-        send, get = (_pointer(self.service(f"{name}_{each}")) for each in ("SendGoal", "GetResult"))
+        send, get = (_pointer(self.service(f"{name}_{part}")) for part in ("SendGoal", "GetResult"))
         feedback = self._message(f"{name}_FeedbackMessage").dispatch
         support = abi.ActionSupport(send, get, _pointer(cancel), feedback, _pointer(status))
         return _capsule(self._described("action_support", name, [support])[0])
@@ -432,7 +432,7 @@ class Supports:
         """Return where the members of a structure are, and its introspection support."""
         if name not in self._members:
             package, kind, short = parts_of(name)
-            fields = [self._member(each.name, each.type) for each in self._registry.get(name).fields]
+            fields = [self._member(field.name, field.type) for field in self._registry.get(name).fields]
             array = (abi.MessageMember * max(1, len(fields)))(*fields)
             size = ctypes.sizeof(abi.Bytes)
             members = address(
@@ -457,7 +457,7 @@ class Supports:
     def _layout(self, name: str) -> int:
         """Return where the layout of a structure is, by which `callbacks.c` judges what comes."""
         if name not in self._layouts:
-            fields = [self._layout_field(each.type) for each in self._registry.get(name).fields]
+            fields = [self._layout_field(field.type) for field in self._registry.get(name).fields]
             array = (abi.LayoutField * max(1, len(fields)))(*fields)
             self._layouts[name] = address(abi.StructLayout(len(fields), address(array)))
         return self._layouts[name]
@@ -483,20 +483,23 @@ class Supports:
         """
         description = self._registry.describe(name)
         value = (ctypes.c_uint8 * 32)(*hash_of(description))
-        told = [description["type_description"], *description["referenced_type_descriptions"]]
+        descriptions = [description["type_description"], *description["referenced_type_descriptions"]]
         sources = [
-            abi.TypeSource(abi.string(each["type_name"]), abi.string("implicit"), abi.string("")) for each in told
+            abi.TypeSource(abi.string(structure["type_name"]), abi.string("implicit"), abi.string(""))
+            for structure in descriptions
         ]
         answers = (abi.Hash(1, value), _c_description(description), abi.sequence(abi.TypeSource, sources))
-        data = [address(each) for each in answers]
-        where = [address(each) for each in supports]
+        data = [address(answer) for answer in answers]
+        addresses = [address(support) for support in supports]
         callbacks = self._libraries.callbacks
-        for each in supports:
-            each.get_hash, each.get_description, each.get_sources = (callbacks[f"{kind}_{what}"] for what in _GETTERS)
-            each.hash, each.description, each.sources = data
-            if len(where) > 1:
-                each.kinds[:] = where
-        return where
+        for support in supports:
+            support.get_hash, support.get_description, support.get_sources = (
+                callbacks[f"{kind}_{getter}"] for getter in _GETTERS
+            )
+            support.hash, support.description, support.sources = data
+            if len(addresses) > 1:
+                support.kinds[:] = addresses
+        return addresses
 
     # ----------------------------------------------------------------------------------------------- service events
 
@@ -508,9 +511,9 @@ class Supports:
         def make(info: Any, _allocator: int, request: int, response: int) -> int | None:  # noqa: ANN401 - a pointer
             try:
                 event = _event_of(codecs, name, info.contents)
-                for where, part in ((request, "Request"), (response, "Response")):
-                    if where:
-                        body = libraries.body_of(where)
+                for target, part in ((request, "Request"), (response, "Response")):
+                    if target:
+                        body = libraries.body_of(target)
                         setattr(event, part.lower(), [codecs.decode(f"{name}_{part}", body)])
                 message = int(create())
                 libraries.set_body(message, codecs.encode(f"{name}_Event", event))
@@ -536,7 +539,7 @@ def _event_of(codecs: Codecs, name: str, info: abi.EventInfo) -> Any:  # noqa: A
 
 
 def _c_description(description: TypeDescription) -> abi.TypeDescriptionStruct:
-    referenced = [_c_individual(each) for each in description["referenced_type_descriptions"]]
+    referenced = [_c_individual(referenced_type) for referenced_type in description["referenced_type_descriptions"]]
     return abi.TypeDescriptionStruct(
         _c_individual(description["type_description"]), abi.sequence(abi.IndividualDescription, referenced)
     )
@@ -544,11 +547,11 @@ def _c_description(description: TypeDescription) -> abi.TypeDescriptionStruct:
 
 def _c_individual(described: DescribedStructure) -> abi.IndividualDescription:
     fields = []
-    for each in described["fields"]:
-        kind = each["type"]
+    for field in described["fields"]:
+        kind = field["type"]
         nested = abi.string(kind["nested_type_name"])
-        told = abi.FieldTypeDescription(kind["type_id"], kind["capacity"], kind["string_capacity"], nested)
-        fields.append(abi.FieldDescription(abi.string(each["name"]), told, abi.string("")))
+        field_type = abi.FieldTypeDescription(kind["type_id"], kind["capacity"], kind["string_capacity"], nested)
+        fields.append(abi.FieldDescription(abi.string(field["name"]), field_type, abi.string("")))
     return abi.IndividualDescription(abi.string(described["type_name"]), abi.sequence(abi.FieldDescription, fields))
 
 
@@ -569,5 +572,5 @@ def _address_of(function: Any) -> int:  # noqa: ANN401 - a ctypes function
     return int(ctypes.cast(keep(function), c_void_p).value or 0)
 
 
-def _complain(what: str, error: object) -> None:
-    sys.stderr.write(f"canopen-control: {what}: {error}\n")
+def _complain(title: str, error: object) -> None:
+    sys.stderr.write(f"canopen-control: {title}: {error}\n")

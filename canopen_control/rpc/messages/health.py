@@ -37,12 +37,12 @@ class Verdict(NamedTuple):
     message: str
 
 
-def stale(age: float | None, after: float, *, known: bool) -> Verdict | None:
+def stale(age: float | None, after: float, *, is_known: bool) -> Verdict | None:
     """Return the verdict for a drive by the age of its data in s and whether anything is `known`.
 
     None if it is fresh.
     """
-    if not known:
+    if not is_known:
         return Verdict(Health.STALE, "nothing is heard of it")
     if age is not None and age > after:
         return Verdict(Health.STALE, f"no news for {age:.2f} s")

@@ -30,8 +30,8 @@ _SPECIAL: Final = {".nan": math.nan, ".inf": math.inf, "-.inf": -math.inf}
 def told(value: object) -> Told:
     """Return a value in its form on the wire; None for a value that cannot be a parameter."""
     if isinstance(value, list | tuple):
-        elements = [told(each) for each in value]
-        return [each for each in elements if each is not None and not isinstance(each, list)]
+        elements = [told(item) for item in value]
+        return [element for element in elements if element is not None and not isinstance(element, list)]
     if isinstance(value, float) and not math.isfinite(value):
         return ".nan" if math.isnan(value) else ".inf" if value > 0.0 else "-.inf"
     return value if isinstance(value, bool | int | float | str) else None
@@ -58,7 +58,7 @@ class ParameterValue(msgspec.Struct, frozen=True, kw_only=True):
         if self.kind == "double" and not isinstance(self.value, list | None):
             return number_of(self.value)
         if element == "double" and isinstance(self.value, list):
-            return [number_of(each) for each in self.value]
+            return [number_of(text) for text in self.value]
         return self.value
 
 

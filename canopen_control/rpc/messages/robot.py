@@ -211,7 +211,7 @@ class ProcessData(msgspec.Struct, frozen=True):
     nodes: dict[str, list[MappedValue]]
 
 
-class Asked(msgspec.Struct, frozen=True):
+class RequestSeen(msgspec.Struct, frozen=True):
     """A request of a client that was not refused at once, with what it said; those that only read are left out."""
 
     time: float
@@ -219,9 +219,9 @@ class Asked(msgspec.Struct, frozen=True):
     params: msgspec.Raw
 
 
-RobotPush = StateSample | RobotEvent | ProcessData | Asked
+RobotPush = StateSample | RobotEvent | ProcessData | RequestSeen
 ROBOT: Final[Api[RobotHello, RobotPush]] = Api(
-    "robot", RobotHello, {"state": StateSample, "event": RobotEvent, "pdos": ProcessData, "asked": Asked}
+    "robot", RobotHello, {"state": StateSample, "event": RobotEvent, "pdos": ProcessData, "asked": RequestSeen}
 )
 
 
@@ -244,7 +244,7 @@ class Subscribe(Request[Done], frozen=True, kw_only=True):
 
 
 @ROBOT.method("tell", Effect.CHANGES)
-class Tell(Request[Done], frozen=True, kw_only=True):
+class PublishEvent(Request[Done], frozen=True, kw_only=True):
     """An event for all who watch: what a client has to say; `kind` is one word, `level` "info" or "warning"."""
 
     kind: str

@@ -204,11 +204,11 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     def beside(self, odometry: Planar) -> TruePose:
         """Return the same with the error of what odometry said at that time."""
-        seen = self.in_odometry
-        if seen is None:
+        pose = self.in_odometry
+        if pose is None:
             return self
-        turn = math.remainder(seen[2] - odometry[2], math.tau)
-        return msgspec.structs.replace(self, error=(seen[0] - odometry[0], seen[1] - odometry[1], turn))
+        turn = math.remainder(pose[2] - odometry[2], math.tau)
+        return msgspec.structs.replace(self, error=(pose[0] - odometry[0], pose[1] - odometry[1], turn))
 
 
 class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
@@ -255,7 +255,7 @@ class StateSample(TimedSnapshot, frozen=True, kw_only=True):
 
     def told(self, kind: type[S]) -> dict[str, S]:
         """Return the samples of one kind by controller."""
-        return {name: each for name, each in self.samples.items() if isinstance(each, kind)}
+        return {name: sample for name, sample in self.samples.items() if isinstance(sample, kind)}
 
 
 class BusTraffic(msgspec.Struct, frozen=True):
@@ -360,7 +360,7 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
 
     def published(self, kind: str) -> str | None:
         """Return its topic whose last word is `kind`, None if it has none."""
-        return next((each for each in self.publishes if each.rsplit("/", 1)[-1] == kind), None)
+        return next((publish for publish in self.publishes if publish.rsplit("/", 1)[-1] == kind), None)
 
     def became(self, state: str) -> ControllerReading:
         """Return the same in another state."""

@@ -15,7 +15,7 @@ from canopen_control.view.words import BAD, GOOD, IDLE, sentence
 if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import NodePlace
     from canopen_control.rpc.messages.state import NodeReading
-    from canopen_control.view.node_desk import NodeJob, NodeJobs
+    from canopen_control.view.node_jobs import NodeJob, NodeJobs
     from canopen_control.view.page_content import PageContent
     from canopen_control.view.panels.panel import PanelContext
 
@@ -82,7 +82,7 @@ def progress_words(work: NodeJob, now: float) -> str:
 
 def outcome(work: NodeJob) -> str:
     """Return the lines and the table of the result, as HTML."""
-    lines = "".join(f"<p class='cc-line'>{escape(each)}</p>" for each in work.lines[:_SHOWN])
+    lines = "".join(f"<p class='cc-line'>{escape(line)}</p>" for line in work.lines[:_SHOWN])
     if not work.table:
         return lines
     rows = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in work.table[:_SHOWN])

@@ -215,22 +215,22 @@ class StatusTab:
             self._power.show(content)
         if self._drives is not None:
             self._drives.show(content)
-        self._events.show(event_log(each for each in content.events if each.node == self._context.node))
+        self._events.show(event_log(event for event in content.events if event.node == self._context.node))
 
     def leave(self) -> None:
         """Stop driving from this tab."""
-        self._context.panel.let_go(self._client.id)
+        self._context.panel.release(self._client.id)
 
     async def _read(self) -> None:
         try:
-            found = await self._context.desk.ask(error_history)
+            errors = await self._context.desk.ask(error_history)
         except ConfigError as error:  # a drive need not have one
             self._errors.show(sentence(str(error)))
             return
         except CanopenError as error:
             self._errors.show(sentence(str(error), BAD))
             return
-        self._errors.show("".join(f"<p class='cc-line'>{escape(each)}</p>" for each in found) or _NO_ERRORS)
+        self._errors.show("".join(f"<p class='cc-line'>{escape(each)}</p>" for each in errors) or _NO_ERRORS)
 
 
 def facts_table(reading: NodeReading) -> str:
@@ -241,8 +241,8 @@ def facts_table(reading: NodeReading) -> str:
 
 def _facts(reading: NodeReading) -> Iterator[tuple[str, str]]:
     yield "node", f"{reading.node_id} on {reading.bus}" if reading.bus else str(reading.node_id)
-    taken = ", taken out of the robot" if reading.taken_out else ""
-    yield "NMT", f"{(reading.nmt_state or 'unknown').replace('_', '-').lower()}{taken}"
+    remark = ", taken out of the robot" if reading.taken_out else ""
+    yield "NMT", f"{(reading.nmt_state or 'unknown').replace('_', '-').lower()}{remark}"
     for axis in reading.axes:
         name = axis.joint if len(reading.axes) > 1 else "drive"
         yield name, f"{(axis.state or 'unknown').replace('_', ' ').lower()}, mode {axis.mode or '-'}"
@@ -258,8 +258,8 @@ def _bits(axis: AxisReading) -> str:
     if axis.statusword is None:
         return _GONE
     bits = "".join(
-        f"<span class='{'cc-set' if each.on else ''}'>{each.bit} {escape(each.name)}</span>"
-        for each in statusword_bits(axis.statusword, axis.mode)
+        f"<span class='{'cc-set' if bit.on else ''}'>{bit.bit} {escape(bit.name)}</span>"
+        for bit in statusword_bits(axis.statusword, axis.mode)
     )
     return f"<p class='cc-note'>{escape(axis.joint)}: 0x{axis.statusword:04X}</p><div class='cc-bits'>{bits}</div>"
 
@@ -267,7 +267,7 @@ def _bits(axis: AxisReading) -> str:
 def _movers(content: PageContent, reading: NodeReading) -> str:
     """Return the controllers that command the node's joints as HTML."""
     joints = {axis.joint for axis in reading.axes}
-    active = [each for each in content.controllers if each.state == "active"]
+    active = [controller for controller in content.controllers if controller.state == "active"]
     names = [each.name for each in active if any(claim.rpartition("/")[0] in joints for claim in each.claims)]
     if not reading.axes:
         return sentence("It is no drive: nothing moves it.")
@@ -306,15 +306,15 @@ _LOST: Final = "<p class='cc-line cc-bad'>No connection: the state of the drive 
 class DriveView:
     """Drive view in the page's `main`; the switch is second in its `side`. `asked` is the page's query."""
 
-    def __init__(self, context: PanelContext, main: Element, side: Element, asked: dict[str, str]) -> None:
+    def __init__(self, context: PanelContext, main: Element, side: Element, query: dict[str, str]) -> None:
         self._context, self._main, self._client = context, main, ui.context.client
         self._tabs: dict[str, DriveTab] = {}
         self._places: dict[str, ui.element] = {}
         self._content: PageContent | None = None
         nodes = context.robot.node_names
-        self._node = asked.get(_DRIVE, "") if asked.get(_DRIVE) in nodes else next(iter(nodes), "")
+        self._node = query.get(_DRIVE, "") if query.get(_DRIVE) in nodes else next(iter(nodes), "")
         keys = [slot.key for slot in TABS]
-        self._key = asked.get("tab", "") if asked.get("tab") in keys else keys[0]
+        self._key = query.get("tab", "") if query.get("tab") in keys else keys[0]
         self.is_open = False
         with side, ui.element("section").classes("cc-panel cc-p-switch") as switch:
             self._switch = ui.toggle({_ROBOT: "Robot", _DRIVE: "Drives"}, value=_ROBOT, on_change=self._switched)
@@ -324,7 +324,7 @@ class DriveView:
         with ui.element("div").classes("cc-drive-view") as self._whole:
             self._make_head(nodes)
             self._body = ui.element("div").classes("cc-tab-bodies")
-        if asked.get(_DRIVE) in nodes:
+        if query.get(_DRIVE) in nodes:
             self._switch.value = _DRIVE
 
     def _make_head(self, nodes: list[str]) -> None:
@@ -389,7 +389,7 @@ class DriveView:
     def _open_tab(self) -> None:
         """Show the chosen tab of the chosen node, creating it if necessary."""
         if self._key not in self._tabs and self._node:
-            slot = next(each for each in TABS if each.key == self._key)
+            slot = next(tab for tab in TABS if tab.key == self._key)
             context = DriveTabContext(self._context, self._context.robot.desk(self._node))
             with self._body, ui.element("div").classes(f"cc-tab cc-t-{slot.key}") as place:
                 self._places[slot.key], self._tabs[slot.key] = place, slot.make(context)

@@ -10,11 +10,11 @@ from canopen_control.cia402.state import POWERED_STATES
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.rpc.messages.robot import NmtRequest
 from canopen_control.service.restore import Reached, RestoreOptions
-from canopen_control.view import node_desk as jobs
+from canopen_control.view import node_jobs as jobs
 from canopen_control.view.drive.drive_tab import LOOK_ONLY, WorkBar
 from canopen_control.view.elements.nicegui_elements import FileUpload
-from canopen_control.view.node_desk import MOST_FIRMWARE_BYTES, NodeJob, check_image, load_program, options_of
-from canopen_control.view.panels.panel import Html, tell
+from canopen_control.view.node_jobs import MOST_FIRMWARE_BYTES, NodeJob, check_image, load_program, options_of
+from canopen_control.view.panels.panel import Html, show_notice
 from canopen_control.view.robot_connection import SOURCE, in_thread
 from canopen_control.view.words import BAD, GOOD, IDLE, WARN, sentence
 
@@ -73,7 +73,7 @@ class ReleasePanel:
         request = NmtRequest(command=command, node=self._context.node, source=SOURCE)
         refused = await self._context.panel.ask(request)
         if refused is not None:
-            tell(f"{self._context.node}: {problem}", refused)
+            show_notice(f"{self._context.node}: {problem}", refused)
 
 
 def release_words(reading: NodeReading | None, robot: Banner) -> tuple[str, str]:
@@ -175,12 +175,12 @@ class FirmwareTab:
         try:
             options = options_of(str(self._number.value or ""), str(self._expected.value or ""))
         except ConfigError as error:
-            tell("Not begun", str(error))
+            show_notice("Not begun", str(error))
             return
         work = NodeJob(_FIRMWARE_KEY, f"Loading {name} into {self._context.node}", "bytes")
-        refused = self._desk.begin(work, lambda session, told: load_program(session, told, image, options))
+        refused = self._desk.begin(work, lambda session, progress: load_program(session, progress, image, options))
         if refused is not None:
-            tell("Not begun", refused)
+            show_notice("Not begun", refused)
         self._bar.show()
 
 
@@ -242,10 +242,10 @@ class ParametersTab:
         with ui.element("div").classes("cc-row cc-acts"):
             restore = ui.button("Restore the file", color="orange-9", on_click=self._begin_restore)
             self._writers.append(restore.props("unelevated dense"))
-        others = [each for each in self._context.panel.robot.node_names if each != self._context.node]
-        if not others:
+        names = [node_name for node_name in self._context.panel.robot.node_names if node_name != self._context.node]
+        if not names:
             return
-        self._source = ui.select(others, value=others[0], label="clone from").props("dense").style("width: 100%")
+        self._source = ui.select(names, value=names[0], label="clone from").props("dense").style("width: 100%")
         with ui.element("div").classes("cc-row cc-acts"):
             clone = ui.button("Clone into this node", color="orange-9", on_click=self._begin_clone)
             self._writers.append(clone.props("unelevated dense"))
@@ -320,6 +320,6 @@ class ParametersTab:
         self._begin(title, "objects", lambda session, work: jobs.clone_from(session, work, source, options))
 
     def _options(self) -> RestoreOptions:
-        globs = [each.strip() for each in str(self._protect.value or "").split(",") if each.strip()]
+        globs = [field.strip() for field in str(self._protect.value or "").split(",") if field.strip()]
         reached = Reached(robot=self._desk.robot)
         return RestoreOptions(globs, keep=bool(self._keep.value), store=bool(self._store.value), reached=reached)

@@ -15,7 +15,7 @@ from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.service.scope_capture import Condition, csv_of, parse_csv, write_bag
 from canopen_control.service.scope_signals import MOST_SIGNALS
 from canopen_control.view.elements.nicegui_elements import FileUpload
-from canopen_control.view.panels.panel import Html, tell
+from canopen_control.view.panels.panel import Html, show_notice
 from canopen_control.view.robot_connection import in_thread
 from canopen_control.view.scope_chart import chart_options, cursor_change, height_of
 from canopen_control.view.scope_run import ScopeForm, ScopeRun
@@ -103,7 +103,9 @@ class ScopeTab:
                 button.props("outline dense")
         self._drop.visible = False
         too_long = f"a CSV of {_MOST_BYTES} bytes at most is wanted"
-        self._upload = FileUpload("Overlay a CSV", self._take_overlay, lambda: tell("Not read", too_long), _MOST_BYTES)
+        self._upload = FileUpload(
+            "Overlay a CSV", self._take_overlay, lambda: show_notice("Not read", too_long), _MOST_BYTES
+        )
         self._upload.props("accept='.csv'")
 
     async def _list_signals(self) -> None:
@@ -114,9 +116,11 @@ class ScopeTab:
             self._state.show(sentence(str(error), BAD))
             return
         offered = signals_of(od, self._context.node)
-        joints = sorted(self._context.panel.robot.state.joints, key=lambda each: each not in self._context.place.joints)
+        joints = sorted(
+            self._context.panel.robot.state.joints, key=lambda joint: joint not in self._context.place.joints
+        )
         offered |= {
-            f"{joint}:{what}": f"{joint} {what}" for joint in joints for what in ("position", "velocity", "command")
+            f"{joint}:{name}": f"{joint} {name}" for joint in joints for name in ("position", "velocity", "command")
         }
         run = self._desk.scope
         first = [f"{self._context.node}:0x{index:04X}:00" for index in _FIRST]
@@ -128,7 +132,7 @@ class ScopeTab:
     def _list_places(self) -> None:
         """List the chosen signals for the trigger."""
         options: Any = self._signals.options
-        names = {number + 1: str(options[each]) for number, each in enumerate(self._signals.value or [])}
+        names = {number + 1: str(options[value]) for number, value in enumerate(self._signals.value or [])}
         self._place.set_options(
             names, value=self._place.value if self._place.value in names else next(iter(names), None)
         )
@@ -193,7 +197,7 @@ class ScopeTab:
         try:
             overlay = read_overlay(await event.file.read(), name, self._shown)
         except ConfigError as error:
-            tell("Not read", str(error))
+            show_notice("Not read", str(error))
             return
         self._overlay, self._drop.visible = overlay, True
         if self._shown is not None:
@@ -216,7 +220,7 @@ class ScopeTab:
         self._tell_cursors(named)
 
     def _cursors(self, named: NamedShot) -> tuple[float, float]:
-        low, high = named.shot.span
+        low, high = named.shot.time_range
         value = self._range.value
         return low + (high - low) * value["min"] / _STEPS, low + (high - low) * value["max"] / _STEPS
 
@@ -243,7 +247,7 @@ class ScopeTab:
             address = ""
         head, _, data = str(address).partition(",")
         if head != "data:image/png;base64":
-            tell("Not saved", "the browser has drawn no picture")
+            show_notice("Not saved", "the browser has drawn no picture")
             return
         ui.download.content(base64.b64decode(data), f"{self._context.node}.png")
 
@@ -261,7 +265,7 @@ class ScopeTab:
         try:
             data = await in_thread(written)
         except CanopenError as error:
-            tell("Not saved", str(error))
+            show_notice("Not saved", str(error))
             return
         ui.download.content(data, f"{self._context.node}.mcap")
 
@@ -272,7 +276,7 @@ def read_overlay(data: bytes, name: str, shown: NamedShot | None) -> NamedShot:
         overlay = parse_csv(data.decode("utf-8-sig"), name)
     except (UnicodeDecodeError, csv.Error):
         raise ConfigError(f"{name} is no text; give a file that a scope has saved as CSV") from None
-    if shown is not None and not any(overlay.place(each) is not None for each in shown.names):
+    if shown is not None and not any(overlay.place(signal_name) is not None for signal_name in shown.names):
         raise ConfigError(f"{name} holds {', '.join(overlay.names)}, nothing of {', '.join(shown.names)}")
     return overlay
 
@@ -299,11 +303,11 @@ def cursor_table(named: NamedShot, cursors: tuple[float, float]) -> str:
     for place, name in enumerate(named.names):
         read = named.shot.cursors(place, first, second)
         values = [] if read is None else [read.first, read.second, read.difference, read.rms]
-        cells = "".join(f"<td>{each:.6g}</td>" for each in values) or "<td>-</td>" * 4
+        cells = "".join(f"<td>{value:.6g}</td>" for value in values) or "<td>-</td>" * 4
         unit = named.units[place] if place < len(named.units) else ""
         rows.append(f"<tr><td>{escape(name)}</td>{cells}<td>{escape(unit)}</td></tr>")
     heads = "".join(
-        f"<th>{each}</th>" for each in ("signal", f"at {first:.4f} s", f"at {second:.4f} s", "dv", "RMS", "")
+        f"<th>{title}</th>" for title in ("signal", f"at {first:.4f} s", f"at {second:.4f} s", "dv", "RMS", "")
     )
     return (
         f"<p class='cc-line'>dt {apart:.6g} s{often}</p><table class='cc-table'><tr>{heads}</tr>{''.join(rows)}</table>"

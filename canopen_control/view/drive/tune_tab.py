@@ -15,7 +15,7 @@ from canopen_control.service.tune_run import TuneTest
 from canopen_control.view import tune_job as jobs
 from canopen_control.view.drive.drive_tab import LOOK_ONLY, WorkBar
 from canopen_control.view.elements.nicegui_elements import PresenceElement
-from canopen_control.view.node_desk import NodeJob
+from canopen_control.view.node_jobs import NodeJob
 from canopen_control.view.panels.panel import Html
 from canopen_control.view.scope_chart import BODE_HEIGHT, bode_options, chart_options, height_of
 from canopen_control.view.words import BAD, sentence
@@ -125,8 +125,8 @@ class TuneTab:
         test = TuneTest[str(self._test.value)]
         self._speed.visible = test is TuneTest.STEP
         self._signal.visible = test is TuneTest.BODE
-        for each in (self._torque, self._crossover, self._margin):
-            each.visible = test is TuneTest.IDENTIFY
+        for widget in (self._torque, self._crossover, self._margin):
+            widget.visible = test is TuneTest.IDENTIFY
         self._seconds.value = test.seconds
 
     # ------------------------------------------------------------------------------------ what the frame asks of it
@@ -136,20 +136,20 @@ class TuneTab:
         self._period = content.state.cycle.period_s or self._period
         self._bar.show()
         free = not content.lost and not self._desk.busy and self._context.panel.teleop
-        found = self._desk.tuned
+        tuned = self._desk.tuned
         no_run = self._why_not(content)
         no_gains = self._why_no_gains(content)
         self._run.set_enabled(free and not no_run)
         self._revert.set_enabled(free and not no_gains)
-        self._apply.set_enabled(free and not no_gains and found is not None and found.gains is not None)
+        self._apply.set_enabled(free and not no_gains and tuned is not None and tuned.gains is not None)
         self._no_run.show(sentence(no_run))
         self._no_gains.show(sentence(no_gains))
         if self._mine and not self._desk.busy:
             self._mine = False
             self._presence.switch(on=False)
-        if found is not None and found is not self._drawn and found.lines and not self._desk.busy:
-            self._drawn = found
-            self._draw(found)
+        if tuned is not None and tuned is not self._drawn and tuned.lines and not self._desk.busy:
+            self._drawn = tuned
+            self._draw(tuned)
 
     def _why_not(self, content: PageContent) -> str:
         """Return why no run may start, "" if one may."""
@@ -161,7 +161,7 @@ class TuneTab:
 
     def _why_no_gains(self, content: PageContent) -> str:
         reading = self._context.reading(content)
-        on = [each.joint for each in reading.axes if each.enabled] if reading is not None else []
+        on = [axis.joint for axis in reading.axes if axis.enabled] if reading is not None else []
         return f"{', '.join(on)} {'is' if len(on) == 1 else 'are'} enabled: disable it to set gains." if on else ""
 
     def leave(self) -> None:
@@ -210,7 +210,9 @@ class TuneTab:
             self._refused.show(sentence(str(error), BAD))
             return
         self._refused.show("")
-        words = "".join(f"<p class='cc-line'>{escape(each)}</p>" for each in jobs.confirmed_words(wish))
+        words = "".join(
+            f"<p class='cc-line'>{escape(confirmed_word)}</p>" for confirmed_word in jobs.confirmed_words(wish)
+        )
         self._words.show(f"<p class='cc-ask'>Move {escape(self._moved)}?</p>{words}<p class='cc-note'>{_WARNING}</p>")
         self._confirmed = wish
         self._dialog.open()
@@ -221,28 +223,28 @@ class TuneTab:
         wish, self._confirmed = self._confirmed, None
         if wish is None or not self._context.panel.teleop:
             return
-        found = jobs.TuneFound(wish)
+        result = jobs.TuneFound(wish)
         self._here.here()
         here = self._here
 
         def run(session: NodeSession, work: NodeJob) -> str:
             with RobotClient.connect(self._desk.robot, _TIMEOUT_S) as client:
-                told = jobs.tune(session, work, client, found, here)
-            self._desk.tuned = found
-            return told
+                text = jobs.tune(session, work, client, result, here)
+            self._desk.tuned = result
+            return text
 
         self._mine = self._start("Tuning", "hundredths of a second", run)
         self._presence.switch(on=self._mine)
 
     def _begin_apply(self) -> None:
-        found = self._desk.tuned
-        if not self._context.panel.teleop or found is None or found.gains is None:
+        tuned = self._desk.tuned
+        if not self._context.panel.teleop or tuned is None or tuned.gains is None:
             return
         if not self._counts.value:
             self._refused.show(sentence("give the counts per revolution of the joint (user units of 0x6064)", BAD))
             return
-        counts, stores, axis = float(self._counts.value), bool(self._store.value), found.wish.axis
-        apply = partial(jobs.apply_gains, gains=found.gains, counts=counts, axis=axis, stores=stores)
+        counts, stores, axis = float(self._counts.value), bool(self._store.value), tuned.wish.axis
+        apply = partial(jobs.apply_gains, gains=tuned.gains, counts=counts, axis=axis, stores=stores)
         self._start("Setting gains", "objects", apply)
 
     def _begin_revert(self) -> None:
@@ -256,14 +258,14 @@ class TuneTab:
         self._bar.show()
         return refused is None
 
-    def _draw(self, found: jobs.TuneFound) -> None:
-        self._lines.show(f"<pre class='cc-found'>{escape(chr(10).join(found.lines))}</pre>")
-        self._picture.visible = found.curves is not None
-        if found.curves is not None:
-            self._fill(self._chart, chart_options(found.curves, None, None), height_of(found.curves))
-        self._bode.visible = found.bode is not None
-        if found.bode is not None:
-            self._fill(self._bode, bode_options(found.bode), BODE_HEIGHT)
+    def _draw(self, result: jobs.TuneFound) -> None:
+        self._lines.show(f"<pre class='cc-found'>{escape(chr(10).join(result.lines))}</pre>")
+        self._picture.visible = result.curves is not None
+        if result.curves is not None:
+            self._fill(self._chart, chart_options(result.curves, None, None), height_of(result.curves))
+        self._bode.visible = result.bode is not None
+        if result.bode is not None:
+            self._fill(self._bode, bode_options(result.bode), BODE_HEIGHT)
 
     def _fill(self, chart: ui.echart, options: dict[str, Any], height: int) -> None:
         chart.style(f"height: {height}px")

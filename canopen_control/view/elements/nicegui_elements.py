@@ -83,23 +83,23 @@ class HoldButton:
 
 
 class HoldButtons(Element, component="hold_buttons.js"):
-    """Group of buttons of which one is held at a time; `held(key)` and `let_go()` are called."""
+    """Group of buttons of which one is held at a time; `held(key)` and `release()` are called."""
 
     def __init__(
-        self, buttons: Sequence[HoldButton], held: Callable[[str], None], let_go: Callable[[], None], kind: str = ""
+        self, buttons: Sequence[HoldButton], held: Callable[[str], None], release: Callable[[], None], kind: str = ""
     ) -> None:
         super().__init__()
         self._props["buttons"] = [asdict(button) for button in buttons]
         self._props["period"] = round(1000 / HOLD_HZ)
         self.classes(f"cc-hold {kind}")
-        known = {button.key for button in buttons}
+        keys = {button.key for button in buttons}
 
         def on_hold(event: Any) -> None:  # noqa: ANN401 - what a browser sends
-            if event.args in known:
+            if event.args in keys:
                 held(event.args)
 
         self.on("hold", on_hold)
-        self.on("release", lambda _event: let_go(), [])
+        self.on("release", lambda _event: release(), [])
 
 
 class PresenceElement(Element, component="presence.js"):
@@ -221,7 +221,7 @@ _SEARCH = 200  # characters
 
 
 def _texts(args: Any) -> list[str]:  # noqa: ANN401 - what a browser sends
-    return [each for each in args if isinstance(each, str)] if isinstance(args, list) else []
+    return [arg for arg in args if isinstance(arg, str)] if isinstance(args, list) else []
 
 
 def _written(args: Any, user: TreeUser) -> None:  # noqa: ANN401 - what a browser sends
@@ -238,14 +238,14 @@ class FileUpload(ui.upload):
     """
 
     def __init__(
-        self, label: str, taken: Callable[[UploadEventArguments], Any], refused: Callable[[], Any], most: int
+        self, label: str, on_upload: Callable[[UploadEventArguments], Any], refused: Callable[[], Any], most: int
     ) -> None:
         super(ui.upload, self).__init__(label=label)
         self._registered_url = f"/_nicegui/client/{self.client.id}/upload/{self.id}"
         self._props["url"] = self._registered_url
         self._props["auto-upload"] = True
         self._props["max-file-size"] = most
-        self._begin_upload_handlers, self._upload_handlers, self._multi_upload_handlers = [], [taken], []
+        self._begin_upload_handlers, self._upload_handlers, self._multi_upload_handlers = [], [on_upload], []
         self.on_rejected(refused)
         self.classes("cc-upload").props("flat bordered")
         toolkit.add_route(self._registered_url, self._answer, methods=["POST"])  # `ui.upload` removes it by its path
@@ -254,6 +254,6 @@ class FileUpload(ui.upload):
         if self.is_ignoring_events:
             return PlainTextResponse("this upload is disabled or hidden", 403)
         async with request.form() as form:
-            files = [await create_file_upload(each) for each in form.values() if not isinstance(each, str)]
+            files = [await create_file_upload(field) for field in form.values() if not isinstance(field, str)]
         await self.handle_uploads(files)
         return PlainTextResponse("")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 from nicegui import ui
 
 from canopen_control.rpc.messages.robot import AxisRequest, Release
-from canopen_control.view.panels.panel import Html, tell
+from canopen_control.view.panels.panel import Html, show_notice
 from canopen_control.view.robot_connection import SOURCE
 from canopen_control.view.words import axis_rows, chip, drive_table, event_log, facts, joint_table
 
@@ -104,4 +104,4 @@ class BannerPanel:
         label, _, request = _ACTIONS[action]
         refused = await self._context.ask(request)
         if refused is not None:
-            tell(f"{label}: not done", refused)
+            show_notice(f"{label}: not done", refused)

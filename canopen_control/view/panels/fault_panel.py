@@ -9,7 +9,7 @@ from nicegui import ui
 
 from canopen_control.client.drive_client import signal_values
 from canopen_control.errors import ConfigError, RemoteError
-from canopen_control.view.panels.panel import Html, tell
+from canopen_control.view.panels.panel import Html, show_notice
 from canopen_control.view.robot_connection import in_thread
 from canopen_control.view.words import active_faults, fault_text, quirk_text
 
@@ -101,7 +101,7 @@ class FaultPanel:
         try:
             await in_thread(partial(client.set_signals, drive or "", signal_values(self._signals.value or "")))
         except (ConfigError, RemoteError) as error:
-            tell("Not set", str(error))
+            show_notice("Not set", str(error))
 
     async def _switch_quirk(self, on: bool) -> None:
         drive, quirk, client = self._drive.value, self._quirk.value, self._context.robot.fault_client
@@ -112,7 +112,7 @@ class FaultPanel:
         try:
             await in_thread(partial(client.switch_quirk, drive, text, on=on))
         except RemoteError as error:
-            tell("Not switched", str(error))
+            show_notice("Not switched", str(error))
         self._context.refresh_faults()
 
     async def _switch(self, on: bool) -> None:
@@ -122,5 +122,5 @@ class FaultPanel:
         try:
             await in_thread(partial(context.switch, drive, fault, on=on))
         except RemoteError as error:
-            tell("Not switched", str(error))
+            show_notice("Not switched", str(error))
         self._context.refresh_faults()

@@ -40,11 +40,11 @@ class PanelContext(Protocol):
         """Ask the robot and wait; the reason if it was not done."""
         ...
 
-    def hold(self, page: str, motion: TeleopCommands, told: Callable[[str], None]) -> None:
+    def hold(self, page: str, motion: TeleopCommands, on_refusal: Callable[[str], None]) -> None:
         """Take note that a page holds a button; `told` gets a sentence if it may not drive."""
         ...
 
-    def let_go(self, page: str) -> None:
+    def release(self, page: str) -> None:
         """End what a page drives, now."""
         ...
 
@@ -79,7 +79,7 @@ class Html:
             self._element.content = html
 
 
-def tell(title: str, text: str) -> None:
+def show_notice(title: str, text: str) -> None:
     """Show a notice on the page that asked."""
     ui.notify(f"{title}: {text}", type="negative", position="top", timeout=12_000, multi_line=True, close_button="OK")
 
@@ -111,11 +111,11 @@ def hold_buttons(
 
     def told(why: str) -> None:
         with client:
-            tell("Not driven", why)
+            show_notice("Not driven", why)
 
     def hold(key: str) -> None:
-        wanted = motion(key)
-        if wanted is not None:
-            context.hold(client.id, wanted, told)
+        command = motion(key)
+        if command is not None:
+            context.hold(client.id, command, told)
 
-    return HoldButtons(list(buttons), hold, lambda: context.let_go(client.id), kind)
+    return HoldButtons(list(buttons), hold, lambda: context.release(client.id), kind)

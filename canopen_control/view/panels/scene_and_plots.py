@@ -35,13 +35,13 @@ class PlotsPanel:
     """Tabs of charts, which the page's feed keeps up to date."""
 
     def __init__(self, context: PanelContext) -> None:
-        found = charts(context.robot.info.joints, context.robot.info.buses)
+        plots = charts(context.robot.info.joints, context.robot.info.buses)
         with ui.tabs().props("dense align=left no-caps") as tabs:
             made = {group: ui.tab(group, title) for group, title in _TABS.items()}
         with ui.tab_panels(tabs, value=made["joints"], animated=False, keep_alive=True).classes("cc-stale"):
             for group, tab in made.items():
                 with ui.tab_panel(tab):
-                    StripCharts([chart for chart in found if chart.group == group], context.robot.history.names, SPAN_S)
+                    StripCharts([chart for chart in plots if chart.group == group], context.robot.history.names, SPAN_S)
 
     def show(self, content: PageContent) -> None:
         """Leave it to the feed."""

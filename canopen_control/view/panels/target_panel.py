@@ -14,7 +14,7 @@ from nicegui import ui
 
 from canopen_control.rpc.messages.robot import AxisRequest
 from canopen_control.view.elements.nicegui_elements import HoldButton
-from canopen_control.view.panels.panel import LARGEST, LOOK, hold_buttons, tell, value_slider
+from canopen_control.view.panels.panel import LARGEST, LOOK, hold_buttons, show_notice, value_slider
 from canopen_control.view.robot_connection import SOURCE, joint_motion
 from canopen_control.view.targets import MODES, DriveTarget, drive_targets
 
@@ -48,7 +48,7 @@ class PowerPanel:
         self._context = context
         self._enable: list[EnableButton] = []
         nodes = context.robot.info.state.nodes
-        drives = [name for name, each in nodes.items() if each.axes and node in ("", name)]
+        drives = [name for name, place in nodes.items() if place.axes and node in ("", name)]
         if not drives:
             ui.html("<p class='cc-note'>No drives to enable.</p>", sanitize=False)
         for drive in [*(("all",) if len(drives) > 1 else ()), *drives]:
@@ -74,7 +74,7 @@ class PowerPanel:
     async def _act(self, drive: str, action: str, label: str) -> None:
         refused = await self._context.ask(AxisRequest(action=action, node=drive, source=SOURCE))
         if refused is not None:
-            tell(f"{drive}: {label.lower()}", refused)
+            show_notice(f"{drive}: {label.lower()}", refused)
 
 
 class EnableButton:
@@ -119,13 +119,13 @@ class TargetPanel:
         """Follow drives, modes and positions."""
         if content.lost:
             return
-        found = drive_targets(content.state, content.controllers)
-        drives = [drive for drive in found if self._node in ("", drive.node)]
+        targets = drive_targets(content.state, content.controllers)
+        drives = [drive for drive in targets if self._node in ("", drive.node)]
         self._frame.visible = bool(drives)
-        if [each.joint for each in drives] != list(self._rows):
+        if [drive.joint for drive in drives] != list(self._rows):
             self._whole.clear()
             with self._whole:
-                self._rows = {each.joint: _Row(self._context, each) for each in drives}
+                self._rows = {drive.joint: _Row(self._context, drive) for drive in drives}
         for drive in drives:
             joint = content.state.joints.get(drive.joint)
             self._rows[drive.joint].enable.show(content)
@@ -160,7 +160,7 @@ class _Row:
             self._mode.value = drive.mode or None
         if drive.quantity != self._shown:
             self._shown = drive.quantity
-            self._context.let_go(self._client.id)
+            self._context.release(self._client.id)
             self._body.clear()
             with self._body:
                 self._build(drive)
@@ -191,10 +191,10 @@ class _Row:
         drive, slider = self._drive, self._slider
         if slider is None or not drive.quantity:
             return None
-        rest = self._position if drive.quantity == "position" else 0.0
-        if rest is None:
+        resting = self._position if drive.quantity == "position" else 0.0
+        if resting is None:
             return None  # nobody knows where it is, nor where it would have to stay
-        return joint_motion(drive.controller, [float(slider.value)], [rest], drive.quantity)
+        return joint_motion(drive.controller, [float(slider.value)], [resting], drive.quantity)
 
     async def _act(self, label: str, action: str) -> None:
         await self._ask(label, self._request(action))
@@ -207,7 +207,7 @@ class _Row:
         if mode and mode != self._drive.mode:
             await self._ask(f"mode {mode}", self._request("mode", mode))
 
-    async def _ask(self, what: str, request: AxisRequest) -> None:
+    async def _ask(self, title: str, request: AxisRequest) -> None:
         refused = await self._context.ask(request)
         if refused is not None:
-            tell(f"{self._drive.joint}: {what}", refused)
+            show_notice(f"{self._drive.joint}: {title}", refused)

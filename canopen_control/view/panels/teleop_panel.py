@@ -16,7 +16,7 @@ from nicegui import ui
 from canopen_control.rpc.messages.robot import SwitchControllers
 from canopen_control.urdf.joint_element import UrdfLimits
 from canopen_control.view.elements.nicegui_elements import HoldButton
-from canopen_control.view.panels.panel import LARGEST, LOOK, hold_buttons, tell, value_slider
+from canopen_control.view.panels.panel import LARGEST, LOOK, hold_buttons, show_notice, value_slider
 from canopen_control.view.robot_connection import joint_motion, trajectory_motion, twist_motion
 from canopen_control.view.targets import TargetSliders, drive_targets
 from canopen_control.view.trajectory_player import follows_trajectories
@@ -73,13 +73,13 @@ class TeleopPanel:
             return
         self._positions = {name: joint.position for name, joint in content.state.joints.items()}
         takers = tuple(
-            each
-            for each in content.controllers
-            if each.is_base or each.topic == "commands" or follows_trajectories(each)
+            controller
+            for controller in content.controllers
+            if controller.is_base or controller.topic == "commands" or follows_trajectories(controller)
         )
         drives = drive_targets(content.state, content.controllers)  # which have a panel of their own
         self._frame.visible = bool(takers) or not drives
-        key = tuple((each.name, each.state) for each in takers)
+        key = tuple((taker.name, taker.state) for taker in takers)
         if key != self._shown:
             self._shown = key
             self._build(takers)
@@ -89,15 +89,15 @@ class TeleopPanel:
                 self._sliders[joint].value = at
 
     def _build(self, takers: tuple[ControllerReading, ...]) -> None:
-        self._context.let_go(self._client.id)
+        self._context.release(self._client.id)
         self._whole.clear()
         self._targets, self._arm, self._sliders = None, None, {}
-        active = [each for each in takers if each.state == "active"]
+        active = [taker for taker in takers if taker.state == "active"]
         with self._whole:
             if not self._context.teleop:
                 ui.html(LOOK, sanitize=False)
             elif not active:
-                names = escape(", ".join(each.name for each in takers))
+                names = escape(", ".join(taker.name for taker in takers))
                 ui.html(_INACTIVE.format(names) if names else _NOTHING, sanitize=False)
             elif active[0].is_base:
                 self._pad(active[0])
@@ -109,7 +109,7 @@ class TeleopPanel:
 
     def _choice(self, takers: tuple[ControllerReading, ...], active: list[ControllerReading]) -> None:
         """Let choose who moves the joints, where there is a choice."""
-        names = [each.name for each in takers]
+        names = [taker.name for taker in takers]
         if len(names) < 2:
             return
         chosen = active[0].name if active else None
@@ -118,10 +118,10 @@ class TeleopPanel:
         ).props("dense").style("width: 100%")
 
     async def _switch(self, name: str, active: list[ControllerReading]) -> None:
-        others = tuple(each.name for each in active if each.name != name)
-        refused = await self._context.ask(SwitchControllers(activate=(name,), deactivate=others))
+        names = tuple(reading.name for reading in active if reading.name != name)
+        refused = await self._context.ask(SwitchControllers(activate=(name,), deactivate=names))
         if refused is not None:
-            tell(f"{name} is not active", refused)
+            show_notice(f"{name} is not active", refused)
             self._shown = None  # shows again who is
 
     def _pad(self, controller: ControllerReading) -> None:
@@ -163,29 +163,29 @@ class TeleopPanel:
 
         def motion(_key: str) -> TeleopCommands | None:
             begins = not targets.driven
-            asked = targets.targets(self._positions), float(share.value)
-            if begins or asked != self._asked:  # a slider was set; the way to it begins where the arm is now
-                self._asked = asked
-                self._arm = self._way(controller, *asked)
+            positions = targets.targets(self._positions), float(share.value)
+            if begins or positions != self._asked:  # a slider was set; the way to it begins where the arm is now
+                self._asked = positions
+                self._arm = self._way(controller, *positions)
             return self._arm
 
         hold_buttons(self._context, [HoldButton("drive", "Hold to move")], motion)
 
-    def _way(self, controller: ControllerReading, wanted: Sequence[float], percent: float) -> TeleopCommands | None:
+    def _way(self, controller: ControllerReading, positions: Sequence[float], percent: float) -> TeleopCommands | None:
         """Return the way to where the sliders are, within each joint's limits; None where nobody knows where one is.
 
         From rest to rest on a cubic the velocity peaks at 1.5 times its mean, the acceleration at 6 d/T^2.
         """
         longest = _SHORTEST_S
-        for joint, to in zip(controller.joints, wanted, strict=True):
+        for joint, to in zip(controller.joints, positions, strict=True):
             at = self._positions.get(joint)
             if at is None:
                 return None
-            found = self._joints.get(joint)
-            limit = found.limits.velocity if found is not None else math.inf
+            limits = self._joints.get(joint)
+            limit = limits.limits.velocity if limits is not None else math.inf
             velocity = percent / 100 * (limit if math.isfinite(limit) and limit > 0.0 else _UNLIMITED)
             longest = max(longest, 1.5 * abs(to - at) / velocity, math.sqrt(6.0 * abs(to - at) / _ACCELERATION))
-        return trajectory_motion(controller.name, controller.joints, wanted, longest)
+        return trajectory_motion(controller.name, controller.joints, positions, longest)
 
     def _on_set(self, joint: str, event: Any) -> None:  # noqa: ANN401 - what a browser sends
         if self._targets is not None and isinstance(event.args, (int, float)):

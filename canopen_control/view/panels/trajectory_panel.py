@@ -100,8 +100,8 @@ class TrajectoryPanel:
                 self._forget()
         if takers != self._takers:
             self._takers = takers
-            kept = self._choice.value if self._choice.value in takers else next(iter(takers), None)
-            self._choice.set_options(takers, value=kept)
+            controller = self._choice.value if self._choice.value in takers else next(iter(takers), None)
+            self._choice.set_options(takers, value=controller)
             self._choice.visible = len(takers) > 1
 
     async def _take(self, event: UploadEventArguments) -> None:
@@ -172,8 +172,8 @@ class TrajectoryPanel:
 
     def _feed_ghost(self) -> None:
         """Draw the previewed place beside the robot; a joint that the point does not place is where it is."""
-        wanted = self._loaded.positions(self._number()) if self._loaded is not None and self._playing is None else {}
-        angles = angles_of(self._context.robot.model, {**self._now, **wanted}) if wanted else None
+        positions = self._loaded.positions(self._number()) if self._loaded is not None and self._playing is None else {}
+        angles = angles_of(self._context.robot.model, {**self._now, **positions}) if positions else None
         self._feed.send({"ghost": angles})
 
     async def _play_it(self) -> None:

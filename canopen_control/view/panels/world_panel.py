@@ -12,8 +12,8 @@ from nicegui import background_tasks, ui
 
 from canopen_control.errors import CanopenError
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
-from canopen_control.rpc.messages.robot import Tell
-from canopen_control.view.panels.panel import tell
+from canopen_control.rpc.messages.robot import PublishEvent
+from canopen_control.view.panels.panel import show_notice
 from canopen_control.view.robot_connection import in_thread
 
 if TYPE_CHECKING:
@@ -73,11 +73,11 @@ class WorldPanel:
             await self._act(AddPayload(mass=mass, on=self._on()), f"payload of {mass:g} kg on {self._link.value}")
 
     async def _push(self) -> None:
-        x, y, z, seconds = (_read(each) for each in (*self._force, self._seconds))
+        x, y, z, seconds = (_read(widget) for widget in (*self._force, self._seconds))
         if x is None or y is None or z is None or seconds is None:
             return
         if seconds <= 0.0:
-            tell("Not done", f"{seconds:g} s: a push takes a time")
+            show_notice("Not done", f"{seconds:g} s: a push takes a time")
             return
         push = PushRobot(force=(x, y, z), on=self._on(), seconds=seconds)
         await self._act(push, f"push of {x:g}, {y:g}, {z:g} N on {self._link.value} for {seconds:g} s")
@@ -90,22 +90,22 @@ class WorldPanel:
         if (grip := _read(self._grip)) is None:
             return
         if grip < 0.0:
-            tell("Not done", f"{grip:g}: friction is not below 0")
+            show_notice("Not done", f"{grip:g}: friction is not below 0")
             return
         await self._act(SetGrip(friction=grip), f"friction of the floor {grip:g}")
 
     def _on(self) -> str:
         return "" if self._link.value == _HEAVIEST else str(self._link.value)
 
-    async def _act(self, what: WorldAct, text: str) -> None:
+    async def _act(self, world_act: WorldAct, text: str) -> None:
         """Let it happen, and tell everybody who watches the robot."""
         try:
-            told = await in_thread(partial(self._context.robot.world_client.act, what))
+            refusal = await in_thread(partial(self._context.robot.world_client.act, world_act))
         except CanopenError as error:
-            tell("Not done", str(error))
+            show_notice("Not done", str(error))
             return
-        if not told:
-            await self._context.ask(Tell(kind="world", text=f"from a page: {text}"))
+        if not refusal:
+            await self._context.ask(PublishEvent(kind="world", text=f"from a page: {text}"))
 
 
 def _number(label: str, value: float) -> ui.number:
@@ -119,6 +119,6 @@ def _button(label: str, act: Callable[..., object]) -> None:
 def _read(field: ui.number) -> float | None:
     """Return the number of a field; None, and a notice, where there is none."""
     if field.value is None:
-        tell("Not done", "a field has no number")
+        show_notice("Not done", "a field has no number")
         return None
     return float(field.value)

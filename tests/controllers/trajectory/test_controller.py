@@ -251,10 +251,10 @@ def test_the_death_of_the_sender_ends_the_goal_in_a_decelerated_hold():
     goal = arm.send((1.0, 1.0))
     sender = arm.controller.life.holder = object()
     arm.controller.life.source = "test"
-    assert arm.manager.running.holders == {sender}
+    assert arm.manager.running.clients_with_commands == {sender}
     arm.run(40)
     where = arm.positions()[0]
-    arm.manager.running.let_go(sender)
+    arm.manager.running.client_disconnected(sender)
     assert goal.state is GoalState.ABORTED
     assert "test" in goal.text
     steps = []

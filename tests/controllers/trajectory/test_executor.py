@@ -326,7 +326,7 @@ def test_time_runs_as_it_is_scaled():
     for _ in range(101):
         joints.cycle(0.5)
     assert joints.follower.desired.positions == pytest.approx([0.5, 0.5])
-    assert joints.follower.past == pytest.approx(0.5)
+    assert joints.follower.time_since_end == pytest.approx(0.5)
 
 
 def test_points_whose_positions_are_to_be_deduced_are_kept_as_points():
@@ -343,7 +343,7 @@ def test_points_whose_positions_are_to_be_deduced_are_kept_as_points():
 
 def test_a_query_says_where_the_joints_are_when_nothing_is_followed():
     joints, out = Joints("position"), Point()
-    joints.follower.drop(holding=True)
+    joints.follower.clear(holding=True)
     assert not joints.follower.query(S, out)
     assert out.positions == [0.0, 0.0]
 

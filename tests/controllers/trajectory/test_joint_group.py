@@ -61,7 +61,7 @@ def test_letting_go_leaves_positions_to_the_hardware_and_all_else_at_zero():
     made, commands, _ = group(commands=("position", "velocity"))
     for each in commands:
         each.value = 1.0
-    made.let_go()
+    made.release()
     assert [(each.interface, each.value) for each in commands if each.interface == "velocity"] == [
         ("velocity", 0.0)
     ] * 2

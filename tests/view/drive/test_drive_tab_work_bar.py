@@ -7,7 +7,7 @@ from support.pages import StubDesk, html, seen, settle, visited
 from support.service_node import NodeStub
 
 from canopen_control.view.drive.drive_tab import WorkBar, outcome, progress_words
-from canopen_control.view.node_desk import NodeJob
+from canopen_control.view.node_jobs import NodeJob
 
 
 def test_how_far_it_is_how_fast_and_how_long():

@@ -11,7 +11,7 @@ from canopen_control.data_files import data_path
 from canopen_control.od.eds import read_eds
 from canopen_control.view.drive.drive_tab import DriveTabContext
 from canopen_control.view.drive.parameters_tab import ParametersTab
-from canopen_control.view.node_desk import NodeJob, backup
+from canopen_control.view.node_jobs import NodeJob, backup
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
 SPEED = (0x6081, 0)

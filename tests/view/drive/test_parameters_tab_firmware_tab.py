@@ -9,7 +9,7 @@ from support.service_node import NodeStub
 from canopen_control.view.drive import parameters_tab
 from canopen_control.view.drive.drive_tab import DriveTabContext
 from canopen_control.view.drive.parameters_tab import FirmwareTab
-from canopen_control.view.node_desk import NodeJob
+from canopen_control.view.node_jobs import NodeJob
 from canopen_control.view.words import BAD
 
 

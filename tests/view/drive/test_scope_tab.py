@@ -170,7 +170,7 @@ def test_cursors_where_nothing_is_known_show_nothing():
 @pytest.mark.rest
 def test_a_file_that_was_saved_is_laid_below_the_shot_and_a_bad_one_is_told(began, monkeypatch):
     told = []
-    monkeypatch.setattr(scope_tab, "tell", lambda what, why: told.append(why))
+    monkeypatch.setattr(scope_tab, "show_notice", lambda what, why: told.append(why))
 
     async def act(user, tab, page):
         user.find("Single").click()

@@ -3,7 +3,7 @@ from nicegui import ui
 from support.pages import FakeContext, seen, visited
 
 from canopen_control.view.elements.nicegui_elements import HoldButton, HoldButtons
-from canopen_control.view.panels.panel import Html, hold_buttons, tell, value_slider
+from canopen_control.view.panels.panel import Html, hold_buttons, show_notice, value_slider
 from canopen_control.view.robot_connection import twist_motion
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
@@ -47,7 +47,7 @@ def test_only_what_has_changed_is_sent():
 
 def test_a_notice_is_seen():
     async def act(user, _made):
-        tell("Not driven", "another page drives")
+        show_notice("Not driven", "another page drives")
         await user.should_see("Not driven: another page drives")
 
     visited(lambda: None, act)

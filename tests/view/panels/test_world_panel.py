@@ -7,7 +7,7 @@ from support.pages import FakeContext, seen, settle, visited
 
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
-from canopen_control.rpc.messages.robot import Tell
+from canopen_control.rpc.messages.robot import PublishEvent
 from canopen_control.view.page_content import DriveFaults
 from canopen_control.view.panels.world_panel import WorldPanel
 
@@ -63,7 +63,7 @@ def test_what_a_person_asks_for_happens_and_stands_in_the_events():
         BlockJoint(joint="left", on=False),
         SetGrip(friction=0.2),
     ]
-    assert Tell(kind="world", text="from a page: payload of -2 kg on fork") in context.asked
+    assert PublishEvent(kind="world", text="from a page: payload of -2 kg on fork") in context.asked
     assert len(context.asked) == 5
 
 

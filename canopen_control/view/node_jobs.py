@@ -92,22 +92,22 @@ def backup(session: NodeSession, work: NodeJob) -> str:
 def compare(session: NodeSession, work: NodeJob, file: ParameterSet) -> str:
     """Read what a file holds and keep what differs as a table: address, name, file, node."""
     node, left_out = read_same(session, file, work.at)
-    why = {each.entry.address: each.why for each in left_out}
-    found = differences(file, node)
+    why = {unread.entry.address: unread.why for unread in left_out}
+    changes = differences(file, node)
     work.lines += [*file.identity.strangers(node.identity), *file.identity.variations(node.identity)]
     work.table = [
         (
-            f"0x{each.entry.index:04X}:{each.entry.subindex:02X}",
-            each.name,
-            each.a_text or "-",
-            each.b_text or why.get(each.entry.address, "-"),
+            f"0x{unread.entry.index:04X}:{unread.entry.subindex:02X}",
+            unread.name,
+            unread.a_text or "-",
+            unread.b_text or why.get(unread.entry.address, "-"),
         )
-        for each in found
+        for unread in changes
     ]
     compared = len({*file.values, *node.values})
-    if not found:
+    if not changes:
         return f"{file.where} and {session}: {compared} parameters, equal"
-    return f"{file.where} and {session}: {len(found)} of {compared} parameters differ"
+    return f"{file.where} and {session}: {len(changes)} of {compared} parameters differ"
 
 
 def restore(
@@ -119,8 +119,8 @@ def restore(
     if not any_node:
         refuse_other_drive(file, session)
     report = guarded_restore(session, file, options, note=work.lines.append, told=work.at)
-    work.lines += [f"refused: {each}" for each in report.refused]
-    work.lines += [f"kept as it is: {each}" for each in report.protected]
+    work.lines += [f"refused: {text}" for text in report.refused]
+    work.lines += [f"kept as it is: {text}" for text in report.protected]
     if report.refused:
         raise DriveError(report.words(session))
     return report.words(session)
@@ -129,7 +129,7 @@ def restore(
 def clone_from(session: NodeSession, work: NodeJob, source: NodeJobs, options: RestoreOptions) -> str:
     """Read all parameters of another node and write them into this one."""
     work.doing = f"reading {source.place.name}"
-    parameters = source.with_session(lambda other: read_parameters(other, told=work.at)[0])
+    parameters = source.with_session(lambda source_session: read_parameters(source_session, told=work.at)[0])
     work.doing = f"writing {session.name or session}"
     work.done, work.total = 0, None
     return restore(session, work, parameters, options, any_node=True)
@@ -186,7 +186,7 @@ def load_program(session: NodeSession, work: NodeJob, image: bytes, options: Pro
         raise DriveError(interrupted_words(session, progress, error)) from error
     work.lines += progress.notes
     boot_check(session, identity)
-    old, new = (f"0x{each:08X}" if each is not None else "unknown" for each in (progress.old, progress.new))
+    old, new = (f"0x{date:08X}" if date is not None else "unknown" for date in (progress.old, progress.new))
     return f"{session}: program {options.number} of {len(image)} bytes runs: {old} -> {new}"
 
 

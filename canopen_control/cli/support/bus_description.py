@@ -35,10 +35,10 @@ _NO_NAMES = "canopen-control: object names are unknown: give ROBOT, --name or --
 
 
 @dataclass(frozen=True, slots=True)
-class HeardBus:
+class WatchedBus:
     """A bus to listen to; `owner` is the robot that runs on it, or empty.
 
-    `tell` says on standard error what is to be known of its names, best once the bus is open.
+    `report_notes` says on standard error what is to be known of its names, best once the bus is open.
     """
 
     channel: str
@@ -46,11 +46,11 @@ class HeardBus:
     owner: str = ""
     nameless: bool = False
 
-    def tell(self) -> None:
+    def report_notes(self) -> None:
         """Say that there are no names, and what the description notes."""
         if self.nameless:
             print(_NO_NAMES, file=sys.stderr)
-        _tell(self.network)
+        _report(self.network)
 
 
 def add_network_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,7 +69,7 @@ def add_network_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def heard_bus(args: argparse.Namespace, channel: str | None) -> HeardBus:
+def watched_bus(args: argparse.Namespace, channel: str | None) -> WatchedBus:
     """Return the bus to listen to: `channel`, else that of the running robot; ConfigError where there is none."""
     layout: BusLayout | None
     if channel is None:
@@ -85,7 +85,7 @@ def heard_bus(args: argparse.Namespace, channel: str | None) -> HeardBus:
     nameless = network is None and layout is None
     if network is None:
         network = NetworkDescription(channel) if layout is None else network_of_layout(layout)
-    return HeardBus(channel, replace(network, channel=channel), owner, nameless)
+    return WatchedBus(channel, replace(network, channel=channel), owner, nameless)
 
 
 def _refuse_channel(config: str | None) -> None:
@@ -111,7 +111,7 @@ def described(args: argparse.Namespace, *, units: bool = False) -> NetworkDescri
     if network is None:
         print(_NO_NAMES, file=sys.stderr)
         network = NetworkDescription()
-    _tell(network)
+    _report(network)
     return network
 
 
@@ -172,7 +172,7 @@ def _robot_there(channel: str) -> tuple[str, BusLayout | None]:
     return found[0], next((layout for layout in layouts if layout.channel == channel), None)
 
 
-def _tell(network: NetworkDescription) -> None:
+def _report(network: NetworkDescription) -> None:
     for note in network.notes:
         print(f"canopen-control: {note}", file=sys.stderr)
 
@@ -210,7 +210,7 @@ def open_frames(path: str, bus: str | None = None) -> Source:
     return FlightSource(path, bus) if is_flight_file(Path(path)) else Recording(path)
 
 
-def tell_gaps(source: Source) -> None:
+def report_gaps(source: Source) -> None:
     """Say on standard error, after a reading, what of a source was left out and why it ends too early, if it does."""
     if source.skipped:
         lines = "1 line is no frame" if source.skipped == 1 else f"{source.skipped} lines are no frames"
@@ -226,14 +226,14 @@ def network_for(args: argparse.Namespace, source: Source) -> NetworkDescription:
     return described(args) if by_arguments or own is None else own
 
 
-def _chosen_channel(path: str, file: FlightFile, wanted: str | None) -> str:
+def _chosen_channel(path: str, file: FlightFile, name: str | None) -> str:
     """Return the bus that is meant."""
     buses = list(file.meta.buses)
-    if wanted is None and len(buses) == 1:
+    if name is None and len(buses) == 1:
         return buses[0]
-    if wanted is not None and wanted in buses:
-        return wanted
+    if name is not None and name in buses:
+        return name
     if not buses:
         raise ConfigError(f"{path}: the robot had no bus: it ran on mock hardware, or simulated")
-    problem = "several buses are in it" if wanted is None else f"no bus {wanted!r} is in it"
+    problem = "several buses are in it" if name is None else f"no bus {name!r} is in it"
     raise ConfigError(f"{path}: {problem}; choose with --bus: {', '.join(buses)}")

@@ -9,7 +9,7 @@ from support.service_node import NodeStub
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, DriveError, SdoTimeout
 from canopen_control.od.eds import read_eds
-from canopen_control.view.node_desk import NodeJob
+from canopen_control.view.node_jobs import NodeJob
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
 

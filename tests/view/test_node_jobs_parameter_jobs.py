@@ -12,7 +12,7 @@ from canopen_control.errors import ConfigError, DriveError, EdsError
 from canopen_control.od.eds import read_eds
 from canopen_control.service.parameter_set import parse_backup
 from canopen_control.service.restore import RestoreOptions
-from canopen_control.view.node_desk import NodeJob, backup, clone_from, compare, restore, uploaded
+from canopen_control.view.node_jobs import NodeJob, backup, clone_from, compare, restore, uploaded
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
 SPEED = (0x6081, 0)

@@ -9,8 +9,8 @@ from support.programs import program_od
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.service.program_download import DownloadStep, ProgramOptions
-from canopen_control.view import node_desk
-from canopen_control.view.node_desk import MOST_FIRMWARE_BYTES, NodeJob, check_image, load_program, options_of
+from canopen_control.view import node_jobs
+from canopen_control.view.node_jobs import MOST_FIRMWARE_BYTES, NodeJob, check_image, load_program, options_of
 
 NEW = b"version two " * 400
 
@@ -32,7 +32,7 @@ def steps(monkeypatch):
             act(progress)
         progress.step = DownloadStep.DONE
 
-    monkeypatch.setattr(node_desk, "download", download)
+    monkeypatch.setattr(node_jobs, "download", download)
     return acts
 
 
@@ -85,7 +85,7 @@ def test_a_node_that_the_robot_controls_an_enabled_one_and_a_stranger_are_refuse
 
 
 def test_step_and_bytes_are_followed(session, steps, monkeypatch):
-    monkeypatch.setattr(node_desk, "_LOOK_S", 0.001)
+    monkeypatch.setattr(node_jobs, "_LOOK_S", 0.001)
     session.transfers.progress = lambda: (700, None)
     done, seen, turn = work(), [], threading.Event()
 

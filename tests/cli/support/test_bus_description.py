@@ -6,14 +6,14 @@ from support.flightstory import record, saved
 from support.mockrobot import running
 
 from canopen_control.cli.main import main
-from canopen_control.cli.support.heard_bus import (
+from canopen_control.cli.support.bus_description import (
     FlightSource,
     add_network_arguments,
     config_layout,
     described,
-    heard_bus,
     network_for,
     open_frames,
+    watched_bus,
 )
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
@@ -75,7 +75,7 @@ def arguments(*given):
 
 
 def test_a_robots_files_give_the_names_on_any_channel():
-    heard = heard_bus(arguments("robby"), "local:nobody-runs-here")
+    heard = watched_bus(arguments("robby"), "local:nobody-runs-here")
     assert (heard.channel, heard.owner) == ("local:nobody-runs-here", "")
     assert heard.network.nodes[3].name == "left_drive"
     assert heard.network.channel == "local:nobody-runs-here"
@@ -93,21 +93,21 @@ def test_eds_files_add_to_a_robots_nodes():
 def test_without_names_it_says_so_and_goes_on(capsys):
     assert described(arguments()).nodes == {}
     assert "object names are unknown: give ROBOT, --name or --eds" in capsys.readouterr().err
-    heard = heard_bus(arguments(), "local:nobody-runs-here")
+    heard = watched_bus(arguments(), "local:nobody-runs-here")
     assert heard.network.nodes == {}
     assert capsys.readouterr().err == ""  # not before the bus is open
-    heard.tell()
+    heard.report_notes()
     assert "object names are unknown: give ROBOT, --name or --eds" in capsys.readouterr().err
 
 
 def test_without_a_robot_there_is_no_bus_to_listen_to():
     with pytest.raises(ConfigError, match="no robot is running"):
-        heard_bus(arguments(), None)
+        watched_bus(arguments(), None)
 
 
 def test_a_robot_on_mock_hardware_has_no_bus():
     with running("layout-mock"), pytest.raises(ConfigError, match="has no bus: it runs on mock hardware"):
-        heard_bus(arguments("--name", "layout-mock"), None)
+        watched_bus(arguments("--name", "layout-mock"), None)
 
 
 def test_one_of_several_buses_is_chosen_by_name(tmp_path):
@@ -123,9 +123,9 @@ def test_one_of_several_buses_is_chosen_by_name(tmp_path):
 
 def test_a_bus_in_place_of_a_robot_is_told_where_it_goes(tmp_path, monkeypatch):
     with pytest.raises(ConfigError, match="local:bare is a bus, no robot: write --can local:bare"):
-        heard_bus(arguments("local:bare"), None)
+        watched_bus(arguments("local:bare"), None)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "can0").mkdir()
     for robot in ("robby", "can0"):
         with pytest.raises(ConfigError, match="no robot is running"):
-            heard_bus(arguments(robot), None)
+            watched_bus(arguments(robot), None)
