@@ -1,4 +1,4 @@
-"""The master's side of one axis: statusword in, controlword out, towards the goal somebody set.
+"""Master side of one axis: evaluates the statusword and computes the controlword that leads to the goal.
 
 Rules (CiA 402-2, 6.3, seen from the other end of the bus):
 
@@ -253,7 +253,7 @@ class FaultReset:
             self.phase, self.deadline = ResetPhase.ASKED, _NEVER
 
     def cancel(self) -> None:
-        """End the reset, because the fault or the drive is gone: bit 7 becomes 0."""
+        """End the reset because the fault or the drive's statusword is gone: bit 7 becomes 0."""
         self.phase, self.deadline = ResetPhase.IDLE, _NEVER
 
     def update(self, state: State, statusword: int, now: int) -> DriveEvent | None:
@@ -748,7 +748,7 @@ class DriveMachine:
         self._fire(EnableTrigger.DISABLE)
 
     def disable_voltage(self) -> None:
-        """Switch the power off at once: the motor coasts. For a drive that does not obey `disable`."""
+        """Send disable voltage (transition 9, 12): the motor coasts. For a drive that does not obey `disable`."""
         self._fire(EnableTrigger.DISABLE_VOLTAGE)
 
     def quick_stop(self) -> None:
@@ -1007,7 +1007,7 @@ class DriveMachine:
             self._lose(now, self.state)
 
     def _detour(self) -> None:
-        """Let a drive that is to be enabled go to the state in which it changes its mode, if it has not yet."""
+        """Lead a drive that is to be enabled through the state in which it can change its mode."""
         detour = self._switching_state if self._switches else None
         if detour is not self._intent.detour:
             self._intent.detour = detour

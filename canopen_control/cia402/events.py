@@ -94,7 +94,7 @@ class FaultResetFailed:
 
 @dataclass(frozen=True, slots=True)
 class TransitionTimedOut:
-    """Timeout of a transition: the drive did not leave `state` in time for `wanted`.
+    """Timeout of a transition: the drive did not go from `state` to `wanted` in time.
 
     `transition` is the number of the transition requested by `command`; None if the drive had to act by itself or no
     statusword was received. `gave_up`: enabling was abandoned, the goal is now DISABLED; otherwise the request is

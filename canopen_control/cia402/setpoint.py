@@ -82,7 +82,7 @@ class SetPointFailed:
 
 @dataclass(frozen=True, slots=True)
 class SetPointDeferred:
-    """Set-point not acknowledged during the motion to another one; it is repeated at the end of that motion."""
+    """Set-point not acknowledged during the motion to the previous one; it is repeated at the end of that motion."""
 
     time: int
     target: int
@@ -190,7 +190,7 @@ class SetPointHandshake:
 
     @property
     def busy(self) -> bool:
-        """Whether a set-point waits, is being taken or is being reached."""
+        """Whether a set-point waits for its acknowledge or its target."""
         return self.phase is not SetPointPhase.IDLE or self._next is not None
 
     def events(self) -> list[SetPointEvent]:

@@ -109,7 +109,7 @@ _COMMAND_BY_BITS = tuple(_command_of_bits(bits) for bits in range(0x100))
 
 
 def command_of(controlword: int, previous: int) -> Command | None:
-    """Return what a drive is told by `controlword` when `previous` was the one before (0 at the start).
+    """Return the command (CiA 402-2, table 24) in `controlword`; `previous` is the controlword before, 0 at the start.
 
     A rising bit 7 is FAULT_RESET whatever the other bits say; a bit 7 that stays high hides them: None.
     """
@@ -174,7 +174,7 @@ _BY_COMMAND = {
 
 
 def transition_of(state: State, command: Command) -> Transition | None:
-    """Return the transition that `command` asks for in `state`, None where the diagram has no such arrow."""
+    """Return the transition that `command` triggers in `state`, None where the diagram has none."""
     return _BY_COMMAND.get((state, command))
 
 

@@ -1,4 +1,4 @@
-"""Device units and SI: scales, and a position that goes on where the drive's 32 bits wrap.
+"""Device units and SI: scales, and position counts without the 32-bit wrap.
 
 Above it positions are radians (or metres) and velocities per second, below it they are the integers
 of 0x607A, 0x60FF, 0x6064 and 0x606C, with `_dev` or `raw` in the name. To the device is rounding to nearest, never
@@ -50,7 +50,7 @@ def counts_per_revolution(
 
 
 def is_feed(feed_constant: tuple[int, int]) -> bool:
-    """Whether 0x6092 defines a unit of the user's: 1/1 does not, it is what drives hold whose unit is the count.
+    """Whether 0x6092 defines a user unit; 1/1 is the default of drives whose unit is the count.
 
     By the letter of CiA 402-2 the unit would be a whole turn then, in which no drive could be positioned.
     """
@@ -62,7 +62,7 @@ def told_counts(
     gear_ratio: tuple[int, int] | None = None,
     feed_constant: tuple[int, int] | None = None,
 ) -> float | None:
-    """Return the position units per revolution of the driving shaft, None where the objects say nothing of it.
+    """Return position units per revolution of the driving shaft, None if the objects do not give it.
 
     They say nothing where they are absent or hold a 0, and where encoder resolution and feed constant are 1/1, as
     devices have them that nobody has set up.
@@ -185,7 +185,7 @@ class PositionUnwrapper:
         return self._raw is not None
 
     def update(self, raw: int) -> int:
-        """Take the next value of 0x6064 and return the continuous count; the first one is taken as it is."""
+        """Process the next value of 0x6064 and return the continuous count."""
         last, most = self._raw, self.max_step
         if last is None:
             self._raw = self.count = raw
@@ -213,9 +213,9 @@ class PositionUnwrapper:
         return self.count
 
     def rebase(self) -> None:
-        """Say that the drive restarted: its next position, whatever it is, is where it was."""
+        """Reset after a restart of the drive: its next position equals the last one."""
         self._pending = self._raw is not None
 
     def raw_of(self, count: int) -> int:
-        """Return the int32 target that means `count` for the drive, its counter wrapped and shifted as it is now."""
+        """Return the int32 target of a continuous `count`: shifted and wrapped as the drive's counter is now."""
         return wrap_int32(count - self.offset)

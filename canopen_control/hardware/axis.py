@@ -336,7 +336,7 @@ class AxisProcessData:
             output.set(raw if is_position else 0)
 
     def hold_others(self, used: Output) -> None:
-        """Let the targets of unused modes follow the motion of the mode `used`."""
+        """Set the targets of unused modes to the position of the axis while the mode `used` moves it."""
         raw = self.raw_position
         for is_position, output in self._targets:
             if output is not used:

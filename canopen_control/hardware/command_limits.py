@@ -69,7 +69,7 @@ class JointLimiter:
         self.before[:] = NOTHING
 
     def enforce(self, actual: list[float], desired: list[float], period: float) -> bool:
-        """Clamp what is desired, by quantity, and return whether anything was; `period` in s, none at or below 0.
+        """Clamp the desired values by quantity and return whether any was clamped; `period` in s.
 
         Raises ControlError where a position is wanted of a joint that is far outside of its range.
         """
@@ -89,7 +89,7 @@ class JointLimiter:
         return limited
 
     def _begin(self, actual: list[float], desired: list[float]) -> None:
-        """Where no command is known yet, measure from where the joint is, or from what is wanted first."""
+        """Start from the measured state, else from the first command, where no previous command is known."""
         before = self.before
         for limited in before:
             if limited == limited:  # is not nan
@@ -144,7 +144,7 @@ class JointLimiter:
         self._low, self._high = low, high
 
     def _may_not_move(self, target: float, here: float) -> bool:
-        """Whether it is outside of its range, and is far out or would go on that way."""
+        """Whether the joint is outside its range and the command would move it further out."""
         low, high = self.limits.min_position, self.limits.max_position
         if low <= here <= high:
             return False
@@ -277,12 +277,12 @@ States = Sequence["StateInterface"]
 
 
 class Limited:
-    """Commands that are limited together; they are judged in full only where `passes` does not let them through."""
+    """Group of commands that is limited together; the full check runs only where `passes` is False."""
 
     __slots__ = ()
 
     def passes(self, period: float) -> bool:  # noqa: ARG002 - the verb of all of them
-        """Whether the commands of this cycle are within every limit, known by a few comparisons; False: look closer."""
+        """Whether the commands of this cycle are within every limit by a short check; False requires the full check."""
         return False
 
     def enforce(self, period: float, clock: float) -> str | None:
@@ -294,7 +294,7 @@ class Limited:
 
 
 class JointCommands(Limited):
-    """The commands of one joint, its limiter, and what was told of them."""
+    """Commands of one joint with its limiter and the last reported text."""
 
     __slots__ = (
         "_actual",
@@ -318,7 +318,7 @@ class JointCommands(Limited):
         self._starts = [math.nan, math.nan]
 
     def passes(self, period: float) -> bool:  # noqa: ARG002 - the verb of all of them
-        """See `Limited`; only what is not commanded passes."""
+        """Whether the joint has no command; see `Limited`."""
         if self._joint.soft is not None:
             return False
         for _, command in self._commands:
@@ -352,7 +352,7 @@ class JointCommands(Limited):
         return told
 
     def _begin(self, actual: list[float], before: list[float]) -> None:
-        """Measure changes from the last commands, else from what is measured; a joint outside is at its end then."""
+        """Start from the last commands, else from the measured state; a joint outside its range starts at its limit."""
         limits, here = self._limits, actual[POS]
         self._starts[POS] = before[POS] if math.isfinite(before[POS]) else here
         if here < limits.min_position or here > limits.max_position:
@@ -362,7 +362,7 @@ class JointCommands(Limited):
         self._starts[VEL] = before[VEL]
 
     def _changed(self, at: int, value: float, period: float) -> float:
-        """Return a position or velocity that has changed by no more than its rate allows, whatever is ahead."""
+        """Return a position or velocity changed by at most its rate limit."""
         most = (self._limits.max_velocity if at == POS else self._limits.max_acceleration) * period
         start = self._starts[at]
         return min(max(value, start - most), start + most) if math.isfinite(start) else value
@@ -372,7 +372,7 @@ class JointCommands(Limited):
     def _told(
         self, at: int, command: CommandInterface, target: float, value: float, period: float, clock: float
     ) -> str | None:
-        """Return the limits that made `value` of what was wanted, where that begins."""
+        """Return the limits that turned the desired value into `value`, once when this begins."""
         begins, self._limited_at[at] = clock - self._limited_at[at] > QUIET_S, clock
         if not begins:
             return None
@@ -400,7 +400,7 @@ class JointCommands(Limited):
         return min(max(value, -most, command.minimum), most, command.maximum)
 
     def _by_state(self, at: int, value: float, period: float) -> str:
-        """Say which limit it is that depends on where the joint is and how it moves."""
+        """Return the limit that depends on position and velocity of the joint."""
         soft, limits = self._joint.soft, self._limits
         at_step = abs(value - self._starts[POS]) >= limits.max_velocity * period * _ALMOST
         if soft is not None and soft.lower < soft.upper and not (at == POS and at_step):
@@ -428,7 +428,7 @@ class JointCommands(Limited):
 
 
 class JointPosition(JointCommands):
-    """The position of a joint of which nothing else is commanded, and that has no soft limits."""
+    """Limiter of a joint with a position command alone and no soft limits."""
 
     __slots__ = ("_before", "_command", "_high", "_low", "_rate", "_slope", "_speed")
 
@@ -465,7 +465,7 @@ class JointPosition(JointCommands):
 
 
 class JointVelocity(JointCommands):
-    """The velocity of a joint of which nothing else is commanded, and that has no soft limits."""
+    """Limiter of a joint with a velocity command alone and no soft limits."""
 
     __slots__ = ("_before", "_command", "_here", "_high", "_low", "_rate", "_slope", "_speed")
 
@@ -506,7 +506,7 @@ class JointVelocity(JointCommands):
 
 
 class JointSeveral(Limited):
-    """Several commands of a joint that has no soft limits: none of them changes what another one may be."""
+    """Limiter of a joint with several commands and no soft limits: none depends on another."""
 
     __slots__ = ("_parts",)
 
@@ -646,6 +646,6 @@ def _smaller(info: InterfaceInfo) -> float:
 
 
 def _accelerations(info: InterfaceInfo) -> tuple[float, float]:
-    """Return what speeds up and what slows down at most: `max` and |`min`|, each for both where it stands alone."""
+    """Return maximum acceleration and deceleration: `max` and |`min`|; one value alone counts for both."""
     faster, slower = info.maximum, abs(info.minimum)
     return (faster if math.isfinite(faster) else slower), (slower if math.isfinite(slower) else faster)

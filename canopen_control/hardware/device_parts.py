@@ -1,4 +1,4 @@
-"""A <gpio> or <sensor> of the description that stands for signals of a CANopen device: its interfaces in units.
+"""Components of <gpio> and <sensor> elements that show and command signals of a CANopen device in units.
 
 The device is the node that `device_name` or `node_id` names, else the node of the part's own name. Interfaces have the
 names of the device's signals (`di0`, `ao1`, `position`, those of `signals` in bus.yml), or are objects by their address
@@ -42,7 +42,7 @@ _HALF: Final = 0.5
 
 
 class OutputSignal:
-    """One signal that is commanded; `output` is the object in the RPDOs, `entry` what the dictionary says of it."""
+    """Commanded signal; `output` is its object in the RPDOs, `entry` that of the dictionary."""
 
     def __init__(
         self,
@@ -69,11 +69,11 @@ class OutputSignal:
 
     @property
     def commanded(self) -> bool:
-        """Whether somebody has commanded it since its node was there."""
+        """Whether it was commanded since its node became ready."""
         return not math.isnan(self._commanded)
 
     def write(self) -> None:
-        """Send what was commanded anew."""
+        """Send the command if it has changed."""
         command, node = self.command, self._node
         value = command.value
         if not node.ready or node.boots != self._boots:
@@ -87,7 +87,7 @@ class OutputSignal:
             self._send(value, always=first)
 
     def release(self) -> None:
-        """Take the safe value, or that of the controller that lets go, being commanded by nobody any more."""
+        """Send the safe value, or the controller's release value: the output has no command any more."""
         self.command.value = math.nan
         commanded, self._commanded, self.void = self._commanded, math.nan, False
         value, self.command.release_value = self.command.release_value, None
@@ -96,7 +96,7 @@ class OutputSignal:
             self._send(safe, always=False)
 
     def _away(self, value: float) -> None:
-        """Void what is commanded while the node is not there; take how it is scaled when it is back."""
+        """Clear the command while the node is lost; read the scale again when it is ready."""
         self.void |= self.commanded
         self._commanded, self._void = math.nan, value
         self.command.value = math.nan  # a controller that goes on writes what it did before, which is void
@@ -146,7 +146,7 @@ _STANDSTILL_NS: Final = 500_000_000  # of an input that only comes when it chang
 
 
 class RawInput:
-    """The raw number of one object: `value`, `known` whether it counts now."""
+    """Raw number of one object: `value`, valid while `known`."""
 
     __slots__ = ("_asked", "_began_with", "_input", "_node", "address", "data_type", "known", "read_at", "value")
 
@@ -166,11 +166,11 @@ class RawInput:
 
     @property
     def comes_by_change(self) -> bool:
-        """Whether it is sent when it changes and at no other time, so that silence is standstill."""
+        """Whether the object is sent on change only, so that a missing frame means no change."""
         return self._input is not None and self._input.pdo.age_limit_ns == 0
 
     def begin(self, now: int) -> None:
-        """Take what the boot has read."""
+        """Store the value read during boot."""
         presets = {} if self._node.identity is None else self._node.identity.presets
         self._began_with = self.address in presets
         self.read_at = -1
@@ -178,7 +178,7 @@ class RawInput:
             self.value, self.read_at = presets[self.address], now
 
     def read(self, now: int) -> None:
-        """Look what it is at `now`, the node being there."""
+        """Update the value at `now`, while the node is ready."""
         source = self._input
         if source is None:
             self.known = self.read_at >= 0 and now - self.read_at <= _POLLED_AGE_NS
@@ -211,7 +211,7 @@ class RawInput:
 
 
 class NodeInputs:
-    """The raw inputs of one node, each object once, whoever shows it."""
+    """Raw inputs of one node, each object once for all interfaces that show it."""
 
     def __init__(self, node: RemoteNode, image: ProcessImage) -> None:
         self.node, self._image = node, image
@@ -231,7 +231,7 @@ class NodeInputs:
         return device_input
 
     def read(self, now: int) -> None:
-        """Look at all of them."""
+        """Update all inputs."""
         node = self.node
         self.lost |= self.ready and not node.ready
         self.ready = node.ready
@@ -245,7 +245,7 @@ class NodeInputs:
             device_input.read(now)
 
     def tell_jump(self, signal: str, text: str) -> None:
-        """Take that a signal jumped: once for each boot, however many interfaces it is shown in."""
+        """Report that a signal jumped: once per boot, however many interfaces show it."""
         if self._jumped.get(signal) != self.boots:
             self._jumped[signal] = self.boots
             self.jumps.append(text)
@@ -259,7 +259,7 @@ class NodeInputs:
 
 
 class InputSignal:
-    """One signal shown in a state interface."""
+    """Signal shown in a state interface."""
 
     def __init__(self, signal: Signal, state: StateInterface, inputs: NodeInputs) -> None:
         self.signal, self.state = signal, state
@@ -277,7 +277,7 @@ class InputSignal:
         self._jumped = False
 
     def read(self, now: int) -> None:
-        """Show the value at `now`, nan where there is none."""
+        """Update the state interface at `now`; nan without a value."""
         del now
         inputs, raw = self._inputs, self._raw
         if not inputs.ready or not raw.known or not self._valid():
@@ -300,7 +300,7 @@ class InputSignal:
         return status is None or (status.known and status.value == 0)
 
     def _renew(self) -> None:
-        """Take how the device scales the signal, as its boot has read it."""
+        """Update the scale from the device's objects as read during boot."""
         identity = self._inputs.node.identity
         numbers = {} if identity is None else identity.presets
         self._boots, self._gain = self._inputs.boots, self.signal.gain(numbers)
@@ -326,7 +326,7 @@ class InputSignal:
         return self._jumped
 
     def _unwrapped(self, raw: float) -> float:
-        """Return a position without end: what a device counts modulo its total range goes on."""
+        """Return a position without wrap-around of the device's total range."""
         if not self._range:
             return raw
         if self._last is None:
@@ -384,7 +384,7 @@ class EncoderVelocity:
 
 
 class TiltOrientation:
-    """One of the interfaces of an IMU, from the two angles of an inclinometer."""
+    """Orientation interfaces of an IMU, computed from the two angles of an inclinometer."""
 
     def __init__(self, state: StateInterface, signals: Mapping[str, Signal], inputs: NodeInputs) -> None:
         self._state = state
@@ -417,7 +417,7 @@ def _is(names: Sequence[str]) -> str:
 
 
 def device_of(part: ControlJoint, nodes: Mapping[str, int]) -> str | None:
-    """Return the name of the node that a part stands for, of `nodes` with their ids; "" for a wrong one, None: none."""
+    """Return the name of the node of a part (by name or id); "" for a wrong one, None without one."""
     name, node_id = part.parameters.get("device_name"), part.parameters.get("node_id")
     if name is not None:
         return name if name in nodes else ""
@@ -449,7 +449,7 @@ def _derived(node: RemoteNode, name: str) -> bool:
 
 
 def part_problems(part: ControlJoint, node: RemoteNode) -> list[str]:
-    """Return what is wrong with the interfaces of a part, a sentence each."""
+    """Return the errors in the interfaces of a part, one sentence each."""
     problems = []
     sent = {(mapped.index, mapped.subindex) for layout in node.plan.rpdos for mapped in layout.objects}
     device = f"{node.plan.profile.words} {node.name}"
@@ -503,7 +503,7 @@ class DevicePart:
                 self._inputs.append(InputSignal(signal, state, inputs))
 
     def read(self, now: int) -> None:
-        """Show the inputs, and what the outputs are."""
+        """Update the states of inputs and outputs."""
         for signal in self._inputs:
             signal.read(now)
         for output in self._held:
@@ -516,16 +516,16 @@ class DevicePart:
 
     @property
     def commanded(self) -> list[str]:
-        """The outputs that somebody has commanded."""
+        """Outputs that were commanded."""
         return [output.signal.name for output in self._outputs.values() if output.commanded]
 
     @property
     def void(self) -> list[str]:
-        """The outputs that were commanded when the node was lost, and by nobody since."""
+        """Outputs whose command was lost with the node and not repeated since."""
         return [output.signal.name for output in self._outputs.values() if output.void]
 
     def release(self, interface: str) -> None:
-        """Take that a controller gave a command interface back."""
+        """Release a command interface returned by a controller."""
         if (output := self._outputs.get(interface)) is not None:
             output.release()
 
@@ -537,7 +537,7 @@ def _output(node: RemoteNode, image: ProcessImage, name: str) -> tuple[Signal, O
 
 
 class _HeldOutput:
-    """The state of an output: what the device holds as far as is known, nan while the node is lost."""
+    """State interface of an output: the value in the device as far as known, nan while the node is lost."""
 
     def __init__(self, signal: Signal, state: StateInterface, output: Output, node: RemoteNode) -> None:
         self._signal, self._state, self._output, self._node = signal, state, output, node
@@ -556,7 +556,7 @@ class _HeldOutput:
 
 
 class DeviceParts:
-    """All <gpio> and <sensor> of a tag that stand for devices; RobotConfigError with everything that is wrong there.
+    """All <gpio> and <sensor> elements of a tag with a CANopen device; RobotConfigError with every error in them.
 
     A part that names no device has no interfaces: other stacks have such parts for their own plugins. Without `present`
     there are none, and nothing to be done in a cycle.
@@ -592,7 +592,7 @@ class DeviceParts:
 
     @property
     def has_news(self) -> bool:
-        """Whether `take_news` has something to tell."""
+        """Whether `take_news` has events."""
         for node in self._nodes.values():  # noqa: SIM110 - `any` would make a generator in the cycle
             if node.lost or node.jumps:
                 return True
@@ -639,7 +639,7 @@ class DeviceParts:
             inputs.poll(now)
 
     def release(self, interfaces: Collection[str]) -> None:
-        """Take that controllers gave command interfaces back."""
+        """Release the command interfaces returned by controllers."""
         for name in interfaces:
             if (part := self._owner.get(name)) is not None:
                 part.release(name)

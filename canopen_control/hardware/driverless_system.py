@@ -44,7 +44,7 @@ _AGE_NS: Final = 500_000_000
 
 
 class WorldSensors(ComponentLifecycle):
-    """The sensors of one tag, told by `take`; it commands nothing."""
+    """Sensors of one tag, updated by `take`; it commands nothing."""
 
     def __init__(self, name: str, parts: Iterable[ControlJoint]) -> None:
         super().__init__()
@@ -65,7 +65,7 @@ class WorldSensors(ComponentLifecycle):
         self._taken = self._known = True
 
     def _begin(self) -> None:
-        """Nothing to do: the world tells by itself."""
+        """Do nothing: the world reports without a request."""
 
     def _rest(self) -> None:
         """Nothing to stop."""
@@ -77,7 +77,7 @@ class WorldSensors(ComponentLifecycle):
         """Do nothing, as above."""
 
     def read(self, now: int, period: float) -> ReturnType:  # noqa: ARG002 - the verb of every component
-        """Forget what is too old."""
+        """Discard samples that are too old."""
         if self._taken:
             self._last, self._taken = now, False
         elif self._known and now - self._last > _AGE_NS:
@@ -106,7 +106,7 @@ PLUGINS: Final[tuple[str, ...]] = (
 
 
 class SimulatedMotor(Protocol):
-    """One joint's motor: rad, rad/s, Nm (or m, m/s, N)."""
+    """Motor model of one joint: rad, rad/s, Nm (or m, m/s, N)."""
 
     position: float
     velocity: float
@@ -117,7 +117,7 @@ class SimulatedMotor(Protocol):
 
 
 class Engine(Protocol):
-    """Motors that move together, and sensors beside them: physics in place of motors of their own."""
+    """Simulation of coupled motors and their sensors, used instead of independent motors."""
 
     def motor(self, joint: str) -> SimulatedMotor | None:
         """Return the motor of a joint, None where it has none; its target counts at the next step of all."""
@@ -126,7 +126,7 @@ class Engine(Protocol):
         """Return what reads a state interface of a sensor, such as "imu/orientation.x"; None: it measures no such."""
 
     def step(self, seconds: float) -> None:
-        """Let time pass for all motors and sensors."""
+        """Advance all motors and sensors by a time step."""
 
     def scan(self, seconds: float) -> Sequence[LaserScanReading]:
         """Return what its lidars see now, `seconds` into the simulation."""
@@ -135,7 +135,7 @@ class Engine(Protocol):
         """Bring everything back to where it began, or to a key frame; ControlError for one that is not there."""
 
     def act(self, world_act: WorldAct) -> None:
-        """Let something happen in its world now; ConfigError for what is not there."""
+        """Apply a disturbance to its world now; ConfigError for a missing link or joint."""
 
 
 class FirstOrderMotor:
@@ -184,7 +184,7 @@ def _within(value: float, limit: float) -> float:
 
 
 class _Joint:
-    """A joint with its motor; `mode` is what is claimed of it, "" for nothing."""
+    """Joint with its motor; `mode` is the claimed interface, "" for none."""
 
     __slots__ = ("commands", "held", "mode", "motor", "name", "start", "states")
 
@@ -218,7 +218,7 @@ class _Joint:
 
 
 class SimulatedSystem(ComponentLifecycle):
-    """One <ros2_control> tag, simulated; `joints` are those of the description, for their limits and mimics.
+    """Simulated <ros2_control> tag; `joints` are those of the description, for limits and mimics.
 
     Parameters of the tag or of a joint: time_constant (s), inertia, damping. `make_motor` replaces the motors; those of
     an `engine` move together, and its sensors measure.
@@ -272,14 +272,14 @@ class SimulatedSystem(ComponentLifecycle):
 
     @property
     def simulated_ns(self) -> int:
-        """How long it has been simulated, in ns."""
+        """Simulated time in ns."""
         return self._elapsed_ns
 
     def _begin(self) -> None:
         self._show()
 
     def scan(self) -> Sequence[LaserScanReading]:
-        """Return what the lidars of the engine see now."""
+        """Return the present lidar scans of the engine."""
         return () if self._engine is None else self._engine.scan(self._elapsed_ns / 1e9)
 
     @property
@@ -288,7 +288,7 @@ class SimulatedSystem(ComponentLifecycle):
         return self._engine is not None
 
     def act(self, world_act: WorldAct) -> None:
-        """Let something happen in the world of the engine; ConfigError for what is not there."""
+        """Apply a disturbance to the engine's world; ConfigError for a missing link or joint."""
         if self._engine is not None:
             self._engine.act(world_act)
 
@@ -309,7 +309,7 @@ class SimulatedSystem(ComponentLifecycle):
             joint.mode = ""
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Refuse two interfaces of one joint, and one that no motor knows."""
+        """Refuse two interfaces of one joint, and an interface that no motor has."""
         modes: dict[str, str] = {}
         for name in (*start, *stop):
             if name not in self._owners:
@@ -324,7 +324,7 @@ class SimulatedSystem(ComponentLifecycle):
                 raise ControlError(f"joint {joint.name}: {modes[joint.name]} and {name} cannot be commanded together")
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Let the motors follow what is claimed."""
+        """Command the motors by the claimed interfaces."""
         for name in stop:
             joint = self._owners[name]
             if joint is not None and joint.mode == name.rpartition("/")[2]:
@@ -335,7 +335,7 @@ class SimulatedSystem(ComponentLifecycle):
                 joint.mode = name.rpartition("/")[2]
 
     def read(self, now: int, period: float) -> ReturnType:
-        """Let the simulated time pass; `now` in ns. Time that no cycle saw passes too."""
+        """Advance the simulation to `now` in ns, including missed cycles."""
         if self.state not in (LifecycleState.INACTIVE, LifecycleState.ACTIVE):
             return OK
         step = round(period * 1e9) if self._last is None else now - self._last

@@ -1,4 +1,4 @@
-"""One joint and the drive axis behind it: SI on one side, process data and the CiA 402 machine on the other.
+"""One joint and its drive axis: SI units towards the controllers, process data and CiA 402 towards the drive.
 
 Whether the axis may move is the state of its chart (`axis_statechart`), whose triggers are fired
 here: a target reaches the drive only in FOLLOWING; in every other state the target is standstill at the actual

@@ -1,4 +1,4 @@
-"""What a joint reports: events of its drive, warnings and limits of the statusword, a wrong direction, a fault's code.
+"""Events of a joint: emergencies, warning and limit bits of the statusword, wrong direction, fault codes.
 
 One table from the kind of a drive's event to its name, its level and whether it stops. What is
 seen in the statusword is told when it begins, not while it lasts. An active limit closes the direction in which the
@@ -188,7 +188,7 @@ class StatusWatch:
 
 
 class FaultReason:
-    """Error code of the last fault; `tell` is called with a sentence once it is known."""
+    """Error code of the last fault; `report` is called with a sentence once it is read."""
 
     def __init__(self, axis: AxisProcessData, report: Callable[[str], None]) -> None:
         self.code: int | None = None

@@ -1,4 +1,4 @@
-"""One homing of one axis, from the user's word to the mode it had before (CiA 402-2, mode HM).
+"""One homing of one axis, from the request to the return to the previous mode (CiA 402-2, mode HM).
 
 The method is checked against what the drive lists before anything is written. Homing may enable
 the drive, because a user asked for a motion; afterwards the mode and the enable are what they were. Every way out

@@ -1,4 +1,4 @@
-"""From a command interface to the target object of a drive: what a joint is told, and what each mode makes of it.
+"""Targets of a joint: from a command interface to the target object of the drive, by mode.
 
 `JointTargets` has the interface that a controller claimed and the mode that serves it (`mode_choice`); the target of
 that mode (CiA 402-2) is a `ModeTarget`: `hold` is standstill where the axis is, for every cycle in which nothing may
@@ -127,7 +127,7 @@ class JointTargets:
         return POSITION
 
     def claim(self, interface: str | None, beside: Collection[str] = ()) -> None:
-        """Let a controller's interface drive the joint, or none; the mode follows. `beside`: what feeds it forward.
+        """Select the claimed interface, or none, and its mode; `beside` lists interfaces that feed it forward.
 
         A TARGET follows the mode instead, which a user asks for, or the next enable.
         """
@@ -138,7 +138,7 @@ class JointTargets:
         self.refresh()
 
     def require_claim(self, mode: int) -> None:
-        """Raise ControlError where what is claimed could not be commanded in a mode, DriveError for a TARGET."""
+        """Raise ControlError if the claimed interfaces have no common mode, DriveError for a TARGET."""
         if self.claimed == TARGET:
             if mode not in self._axis.target_objects:
                 raise DriveError(f"{self._axis.node.who}: {mode_words(mode)} takes no target; stay in one that does")
@@ -168,7 +168,7 @@ class JointTargets:
         self._held = None
 
     def hold(self) -> None:
-        """Let every target be standstill where the axis is."""
+        """Set every target to standstill at the present position."""
         raw = self._axis.raw_position
         if raw == self._held:
             return
@@ -185,18 +185,18 @@ class JointTargets:
         self._held = None
 
     def hold_others(self) -> None:
-        """Let the targets of the other modes stay with the axis while it moves."""
+        """Set the targets of the other modes to the present position while the axis moves."""
         if self.current is not None:
             self._axis.hold_others(self.current.output)
 
     def change(self) -> None:
-        """Rest for this cycle, then take the mode that waits."""
+        """Hold for this cycle, then change to the pending mode."""
         self.hold()
         if self.pending is not None:
             self.take_mode(self.pending)
 
     def ramp_down(self, period: float) -> bool:
-        """Make one cycle of a controlled stop; True when the target stands."""
+        """Execute one cycle of a controlled stop; True once the target is at standstill."""
         current, self._held = self.current, None
         if current is None:
             return True
@@ -236,7 +236,7 @@ class JointTargets:
                 self._axis.digital_outputs.set(int(value) & 0xFFFFFFFF)
 
     def refresh(self) -> None:
-        """Find the interface whose value is the target: the one that is claimed, if the mode serves it; and its span.
+        """Find the command interface of the target (claimed, and served by the mode) and its range.
 
         Called again when the scale has changed.
         """
@@ -269,7 +269,7 @@ class JointTargets:
 
 
 class ModeTarget:
-    """The target of one mode: what the modes share, and their verbs.
+    """Target of one mode: common parts of all modes.
 
     `output` carries it, `bits` are the mode's bits of the controlword; `handshakes` says that it has events of its own,
     `tracks` that the axis is to be where the target is, or as fast, in every cycle.
@@ -291,14 +291,14 @@ class ModeTarget:
         raise NotImplementedError
 
     def follow(self, value: float, now: int, period: float) -> None:
-        """Take a target in SI units, nan for none."""
+        """Set a target in SI units, nan for none."""
         raise NotImplementedError
 
     def ramp(self, velocity: float, slope: float) -> None:
-        """Take a speed and an acceleration, in device units, for targets that are places to go to and no set-points."""
+        """Set speed and acceleration in device units, for profile modes."""
 
     def ramp_down(self, period: float) -> bool:
-        """Make one cycle of a controlled stop; True when the target stands."""
+        """Execute one cycle of a controlled stop; True once the target is at standstill."""
         raise NotImplementedError
 
     def value_range(self) -> tuple[float, float]:
@@ -314,7 +314,7 @@ class ModeTarget:
         return ()
 
     def _same(self, value: float) -> bool:
-        """Whether the target is the one of the last cycle, under the same limits."""
+        """Whether target and limits equal those of the last cycle."""
         if value == self._value and self._axis.limits.blocked == self._blocked:
             return True
         self._value, self._blocked = value, self._axis.limits.blocked
@@ -328,7 +328,7 @@ def stop_slope(axis: AxisProcessData, speed: float) -> float:
 
 
 class _ScaledTarget(ModeTarget):
-    """What the targets of velocities and torques share: a factor, and the ends of the object."""
+    """Target of velocity or torque: a factor and the range of its object."""
 
     low = INT16_MIN
     high = INT16_MAX
@@ -338,7 +338,7 @@ class _ScaledTarget(ModeTarget):
         raise NotImplementedError
 
     def value_range(self) -> tuple[float, float]:
-        """Return what the object holds, for a reversed axis too; not finite where the factor is that small."""
+        """Return the range of the object in SI units; not finite for a very small factor."""
         factor = self.factor()
         ends = self.low / factor, self.high / factor
         return min(ends), max(ends)
@@ -388,7 +388,7 @@ class VelocityTarget(_ScaledTarget):
         return self._axis.scale.vel_to_dev
 
     def ramp_down(self, period: float) -> bool:
-        """Go towards zero along the drive's deceleration; at once where the drive makes the ramp."""
+        """Ramp towards zero at the drive's deceleration; set zero where the drive makes the ramp."""
         raw: int = self.output.value
         self._value = _NAN
         if not self.ramped or raw == 0:
@@ -461,7 +461,7 @@ class EffortTarget(_ScaledTarget):
         self.output.set(limits.of_torque(self._scaled(value)))
 
     def _measured(self, period: float) -> float:
-        """Return how fast the axis is, in SI units, nan where that is not known."""
+        """Return the measured speed in SI units, nan if unknown."""
         axis = self._axis
         if axis.velocity is not None and axis.velocity.fresh:
             speed: float = axis.velocity.value * axis.scale.vel_from_dev
@@ -475,16 +475,16 @@ class EffortTarget(_ScaledTarget):
         return self._axis.scale.eff_to_dev
 
     def ramp_down(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode
-        """Take the torque away."""
+        """Set the torque to zero."""
         self.hold()
         return True
 
 
 class _PositionTarget(ModeTarget):
-    """What the targets of positions share: where the axis is, turns of its counter included."""
+    """Target of position: present position, with turns of the drive's counter."""
 
     def value_range(self) -> tuple[float, float]:
-        """Return what is less than half a turn of the counter away: beyond that the drive would go the other way."""
+        """Return the range within half a turn of the counter: beyond it the drive would turn the other way."""
         here, scale = self._axis.raw_position + self._axis.unwrap.offset, self._axis.scale
         ends = [(here + way - scale.offset_pos_to_dev) / scale.pos_to_dev for way in (INT32_MIN + 1, INT32_MAX)]
         return min(ends), max(ends)
@@ -542,7 +542,7 @@ class PositionTarget(_PositionTarget):
         self._go(here, self._towards(here, self._count_of(value, here), period), period)
 
     def ramp_down(self, period: float) -> bool:
-        """Let the target run out along the drive's deceleration."""
+        """Ramp the target to rest at the drive's deceleration."""
         self._value = _NAN
         if self._speed == 0.0:
             return True
@@ -578,7 +578,7 @@ class PositionTarget(_PositionTarget):
         return here + step if way > 0 else here - step
 
     def _go(self, here: int, count: int, period: float) -> None:
-        """Send a count, as far as the software limits let it, instead of the one sent last."""
+        """Send a position count within the software limits, in place of the last one."""
         axis = self._axis
         limits, offset = axis.limits, axis.unwrap.offset
         raw = wrap_int32(count - offset)
@@ -648,7 +648,7 @@ class SetPointTarget(_PositionTarget):
         self._handshake.move(count, relative=relative, immediately=True)
 
     def ramp_down(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode
-        """Let the drive ramp down by its halt option."""
+        """Stop by the drive's halt option (0x605D)."""
         self._value, self._given = _NAN, None
         if self._handshake.busy:
             self._handshake.abort("stopped")
@@ -662,7 +662,7 @@ class SetPointTarget(_PositionTarget):
         return self._handshake.events()
 
     def _take_back(self, target: int) -> None:
-        """Let the drive come to rest where its own ramp ends, unless it is at the target that is taken back."""
+        """Set the target to where the drive's own ramp ends, unless it is already at the target."""
         self._given = None
         axis, here = self._axis, self._axis.raw_position
         if not self._handshake.busy:

@@ -58,7 +58,7 @@ A TARGET is served by all of them. The first is what a drive begins with: those 
 
 
 def listed_modes(axis: AxisProcessData, parameters: AxisParameters) -> tuple[int, ...]:
-    """Return what 0x6502 lists, and the modes that bus.yml gives; () where 0x6502 says nothing.
+    """Return the modes listed in 0x6502 and those of bus.yml; () without a list.
 
     Drives have modes that 0x6502 does not list (Technosoft iPOS: CSP; roboticslab-uc3m/yarp-devices, issue 222).
     """
@@ -84,7 +84,7 @@ def _of_file(axis: AxisProcessData) -> list[int]:
 
 
 def _of_drive(axis: AxisProcessData, parameters: AxisParameters) -> tuple[OperationMode, ...]:
-    """Return what 0x6502 lists: as read from the drive, else as the EDS has it; () where neither says.
+    """Return the modes of 0x6502 as read from the drive, else of the EDS; () without either.
 
     0 says nothing: a drive has a mode, and a maker who gives no value writes it too.
     """
@@ -95,7 +95,7 @@ def _of_drive(axis: AxisProcessData, parameters: AxisParameters) -> tuple[Operat
 
 
 def choose_mode(axis: AxisProcessData, parameters: AxisParameters, interface: str) -> int:
-    """Return the mode for a command interface; raises DriveError (UnsupportedMode) where there is none."""
+    """Return the mode for a command interface; DriveError (UnsupportedMode) if none serves it."""
     config = axis.node.config
     keys = config.motion
     modes = {POSITION: keys.position_mode, VELOCITY: keys.velocity_mode, EFFORT: keys.effort_mode}
@@ -125,7 +125,7 @@ def serving_objects(interface: str) -> tuple[tuple[int, int], ...]:
 
 
 def require_targets(axis: AxisProcessData, interfaces: Collection[str]) -> None:
-    """Raise RobotConfigError for a command interface that no RPDO could serve, whatever the drive lists."""
+    """Raise RobotConfigError for a command interface without a target in any RPDO."""
     for name in interfaces:
         if name == DIGITAL_OUTPUTS:
             if axis.digital_outputs is None:
@@ -149,7 +149,7 @@ def _feeds(axis: AxisProcessData, interface: str) -> bool:
 
 
 def _served(axis: AxisProcessData, interface: str) -> tuple[int, ...]:
-    """Return the modes that serve a command interface; those whose target bus.yml gives first."""
+    """Return the modes that serve a command interface, first those with a target in bus.yml."""
     own = [mode for mode, name in axis.own_modes.items() if name == interface]
     return (*own, *(mode for mode in _SERVED[interface] if mode not in own))
 
@@ -212,7 +212,7 @@ def _completed(tag: Ros2ControlSystem, plans: Mapping[str, NodePlan]) -> Ros2Con
 
 
 def _joint(joint: ControlJoint, plans: Mapping[str, NodePlan]) -> ControlJoint:
-    """Return a joint with what its node could be commanded; as it is where it has some, or nobody knows its node."""
+    """Return the joint with the interfaces of its node; unchanged if it has some or the node is unknown."""
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id", "").strip()
     plan = plans.get(name or "") or next((plan for plan in plans.values() if str(plan.node_id) == node_id), None)
     axis = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()

@@ -1,4 +1,4 @@
-"""A look, ten times a second, at whether an enabled axis moves as it is commanded: it stands, or it turns away.
+"""Check ten times a second whether an enabled axis follows its commands: it stands still, or moves away.
 
 Positions are compared in counts. A drive that is enabled and takes its set-points from another source, or whose brake
 is still shut, stands; one whose feedback is mirrored moves away from its target. An axis that stands at a limit of its
@@ -45,7 +45,7 @@ class MotionWatch:
         self._right = False  # the present motion has led towards its target
 
     def look(self, target: ModeTarget | None, enabled: bool) -> None:
-        """Compare the target that is sent with the motion since the last look."""
+        """Compare the target sent with the motion since the last check."""
         self.stands = self.late = self.turns_away = False
         position = self._axis.position
         if not enabled or target is None or position is None or not position.fresh or self._machine.halted:
@@ -74,7 +74,7 @@ class MotionWatch:
         return (raw - self._axis.raw_position + (1 << 31)) % (1 << 32) - (1 << 31)
 
     def _asks(self, target: ModeTarget, scale: float) -> bool:
-        """Whether the target asks for a motion that cannot be overlooked."""
+        """Whether the target requires a motion large enough to be measured."""
         if target.interface == POSITION:
             return abs(self._way(target)) > _WAY * scale
         return isinstance(target, VelocityTarget) and abs(target.output.value / target.factor()) > STANDSTILL
@@ -91,7 +91,7 @@ class MotionWatch:
         self.late = cyclic and not self._moved and self._standing == _LATE_LOOKS
 
     def _look_direction(self, way: int, here: int, step: int, scale: float) -> None:
-        """Count the looks in which it moves away; a motion that began towards its target and turns is no such."""
+        """Count checks with a motion away from the target; a reversal on the way does not count."""
         if abs(step) < _STEP * scale:
             self._rest, self._right, self._away = here, False, 0
             return

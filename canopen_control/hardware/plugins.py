@@ -1,4 +1,4 @@
-"""What the plugin of a <ros2_control> tag means here.
+"""Meaning of the plugin of a <ros2_control> tag: drives, simulation or mirrored commands.
 
 The plugin names of other stacks are kept, so that their descriptions run unchanged, and so is the
 one line that users change to go from simulation to hardware. `--mock` and `--real` do the same without a change.
@@ -52,7 +52,7 @@ _MODES: Final = frozenset({POSITION, VELOCITY, ACCELERATION})
 
 
 class _Joint:
-    """A joint, sensor or GPIO: its interfaces by name, the pairs to mirror, and what is claimed of it."""
+    """Joint, sensor or GPIO: interfaces by name, mirrored pairs, claimed interfaces."""
 
     __slots__ = ("commands", "follows", "initial", "mimic", "mirrored", "mode", "name", "states")
 
@@ -82,13 +82,13 @@ class _Joint:
             state.value = (0.0 if math.isnan(initial) else initial) + (offset if name == POSITION else 0.0)
 
     def stop(self, interface: str) -> None:
-        """Stand still: what was commanded there is no more."""
+        """Stop: clear the command."""
         if interface in (VELOCITY, ACCELERATION):
             self.set(VELOCITY, 0.0)
             self.set(ACCELERATION, 0.0)
 
     def get(self, name: str) -> float:
-        """Return a state, 0.0 if the joint has none of the name or does not know it."""
+        """Return a state, 0.0 if the joint does not have it."""
         state = self.states.get(name)
         return 0.0 if state is None or math.isnan(state.value) else state.value
 
@@ -100,7 +100,7 @@ class _Joint:
 
 
 class GenericSystem(ComponentLifecycle):
-    """One <ros2_control> tag without hardware; see the module."""
+    """<ros2_control> tag without hardware, as mock_components/GenericSystem."""
 
     def __init__(self, description: Ros2ControlSystem) -> None:
         super().__init__()
@@ -150,7 +150,7 @@ class GenericSystem(ComponentLifecycle):
                 raise ControlError(f"joint {joint}: {modes[joint]} and {name} cannot be commanded together")
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Stand still where something is released, integrate what is claimed."""
+        """Stop released interfaces and integrate claimed ones."""
         for name in stop:
             self._owner(name).stop(name.rpartition("/")[2])
         for name in start:
@@ -159,7 +159,7 @@ class GenericSystem(ComponentLifecycle):
                 self._owner(name).mode = interface
 
     def read(self, now: int, period: float) -> ReturnType:
-        """Make the states follow the commands; `period` in s."""
+        """Copy the commands to the states; `period` in s."""
         del now
         if self.state not in (LifecycleState.INACTIVE, LifecycleState.ACTIVE) or self._disabled:
             return OK
@@ -179,12 +179,12 @@ class GenericSystem(ComponentLifecycle):
         return OK
 
     def write(self, now: int, period: float) -> ReturnType:
-        """Do nothing: there is nobody to send to."""
+        """Do nothing: there is no hardware."""
         del now, period
         return OK
 
     def _mirrors(self) -> list[tuple[CommandInterface, StateInterface, float]]:
-        """Return what is copied as it is: everything, or with dynamics all that is not integrated."""
+        """Return the mirrored interfaces: all, or with dynamics those that are not integrated."""
         pairs: list[tuple[CommandInterface, StateInterface, float]] = []
         for part in self._parts:
             integrated = _MODES if self._dynamics and part.name in self._joints else frozenset[str]()
@@ -279,7 +279,7 @@ class _Command:
         inner.minimum, inner.maximum = min(ends), max(ends)
 
     def follow(self) -> None:
-        """Say whether the hardware follows commands: who commands it forgets what counts no more."""
+        """Set whether the hardware follows commands; old commands are discarded when it starts again."""
         outer, enabled = self.outer, self.inner.enabled
         if outer.enabled is not enabled:
             outer.enabled = enabled
@@ -365,7 +365,7 @@ class TransmittedSystem:
         return self.component.changeable
 
     def act(self, world_act: WorldAct) -> None:
-        """Let it happen in the component's world."""
+        """Apply a disturbance to the component's world."""
         self.component.act(world_act)
 
     def scan(self) -> Sequence[LaserScanReading]:
@@ -407,7 +407,7 @@ def _seen(inner: CommandInterface) -> CommandInterface:
 
 
 class PluginKind(enum.Enum):
-    """What stands behind a tag."""
+    """Kind of hardware component of a tag."""
 
     CANOPEN = "canopen"
     MOCK = "mock"
@@ -425,7 +425,7 @@ KNOWN: Final = {
 def kind_of(
     description: UrdfDescription, tag: Ros2ControlSystem, *, mock: bool = False, real: bool = False
 ) -> PluginKind:
-    """Return what a tag is to be; an unknown plugin is a RobotConfigError with the nearest one, unless overruled."""
+    """Return the kind of a tag; RobotConfigError for an unknown plugin, with the nearest name."""
     if mock or real:
         return PluginKind.MOCK if mock else PluginKind.CANOPEN
     kind = KNOWN.get(tag.plugin)

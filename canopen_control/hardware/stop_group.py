@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class GroupMember(Protocol):
-    """What a group has to know of a joint."""
+    """Interface of a joint as its stop group uses it."""
 
     joint: str
     power: AxisStatechart
@@ -29,7 +29,7 @@ class GroupMember(Protocol):
 
     @property
     def wanted(self) -> bool:
-        """Whether it is to follow commands."""
+        """Whether the joint is to follow commands."""
 
     @property
     def can_enable(self) -> bool:
@@ -55,7 +55,7 @@ class BaseJoints(Generic[J]):
 
 
 class StopGroup(Generic[J]):
-    """The joints of one group; `busy` says that some are on their way up or down, and have to be looked at."""
+    """Joints of one stop group; `busy` while one of them is being enabled or stopped."""
 
     def __init__(self, name: str = "") -> None:
         self.name = name
@@ -70,7 +70,7 @@ class StopGroup(Generic[J]):
         return moving
 
     def coordinate(self, now: int) -> None:
-        """Fire what the chart of each joint waits for from its group; call it once per cycle while `busy`."""
+        """Fire group transitions in the chart of each joint; call once per cycle while `busy`."""
         waiting = [joint for joint in self.joints if joint.power.state is AxisPhase.RISING]
         if waiting and all(joint.can_enable for joint in waiting):
             self._fire(PhaseTrigger.GROUP_MAY_RISE, now)
@@ -87,7 +87,7 @@ class StopGroup(Generic[J]):
 
 
 def regroup(joints: Iterable[J], bases: Mapping[str, Collection[str]], now: int) -> None:
-    """Tell each joint which base holds it, and put the stop groups that a base's joints are of together.
+    """Assign the joints of each base to it, and merge the stop groups of its joints.
 
     A base of which only a part is enabled, or on its way to be, is stopped.
     """

@@ -1,4 +1,4 @@
-"""CanopenSystem: the hardware component that stands for the CANopen drives and devices of one <ros2_control> tag.
+"""CanopenSystem: the hardware component of the CANopen drives and devices of one <ros2_control> tag.
 
 A drive is enabled when a controller claims one of its joint's command interfaces, and by a
 user's word; nothing else enables it, except `recovery: enable` of bus.yml for a node that was lost and is back. When
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 def enable_together(joints: Sequence[JointDrive], now: int, report: Callable[[Event], None]) -> None:
-    """Enable joints, and tell why one cannot be; those of its group then stay off as well, since none moves alone."""
+    """Enable joints; report the reason if one cannot be enabled, and keep the others of its group disabled."""
     refused: list[JointDrive] = []
     for joint in joints:
         joint.resume = False
@@ -156,7 +156,7 @@ class CanopenSystem(ComponentLifecycle):
                 joint.targets.mode_for(primary)
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Stop what is released, set the mode of what is claimed and enable it; nothing here waits.
+        """Stop released joints; set the mode of claimed ones and enable them, without waiting.
 
         What is claimed by its TARGET alone has the mode that a user asks for, and is enabled by a user's word.
         """
@@ -256,7 +256,7 @@ class CanopenSystem(ComponentLifecycle):
         return by_joint
 
     def skipped(self, edges: int) -> None:
-        """Take that drives found no new set-point at so many edges of the grid."""
+        """Account for missed cycles, in which the drives got no set-point."""
         for joint in self.joints:
             if joint.power.following:
                 joint.tracking.skip(edges)
@@ -267,14 +267,14 @@ class CanopenSystem(ComponentLifecycle):
         return joint, interface.rpartition("/")[2]
 
     def _report_event(self, joint: JointDrive, event: JointEvent, now: int) -> None:
-        """Report it, and let what is trouble stop the group."""
+        """Report the event; an error stops the group."""
         cause = f"; {joint.node.error}" if event.stops and joint.node.error and joint.node.ready else ""
         self._report(Event(now, event.kind, joint.node.name, f"{joint.axis.who}: {event.text}{cause}", event.level))
         if event.stops:
             self._stop_group(joint, now, event)
 
     def _tell_of_devices(self, now: int) -> None:
-        """Tell what is unknown now; whether axes stop is the robot's to decide, by what bus.yml requires."""
+        """Report unknown inputs; the robot decides by bus.yml whether axes stop."""
         for node, kind, text in self.devices.take_news():
             self._report(Event(now, kind, node.name, f"{node.who}: {text}", Level.WARNING))
 
@@ -295,7 +295,7 @@ class CanopenSystem(ComponentLifecycle):
 
 
 def _then(cause: JointDrive, *, resumable: bool) -> str:
-    """Return what goes on after a stop: a user's word, unless bus.yml lets the node's return be enough."""
+    """Return the next step after a stop: a request of the user, unless bus.yml allows the node's return to suffice."""
     if resumable:
         return "; they are enabled again when it is back (recovery: enable)"
     first = "canopen-control axis fault-reset all, then " if cause.machine.fault else ""
@@ -306,7 +306,7 @@ def _then(cause: JointDrive, *, resumable: bool) -> str:
 def _group(
     parts: Sequence[ControlJoint], joints: Sequence[JointDrive], groups: dict[str, StopGroup[JointDrive]]
 ) -> None:
-    """Put each joint into the group that it names; without a name it is in the robot's one group."""
+    """Assign each joint to its stop group; the default is one group for the robot."""
     for joint, control in zip(joints, parts, strict=True):
         name = control.parameters.get("stop_group", "")
         group = groups.setdefault(name, StopGroup(name))

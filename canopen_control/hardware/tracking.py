@@ -30,7 +30,7 @@ class TrackingFigures(NamedTuple):
 
 
 class Tracking:
-    """The tracking of one joint; `interface` is what is commanded and compared, "" for nothing.
+    """Tracking statistics of one joint; `interface` is the compared quantity, "" for none.
 
     Positions that are equal cycle after cycle while the joint moves are `repeated`, velocities never are. `skipped`
     counts the edges of the grid without a set-point.
@@ -67,7 +67,7 @@ class Tracking:
         self.begin()
 
     def pace(self, period_s: float, *, late: bool = False, factor: float = 1.0) -> None:
-        """Take the period of the cycle in s, and the factor from the drive's values to the joint's.
+        """Set the period of the cycle in s, and the factor from device units to those of the joint.
 
         `late`: a set-point is measured three cycles later, since SYNC goes before the RPDOs, instead of two.
         """
@@ -75,7 +75,7 @@ class Tracking:
         self._full = max(1, round(WINDOW_S / period_s))
 
     def begin(self) -> None:
-        """Begin anew: the joint is enabled."""
+        """Reset after the joint was enabled."""
         self.repeated = self.skipped = 0
         self._worst = self._sum = self._previous_worst = self._previous_sum = self._total_worst = self._total_sum = 0.0
         self._count = self._previous_count = self._total_count = 0
@@ -92,7 +92,7 @@ class Tracking:
         self.restart()
 
     def step(self, target: float, actual: float) -> None:
-        """Take the set-point that is sent in this cycle, and what was measured before it; nan for none."""
+        """Add the set-point of this cycle and the measured value before it; nan for none."""
         last = self._first
         error = (self._third if self._late else self._second) - actual
         self._third, self._second, self._first = self._second, last, target
@@ -113,7 +113,7 @@ class Tracking:
             self._still = 0
 
     def skip(self, edges: int) -> None:
-        """Take that the drive got no set-point at so many edges; it counts while the joint moves."""
+        """Count missed set-points while the joint moves."""
         if self.moving:
             self.skipped += edges
 
@@ -139,7 +139,7 @@ class Tracking:
         )
 
     def _turn(self) -> None:
-        """Begin the next window."""
+        """Start the next window."""
         self._previous_worst, self._previous_sum, self._previous_count = self._worst, self._sum, self._count
         self._total_worst = max(self._total_worst, self._worst)
         self._total_sum += self._sum

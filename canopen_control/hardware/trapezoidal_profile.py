@@ -26,12 +26,12 @@ class TrapezoidalProfile:
         self.limit(math.inf, math.inf)
 
     def limit(self, most: float, rise: float) -> None:
-        """Take other limits; they hold from the next step on."""
+        """Set other limits from the next step on."""
         self._most, self._rise = most, rise
         self.limited = most < math.inf or rise < math.inf
 
     def rest(self) -> None:
-        """Begin the next way at rest."""
+        """Start the next motion at rest."""
         self.speed = 0.0
 
     def step(self, way: int, period: float, largest: float = math.inf) -> int:

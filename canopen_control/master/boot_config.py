@@ -57,7 +57,7 @@ _COB_ID = 1  # subindex of a communication record
 
 
 def groups(writes: Sequence[PlannedWrite]) -> list[list[PlannedWrite]]:
-    """Return the writes in order, those of one PDO in one list, every other one in a list of its own."""
+    """Return the writes in order: those of one PDO in one list, each other one in a list of its own."""
     by_pdo: list[list[PlannedWrite]] = []
     for pdo, of_pdo in groupby(writes, key=lambda write: write.pdo):
         members = list(of_pdo)
@@ -275,7 +275,7 @@ def _write_pdo(
 
 
 def _is_off(write: PlannedWrite) -> bool:
-    """Whether a COB-ID is that of a PDO that does not exist."""
+    """Whether a COB-ID has its invalid bit set (bit 31)."""
     return bool(write.data[-1] & INVALID_BIT >> 24)
 
 
@@ -285,7 +285,7 @@ def _write_all(
     current: Held,
     transfers: BootTransfers,
 ) -> Generator[Request, Answer, _Refusal | None]:
-    """Write in order; return what the node refused and why, None if nothing.
+    """Write in order; return the refused object and the reason, None if all were accepted.
 
     What cannot be written and holds its `final` value already stays; whether that was enough is verified afterwards.
     """
@@ -381,7 +381,7 @@ def _own(pdo: tuple[str, int], current: Held, transfers: BootTransfers) -> Gener
 def _enable(
     plan: NodePlan, wanted: Sequence[PlannedWrite], own: _Own, refusal: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, _Own]:
-    """Make the node's own PDO valid, under the planned COB-ID if it accepts that, else under its own."""
+    """Enable the node's own PDO, with the planned COB-ID if the node accepts it."""
     pdo = wanted[0].pdo or ("", 0)
     communication = cob_id_of(pdo)
     planned = next(write.data for write in reversed(wanted) if is_cob_id(write))
@@ -683,7 +683,7 @@ def _vital(write: PlannedWrite) -> bool:
 
 
 def _differs(plan: NodePlan, write: PlannedWrite, after: bytes, transfers: BootTransfers) -> None:
-    """Report a node that accepted a value and has another one."""
+    """Report a node that accepted a value and returns another one."""
     text = f"{_what(write)} holds 0x{after[::-1].hex()} after 0x{write.data[::-1].hex()} was written"
     if (write.index < _FIRST_OWN and write.index != _EMCY) or axis_of(write.index)[0] == _ABORT_CONNECTION:
         raise boot_error(plan, "J", text)

@@ -63,7 +63,7 @@ _TRANSITIONS = range(17)  # of the CiA 402 power state machine; 0 and 1 are the 
 
 
 def tolerated(section: Node, keys: Collection[str], unused: Mapping[str, str], misnamed: Mapping[str, str]) -> set[str]:
-    """Check the keys of a section that are not `known`; return those that the conversion must ignore.
+    """Check a section for keys that are not `known`; return those that the conversion ignores.
 
     A key similar to a known one, or listed in `misnamed`, is an error. Any other is a warning: ros2_canopen ignores
     unknown keys, so that files with such keys are in use.
@@ -559,7 +559,7 @@ class _Reader:
             owner.setdefault(node_id, name)
 
     def _check_cob_ids(self, nodes: dict[str, tuple[NodeConfig, Node]], plans: dict[str, NodePlan]) -> None:
-        """Report two users of one COB-ID, PDOs or services, whose frames would collide."""
+        """Report COB-IDs used twice, by PDOs or services, whose frames would collide."""
         owner = {SYNC_COB_ID: "SYNC", _TIME_COB_ID: "TIME"}
         owner |= {cob_id(Service.EMCY, plan.node_id): f"EMCY of {name}" for name, plan in plans.items()}
         for name, plan in plans.items():

@@ -93,7 +93,7 @@ class ReceivedPdo:
         self.count += 1
 
     def use(self, layout: PlannedPdo, planned: Sequence[MappedObject]) -> None:
-        """Use the node's own layout; `values` stay in the order of the `planned` objects, all of which it contains.
+        """Use the node's own mapping; `values` stay in the order of the `planned` objects, which it must contain.
 
         `planned` and the objects of the layout differ only if a node keeps its own mapping.
         """
@@ -225,7 +225,7 @@ class SentPdo:
         self._carry(outputs)
 
     def use(self, layout: PlannedPdo, outputs: Sequence[Output]) -> None:
-        """Use the node's own layout; `outputs` are those of its objects."""
+        """Use the node's own mapping; `outputs` are its objects."""
         for output in self.outputs:
             output.places = [place for place in output.places if place[0] is not self]
         self.cob_id, self.codec = layout.cob_id, PdoCodec(layout.objects)
@@ -241,7 +241,7 @@ class SentPdo:
             output.places.append((self, position))
 
     def start(self) -> None:
-        """Start to send it when the node is OPERATIONAL: at once if it is sent automatically."""
+        """Start sending when the node becomes OPERATIONAL; a PDO that is sent automatically at once."""
         self.enabled, self.changed = True, self.repeated
 
     def pack(self) -> None:

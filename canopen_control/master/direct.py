@@ -119,7 +119,7 @@ class DirectBus:
         self._transfer(client, client.write(index, subindex, data, block=block, now=time.monotonic_ns()))
 
     def read_many(self, addresses: Iterable[tuple[int, int, int]]) -> dict[tuple[int, int, int], bytes | CanopenError]:
-        """Upload (node_id, index, subindex) from many nodes at once; a refusal is returned as an error."""
+        """Upload (node_id, index, subindex) from many nodes in parallel; a refusal is returned as an error."""
         by_node: dict[int, list[tuple[int, int]]] = {}
         for node_id, index, subindex in addresses:
             by_node.setdefault(node_id, []).append((index, subindex))

@@ -115,7 +115,7 @@ UNUSED_NODE = {
 
 @dataclass(frozen=True)
 class PdoObjectKeys:
-    """One mapped object."""
+    """Mapped object of a PDO."""
 
     index: int = setting(low=0x0001, high=0xFFFF)
     sub_index: int = setting(0, low=0, high=0xFF)
@@ -124,7 +124,7 @@ class PdoObjectKeys:
 
 @dataclass(frozen=True)
 class PdoConfig:
-    """One PDO; what is None stays as the EDS has it. Times: `inhibit_time` in 100 us, the others in ms."""
+    """PDO section of bus.yml; None keeps the value of the EDS. `inhibit_time` in 100 us, other times in ms."""
 
     enabled: bool = True
     cob_id: int | Literal["auto"] | None = setting(None, low=1, high=0xFFFFFFFF)
@@ -138,7 +138,7 @@ class PdoConfig:
 
 @dataclass(frozen=True)
 class SdoEntry:
-    """One object to be written at boot; hex digits for bytes, `save` and `load` for 0x1010 and 0x1011."""
+    """Object written at boot; hex digits for bytes, `save` and `load` for 0x1010 and 0x1011."""
 
     index: int = setting(low=0x1000, high=0xFFFF)
     sub_index: int = setting(0, low=0, high=0xFF)
@@ -160,7 +160,7 @@ class AxisUnitKeys:
 
 @dataclass(frozen=True)
 class FileOptions:
-    """What concerns the file as a whole."""
+    """Options of the file as a whole."""
 
     dcf_path: str = ""
     heartbeat_multiplier: float = setting(3.0, low=1.0, high=100.0)
@@ -175,7 +175,7 @@ _BY_KERNEL = {
 
 @dataclass(frozen=True)
 class MasterConfig:
-    """The master; `boot_time` 0 waits for required nodes for ever, `boot_timeout` is that of a boot's SDO answers."""
+    """Master section: `boot_time` 0 waits for mandatory nodes without limit, `boot_timeout` is its SDO timeout."""
 
     node_id: int = setting(1, low=1, high=MAX_NODE_ID)
     channel: str = ""
@@ -204,11 +204,11 @@ class MasterConfig:
 
     @property
     def follows_closely(self) -> bool:
-        """Whether the cycle comes an eighth of a period after the SYNC of somebody else, and not half a one."""
+        """Whether the cycle runs an eighth of a period after an external SYNC instead of half a period."""
         return self.sync_order != "last"
 
     def sync_words(self, *, by_kernel: bool | None = None) -> str:
-        """Say who sends SYNC, how often, and how it lies to the RPDOs of a cycle; None: which channel is not known."""
+        """Return a sentence about the SYNC producer, its period and the order of SYNC and RPDOs in a cycle."""
         if not self.sync_period:
             return "no SYNC"
         every = f"SYNC every {self.sync_period / 1000:g} ms"
@@ -240,7 +240,7 @@ class IdentityKeys:
 
 @dataclass(frozen=True)
 class SupervisionKeys:
-    """How the master and the node notice that the other is gone; `multiplier` and `life_factor` are what holds.
+    """Heartbeat and node guarding of a node; `multiplier` and `life_factor` as in effect.
 
     Those come of the node's own key, the master's or the file's (heartbeat_multiplier; life_time_factor, retry_factor).
     """
@@ -277,7 +277,7 @@ class SupervisionKeys:
 
 @dataclass(frozen=True)
 class BootKeys:
-    """Whether and how the node is booted, and what is written to it then."""
+    """Boot options of a node and the objects written during boot."""
 
     wanted: bool = setting(True, key="boot")
     mandatory: bool | None = None
@@ -295,7 +295,7 @@ class BootKeys:
 
     @property
     def insists(self) -> bool:
-        """Whether the file says in so many words that nothing goes without the node."""
+        """Whether the file requires the node explicitly."""
         return bool(self.required or self.mandatory)
 
     def pdos(self, kind: str) -> dict[int, PdoConfig]:
@@ -305,7 +305,7 @@ class BootKeys:
 
 @dataclass(frozen=True)
 class UnitKeys:
-    """What the device's numbers mean: SI units per device unit (from) and back (to), in numbers or by name."""
+    """Units of the device: SI per device unit (from) and back (to), as numbers or by name."""
 
     scale_pos_to_dev: float = 1000.0
     scale_pos_from_dev: float = 0.001
@@ -332,7 +332,7 @@ class UnitKeys:
         )
 
     def of_axis(self, axis: int) -> dict[str, float]:
-        """Return the arguments of `units.Scale` for an axis, those of `channels` before the node's own."""
+        """Return the arguments of `units.Scale` for an axis; `channels` override the node's own."""
         own = self.channels[axis] if axis < len(self.channels) else AxisUnitKeys()
         names = (*SCALES, "scale_eff_from_dev", "offset_pos_to_dev", "offset_pos_from_dev")
         chosen = {name: getattr(own, name) if getattr(own, name) is not None else getattr(self, name) for name in names}
@@ -341,7 +341,7 @@ class UnitKeys:
 
 @dataclass(frozen=True)
 class MotionKeys:
-    """How the drive's axes are moved and what is done when they stop."""
+    """Motion options of the axes, and their behaviour at a stop."""
 
     position_mode: int | None = setting(None, low=-128, high=127)
     velocity_mode: int | None = setting(None, low=-128, high=127)
@@ -363,7 +363,7 @@ class MotionKeys:
     transition_timeouts_ms: dict[int, int] = setting(factory=dict, low=1, high=600_000)
 
     def own_target(self, interface: str) -> tuple[int, int] | None:
-        """Return the object that takes the target of a command interface, None for the one of the mode in CiA 402."""
+        """Return the target object of a command interface, None for that of the CiA 402 mode."""
         text = getattr(self, f"{interface}_target")
         if isinstance(text, int):
             return (text, 0) if 0 < text <= 0xFFFF else None
@@ -373,7 +373,7 @@ class MotionKeys:
 
 @dataclass(frozen=True)
 class SignalKeys:
-    """One signal of a device in units; what is None is that of the device's profile.
+    """Signal of a device in units; None keeps the value of the device's profile.
 
     value = raw number * factor + offset; raw numbers in `invalid` are nan. `safe` is what an output is to be when the
     master is gone, `max_rate` how fast an input can change.
@@ -392,7 +392,7 @@ class SignalKeys:
 
 @dataclass(frozen=True)
 class RosKeys:
-    """What the ROS bridge calls the node and its axes."""
+    """Names of the node and its axes in the ROS bridge."""
 
     driver: str = ""
     namespace: str = ""
@@ -402,7 +402,7 @@ class RosKeys:
 
 @dataclass(frozen=True)
 class NodeConfig:
-    """A node of bus.yml after `defaults` were merged in; `line` is where it stands.
+    """Node of bus.yml with `defaults` merged in; `line` is its line in the file.
 
     `required`: the robot waits for it. Where `node_id` is missing it is that of the device's file.
     """

@@ -1,4 +1,4 @@
-"""Drives that are known by their identity or by their names in the EDS, and the keys of bus.yml that they need.
+"""Drives known by identity or by names in their EDS, and the keys of bus.yml that they need.
 
 The knowledge is in the files of `eds/personalities`. A key is proposed, with its source, and never taken: what a user
 has written counts.
@@ -22,7 +22,7 @@ _INDEX: Final = re.compile(r"index: (0x[0-9A-Fa-f]+)")
 
 
 def known_drive(vendor: int, product: int, words: str) -> Personality | None:
-    """Return what is known of a device: by 0x1018:01 and :02 (0: not told), else by a word of the names in its EDS.
+    """Return the personality of a device: by 0x1018:01 and :02 (0: unknown), else by a name in its EDS.
 
     A name counts where the file of the manufacturer's drives has no vendor id, or the device has none.
     """

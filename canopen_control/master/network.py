@@ -47,7 +47,7 @@ _COMMANDS: Final = {int(command): command.name.lower().replace("_", " ") for com
 
 
 class Evidence(enum.IntEnum):
-    """What somebody else sends, the clearer the higher."""
+    """Kinds of evidence for a second master, in ascending order of certainty."""
 
     SDO = 1
     NMT = 2
@@ -55,7 +55,7 @@ class Evidence(enum.IntEnum):
 
 
 class _Seen:
-    """The frames of one identifier; `examples` are what they say, where that differs."""
+    """Frames with one identifier; `examples` are their contents where they differ."""
 
     __slots__ = ("count", "evidence", "examples", "what")
 
@@ -68,7 +68,7 @@ class _Seen:
 
 
 class SecondMasterDetector:
-    """Takes the frames of others on the bus called `name` and reports who they come from; `wake` when it will."""
+    """Detects frames of a second master on the bus `name` and reports them; `wake` is the time of the report."""
 
     def __init__(self, name: str, report: Callable[[Event], None], wake: Callable[[], None]) -> None:
         self.deadline: int | None = None
@@ -80,7 +80,7 @@ class SecondMasterDetector:
         self._last = -_FORGET_NS
 
     def saw(self, can_id: int, evidence: Evidence, title: str, now: int, example: str = "") -> None:
-        """Take a frame that this master did not send."""
+        """Process a frame that this master did not send."""
         if now - self._last >= _FORGET_NS:
             self._told = 0
             self._seen.clear()
@@ -96,7 +96,7 @@ class SecondMasterDetector:
             self._wake()
 
     def tick(self, now: int) -> None:
-        """Tell what was gathered."""
+        """Report the collected frames."""
         if self.deadline is None or now < self.deadline:
             return
         self.deadline = None
@@ -126,7 +126,7 @@ class SecondMasterDetector:
         return self._handler(can_id, Evidence.MASTER, f"RPDO 0x{can_id:03X} of {node.who}")
 
     def on_expected_sync(self, can_id: int, period_ns: int, now: int, late: bool) -> None:
-        """Take a SYNC that is sent for this master, by the kernel: where too many come, not all of them are."""
+        """Process a SYNC sent for this master by the kernel; a surplus comes from another producer."""
         if late or now - self._sync_since >= _SYNCS * period_ns:  # what was read in one go says nothing of a rate
             self._sync_since, self._syncs = now, 0
         self._syncs += 1
@@ -137,7 +137,7 @@ class SecondMasterDetector:
         return lambda _data, _length, now: self.saw(can_id, evidence, title, now)
 
     def _on_sdo(self, can_id: int, node: RemoteNode) -> Callable[[bytes, int, int], None]:
-        """Return what takes requests to a node that is used; whoever brings one asks first whether its id is free."""
+        """Return the handler for SDO requests to a node in use; its callers must check the node id first."""
         title = f"SDO 0x{can_id:03X} to {node.who}"
         return lambda _data, _length, now: self.saw(can_id, Evidence.SDO, title, now) if node.ready else None
 
@@ -179,7 +179,7 @@ TIMERS_MISSED = 3  # after so many event timers without its TPDO what it carries
 
 
 class Network:
-    """All nodes of a bus.yml on one channel; `report` is handed every event."""
+    """All nodes of a bus.yml on one channel; `report` gets every event."""
 
     def __init__(self, name: str, config: BusConfig, report: Callable[[Event], None], cycle_ns: int) -> None:
         self.name, self.config, self._cycle_ns = name, config, cycle_ns
@@ -237,7 +237,7 @@ class Network:
         return self._handlers.keys()
 
     def receive(self, records: bytes, now: int, since: int | None = None) -> None:
-        """Take whole records as a port gives them; those a late process reads came between `since` and `now`."""
+        """Process received records; a late process reads those received between `since` and `now`."""
         self._since, stamp = since, now if since is None else since
         handlers, pdos = self._handlers, self._pdos
         for can_id, length, data in RECORD.iter_unpack(records):
@@ -251,7 +251,7 @@ class Network:
                 handler(data, length, now)
 
     def tick(self, now: int) -> None:
-        """Let time pass; cheap while nothing is due."""
+        """Process timeouts up to `now`; cheap while none is due."""
         if self._stale:
             self._deadline, self._stale = self._earliest(), False
         if self._deadline is None or now < self._deadline:
@@ -287,11 +287,11 @@ class Network:
         return records
 
     def cycle(self, *, sync: bool) -> bytes:
-        """Return the records of one cycle: RPDOs that are due, then SYNC unless somebody else sends it."""
+        """Return the records of one cycle: due RPDOs, then SYNC unless another node produces it."""
         return self.image.collect(self.sync_record() if sync else b"")
 
     def sync_record(self) -> bytes:
-        """Return the record of the next SYNC, b"" where somebody else sends it.
+        """Return the record of the next SYNC, b"" if another node produces it.
 
         With a counter it is made anew for each cycle, without one it is always the same.
         """
@@ -303,13 +303,13 @@ class Network:
         return RECORD.pack(frame.can_id, len(frame.data), frame.data)
 
     def synced(self, now: int) -> None:
-        """Count what the SYNC before the one just sent was not answered; whoever sends it."""
+        """Count synchronous TPDOs missing after the previous SYNC."""
         if changed := self.pdo_watch.sync(now):
             for pdo in changed:
                 self._pdo_owner[pdo].on_pdo(pdo, now)
 
     def hear_sync(self, on_sync: Callable[[int], None]) -> None:
-        """Leave SYNC to somebody else and call `on_sync(now)` for each that comes."""
+        """Follow an external SYNC and call `on_sync(now)` for each."""
         self._sync_elsewhere = True
         can_id, period = self.sync.cob_id, self.config.master.sync_period * 1000
 
@@ -320,14 +320,14 @@ class Network:
         self._handlers[can_id] = heard
 
     def bus_failed(self, text: str, now: int) -> None:
-        """Take every node for lost: the bus carries nothing. `bus_back` boots them anew."""
+        """Mark every node as lost because the bus failed; `bus_back` boots them again."""
         for node in self.nodes.values():
             if node.ready or node.boot_step:
                 node.lost(now, text)
                 self._to_boot.append(node)
 
     def bus_back(self, now: int) -> None:
-        """Boot anew the nodes that were lost with the bus."""
+        """Boot the nodes again that were lost with the bus."""
         nodes, self._to_boot = self._to_boot, []
         for node in nodes:
             node.begin_boot(now)
@@ -338,7 +338,7 @@ class Network:
         self.outgoing.append(nmt_frame(command, node_id))
 
     def changed(self) -> None:
-        """Collect what a node wants sent after it was used from outside (an SDO request, a command)."""
+        """Collect frames of a node after a call from outside a cycle (an SDO request, a command)."""
         self._collect()
 
     def _node(self, name: str) -> RemoteNode:
@@ -437,7 +437,7 @@ class Network:
             self.reader.follow_identifiers()
 
     def _written(self, node: RemoteNode, index: int, subindex: int, data: bytes) -> None:
-        """Take what an SDO wrote into the RPDOs that carry the object, so that none of them undoes it."""
+        """Copy a value written by SDO into the RPDOs that map its object, so that the next RPDO does not undo it."""
         output = self.image.output(node.node_id, index, subindex)
         if output is None or output.driven:
             return
@@ -446,7 +446,7 @@ class Network:
             output.know(value)
 
     def _watch_defaults(self, node: RemoteNode) -> None:
-        """Note frames with the default identifier of a TPDO that was given another one: some nodes go back to it.
+        """Count frames with the default identifier of a reconfigured TPDO: some nodes return to it.
 
         durand 0.5.0 (PyPI) does so at NMT start, and takes every write before that.
         """
@@ -489,7 +489,7 @@ class Network:
         self._stale = True
 
     def _supervise(self, now: int, since: int | None = None) -> bool:
-        """Hand the nodes what the consumers saw; returns whether that was anything."""
+        """Pass error control events to the nodes; return whether there were any."""
         events = self._consumer.events()
         happened = bool(events)
         for guarded in self._guarding.events() if self._guarding is not None else ():

@@ -1,4 +1,4 @@
-"""The PDO layout of a bus as a message, for those who listen: trace, monitor, exports, the API's `layout`.
+"""PDO layout of a bus as a message for trace, monitor, exports and the API's `layout`.
 
 It is what a boot makes of the bus, taken from the same plans; nothing is decided here.
 """
@@ -28,7 +28,7 @@ LinearAxes = frozenset[tuple[str, int]]
 
 
 class _Meaning(NamedTuple):
-    """What a raw number is: times `factor` plus `offset`, in `unit`."""
+    """Scale of a raw number: times `factor` plus `offset`, in `unit`."""
 
     factor: float = 1.0
     offset: float = 0.0
@@ -36,7 +36,7 @@ class _Meaning(NamedTuple):
 
 
 class _Quantity(NamedTuple):
-    """What an object of CiA 402 measures: which scale, whether it is commanded, and whether an offset belongs to it."""
+    """Quantity of a CiA 402 object: its scale, whether it is commanded, whether an offset applies."""
 
     scale: str
     commanded: bool = False
@@ -57,7 +57,7 @@ _UNITS: Final = {"pos": ("rad", "m"), "vel": ("rad/s", "m/s"), "eff": ("Nm", "N"
 
 
 def layout_of(config: BusConfig, channel: str = "", linear: Collection[tuple[str, int]] | None = None) -> BusLayout:
-    """Return the layout of a bus; `channel` is that of bus.yml where none is given.
+    """Return the layout of a bus; `channel` defaults to that of bus.yml.
 
     `linear` are the prismatic joints by node and axis; None: nobody knows, so that no unit is named.
     """
@@ -127,7 +127,7 @@ def _of_axis(config: BusConfig, plan: NodePlan, mapped: MappedObject, linear: Co
 
 
 def _is_scaled(config: BusConfig, node: str, axis: int, quantity: str) -> bool:
-    """Whether bus.yml says what a number of an axis is; upstream's defaults for want of that are no knowledge."""
+    """Whether bus.yml defines the scale of an axis; ros2_canopen's default does not count."""
     units = config.nodes[node].units
     if units.counts_per_revolution is not None and quantity != "eff":
         return True

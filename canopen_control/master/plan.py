@@ -82,7 +82,7 @@ _NO_HEARTBEAT = "guarding takes the place of the heartbeat, and a heartbeat woul
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What the node must be; 0 where anything will do."""
+    """Expected identity of the node; 0 accepts any value."""
 
     device_type: int = 0
     vendor_id: int = 0
@@ -132,13 +132,13 @@ class NodePlan:
 
     @property
     def supervision_ns(self) -> int:
-        """After which silence the node counts as lost, by heartbeat or guarding; 0 for a node nobody watches."""
+        """Time after which a silent node counts as lost, by heartbeat or guarding; 0 without supervision."""
         return self.heartbeat_timeout_ns or (self.guard[0] * self.guard[1] if self.guard else 0)
 
 
 @dataclass(frozen=True, slots=True)
 class PlanInput:
-    """What a plan is made of; `complain(key, text)` and `warn` take what is wrong or odd, `note` and `remark` the rest.
+    """Input of a plan; `complain(key, text)` and `warn` get errors and warnings, `note` and `remark` the rest.
 
     `note` is told of keys without effect, `remark` of what is good to know.
 
@@ -210,7 +210,7 @@ def make_plan(plan_input: PlanInput) -> NodePlan:
 
 
 def _plan_communication(builder: PlanBuilder, master: MasterConfig) -> None:
-    """Plan SYNC, the services and the PDOs, and what a file for the node brings along."""
+    """Plan SYNC, services and PDOs, and the objects of a DCF or concise DCF."""
     node, od = builder.node, builder.od
     _plan_sync_counter(builder, master)
     _plan_services(builder, master)
@@ -250,7 +250,7 @@ def two_motors(od: ObjectDictionary) -> tuple[int, ...]:
 
 
 def _warn_of_two_motors(builder: PlanBuilder) -> None:
-    """Name a drive whose targets and actual values are in subindices: what can be done with it, and what not."""
+    """Warn of a drive whose axes are in subindices, with what is supported for it."""
     motors = two_motors(builder.od)
     if not motors or any((builder.node.motion.own_target(name) or (0,))[0] in motors for name in _INTERFACES):
         return
@@ -271,7 +271,7 @@ def _warn_of_two_motors(builder: PlanBuilder) -> None:
 
 
 def _check_identity(builder: PlanBuilder) -> None:
-    """Warn where bus.yml names another vendor or product than the EDS: then the file is that of another device."""
+    """Warn where bus.yml and EDS differ in vendor or product: the EDS belongs to another device."""
     expected, device = builder.node.identity, builder.od.device
     for key, value, actual in (
         ("vendor_id", expected.vendor_id, device.vendor_number),
@@ -283,7 +283,7 @@ def _check_identity(builder: PlanBuilder) -> None:
 
 
 def _identity(node: NodeConfig, od: ObjectDictionary) -> Identity:
-    """Take vendor and product from bus.yml, else the EDS; revision and serial from bus.yml only. 0 checks nothing.
+    """Return vendor and product of bus.yml, else of the EDS; revision and serial of bus.yml only. 0 is not checked.
 
     From the EDS only where it has the subindex: of 0x1018 a device must have no more than the vendor (CiA 301,
     7.5.2.21), and some have not even that. What [DeviceInfo] says cannot be asked of them.
@@ -348,7 +348,7 @@ def _store_object(builder: PlanBuilder, index: int, subindex: int, key: str) -> 
 
 
 def _plan_error_control(builder: PlanBuilder, master: MasterConfig) -> int:
-    """Let the drive watch the master and be watched: 0x1016, 0x1017, guarding, 0x1029, 0x6007. Return its period in ms.
+    """Plan error control in both directions (0x1016, 0x1017, guarding, 0x1029, 0x6007); return its period in ms.
 
     The keys of bus.yml go before its `sdo:` list, that before what this package adds, and that before a file.
     """
@@ -374,7 +374,7 @@ def _plan_error_control(builder: PlanBuilder, master: MasterConfig) -> int:
 
 
 def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
-    """Let the node watch the master's heartbeat: 0x1016, one entry, beside what watches other nodes.
+    """Plan the consumer entry 0x1016 for the master's heartbeat, next to entries for other nodes.
 
     Two entries for one node are refused by devices (CiA 301, 7.5.2.19), so the entry that has the master is taken.
     """
@@ -454,7 +454,7 @@ def _plan_producer(builder: PlanBuilder) -> int:
 
 
 def _plan_reactions(builder: PlanBuilder) -> None:
-    """Let a lost master stop the motors: 0x6007 of each axis that has it, else 0x1029:1 = stopped.
+    """Plan the reaction of the axes to a lost master: 0x6007 where present, else 0x1029:1 = stopped.
 
     What a file says counts where it is a reaction: 0 in 0x6007 is none, and so is 0 or 1 in 0x1029:1 of a drive with an
     axis without 0x6007.
@@ -485,7 +485,7 @@ def _plan_reactions(builder: PlanBuilder) -> None:
 
 
 def _watches(builder: PlanBuilder, master: MasterConfig, *, guarded: bool) -> bool:
-    """Whether a node that holds what the plan writes notices that the master is gone."""
+    """Whether a node configured by the plan detects a lost master."""
     if guarded and builder.final(GUARD_TIME, 0) and builder.final(LIFE_TIME, 0):
         return True
     consumers = [parse_consumer_entry(builder.final(CONSUMER, sub) or 0) for sub in builder.od.subindices(CONSUMER)[1:]]
@@ -500,7 +500,7 @@ def _watches(builder: PlanBuilder, master: MasterConfig, *, guarded: bool) -> bo
 
 
 def _why_unsupervised(builder: PlanBuilder, master: MasterConfig, *, watches: bool) -> str:
-    """Say why a dead master would not stop the axes of a node that holds what the plan writes; "" where it would."""
+    """Return why a lost master would not stop the axes of a node configured by the plan; "" if it would."""
     axes = tuple(_axes(builder.od))
     if not axes:
         return ""
@@ -534,7 +534,7 @@ def _plan_sync_counter(builder: PlanBuilder, master: MasterConfig) -> None:
 
 
 def _plan_services(builder: PlanBuilder, master: MasterConfig) -> None:
-    """Let the node take SYNC where this package sends it, and send EMCY where this package hears it.
+    """Plan SYNC consumption and EMCY production at the identifiers this package uses.
 
     A value of the `sdo:` list stays, and is warned of where it is another one. 0x1005 of a node that sends SYNC itself
     (bit 30) is left alone where `sync_producer` says that another node does.
@@ -569,7 +569,7 @@ def _plan_service(builder: PlanBuilder, index: int, identifier: int, why: str) -
 
 
 def _plan_downloads(builder: PlanBuilder) -> None:
-    """Plan what a concise DCF or a DCF downloads, but supervision and the PDOs that bus.yml configures itself."""
+    """Plan the downloads of a DCF or concise DCF, except error control and PDOs configured by bus.yml."""
     supervision = _SUPERVISION | {SYNC, EMCY} | {ABORT_CONNECTION + offset for offset in _axes(builder.od)}
     for index, subindex, data in builder.downloads:
         if not is_pdo_record(index) and index not in supervision:
@@ -593,5 +593,5 @@ def _plan_sdo_list(builder: PlanBuilder, entries: Sequence[tuple[int, SdoEntry]]
 
 
 def _signature(value: object) -> object:
-    """Return the signature that a word of store and restore (0x1010, 0x1011) stands for."""
+    """Return the signature for `save` or `load` (0x1010, 0x1011)."""
     return {"save": 0x65766173, "load": 0x64616F6C}.get(value, value) if isinstance(value, str) else value

@@ -42,7 +42,7 @@ RpdoKeys = dict[int, PdoConfig]
 
 
 def add_feed_forward(builder: PlanBuilder, axes: Sequence[int]) -> None:
-    """Put the offsets that are asked for into the node's RPDOs, for each axis by the offset of its objects."""
+    """Map the requested offsets into the node's RPDOs, for each axis."""
     offsets = [(name, _OFFSETS[name] + offset, offset) for name in builder.node.motion.feed_forward for offset in axes]
     for name, index, offset in offsets:
         rpdos = builder.node.boot.rpdo
@@ -63,7 +63,7 @@ def _why_not(builder: PlanBuilder, index: int) -> str:
 
 
 def _add_feed_forward(builder: PlanBuilder, index: int, target: int) -> str:
-    """Map an object into the first RPDO that has room; return what is wrong where none has."""
+    """Map an object into the first RPDO with room; return the problem if none has room."""
     rpdos = builder.node.boot.rpdo
     mine = [number for number, pdo in rpdos.items() if pdo.enabled and pdo.mapping is not None]
     mine.sort(key=lambda number: target not in _mapped(builder, number, rpdos[number]))
@@ -154,7 +154,7 @@ def _compare_cycle_period(builder: PlanBuilder, sync_period_us: int) -> None:
 
 
 def _compare(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
-    """Warn of another time than SYNC's; what is not written is as in the EDS."""
+    """Warn of a period that differs from SYNC's; unwritten objects keep the EDS's value."""
     value, exponent = builder.asked_value(index, 1), builder.asked_value(index, 2)
     value = builder.default(index, 1) if value is None else value
     exponent = builder.signed_default(index, 2) if exponent is None else exponent
@@ -197,7 +197,7 @@ def _add_interpolation(builder: PlanBuilder, index: int, sync_period_us: int) ->
 
 
 def _in_unit(period_us: int, exponent: int) -> int | None:
-    """Return a period as a whole number of 10^exponent seconds, None where it is none of one byte."""
+    """Return a period as a whole number of 10^exponent seconds, None if it does not fit one byte."""
     if exponent not in _EXPONENTS:
         return None
     value, rest = divmod(period_us * 1000, 10 ** (exponent + 9))
@@ -222,7 +222,7 @@ _BYTES = frozenset((DataType.OCTET_STRING, DataType.DOMAIN))
 
 @dataclass(frozen=True, slots=True)
 class PlannedWrite:
-    """One SDO download; `reason` is empty for what bus.yml asks for, `optional` ones may be refused by the node.
+    """One SDO download; `reason` is empty for those of bus.yml, an `optional` one may be refused by the node.
 
     `pdo` names the PDO whose records the write belongs to; `compare`: it can be read back. `fixed`: a COB-ID that the
     EDS does not let be written and that has this value: it is written only where the node holds another one.
@@ -247,7 +247,7 @@ class PlannedWrite:
 
 @dataclass(frozen=True, slots=True)
 class PlannedPdo:
-    """A PDO that will be live: its COB-ID and what it carries, in order; `event_ms` is its event timer, 0: none."""
+    """Enabled PDO: COB-ID and mapping in order; `event_ms` is its event timer, 0 for none."""
 
     number: int
     cob_id: int
@@ -258,7 +258,7 @@ class PlannedPdo:
 
 @dataclass(slots=True)
 class PlanBuilder:
-    """The plan in the making; `complain(key, text)` reports a mistake and goes on, `warn` a doubt.
+    """Builder of a plan; `complain(key, text)` reports an error and continues, `warn` a warning.
 
     `note` is told of keys without effect, `remark` of a choice.
     """
@@ -296,7 +296,7 @@ class PlanBuilder:
         return {number for which, number in self._records if which == kind}
 
     def listed_records(self, kind: str, number: int) -> dict[tuple[int, int], tuple[int, bytes]]:
-        """Return what the `sdo:` list writes to the records of a PDO: by address its last place in it, and the data."""
+        """Return the `sdo:` writes to the records of a PDO: data and position in the list by address."""
         return self._records.get((kind, number), {})
 
     @property
@@ -306,7 +306,7 @@ class PlanBuilder:
 
     @property
     def download_reason(self) -> str:
-        """Who asks for the downloads."""
+        """Origin of the downloads, for messages."""
         name = self.node.boot.configuration_file or self.file
         return f"from {name}"
 
@@ -321,7 +321,7 @@ class PlanBuilder:
         optional: bool = False,
         pdo: tuple[str, int] | None = None,
     ) -> None:
-        """Add one write, encoded as the EDS types the object; `key` is where bus.yml asks for it.
+        """Add one write, encoded by the EDS's type of the object; `key` is its place in bus.yml.
 
         What cannot be written is an error where bus.yml asks for it, and done without where this package adds it
         (`reason`): the user is told.
@@ -345,7 +345,7 @@ class PlanBuilder:
         self._add(index, subindex, data, reason, optional, pdo)
 
     def can_write(self, index: int, subindex: int) -> bool:
-        """Whether the EDS has the object and lets it be written."""
+        """Whether the EDS has the object as writable."""
         entry = self.od.get(index, subindex)
         return entry is not None and entry.writable
 
@@ -376,7 +376,7 @@ class PlanBuilder:
         self._add(index, subindex, data, reason, False, pdo)
 
     def write_downloaded(self, index: int, subindex: int) -> None:
-        """Add the write that a file asks for there, unless the `sdo:` list of bus.yml has another one."""
+        """Add a write of a DCF, unless the `sdo:` list of bus.yml writes the object."""
         data = self._downloaded.get((index, subindex))
         if data is not None and self.listed_value(index, subindex) is None:
             self.write_raw(index, subindex, data, self.download_reason)
@@ -396,7 +396,7 @@ class PlanBuilder:
         return None if data is None else int.from_bytes(data, "little", signed=signed)
 
     def final(self, index: int, subindex: int) -> int | None:
-        """Return the number that the object holds after all writes so far; the default of the EDS where there is none.
+        """Return the value of the object after all writes so far, else the default of the EDS.
 
         A file's value counts where it is written, not before.
         """
@@ -408,13 +408,13 @@ class PlanBuilder:
         return self._held(index, subindex)
 
     def _held(self, index: int, subindex: int) -> int | None:
-        """Return what the EDS says that the node holds; the ParameterValue of a DCF counts once it is written."""
+        """Return the value of the EDS; the ParameterValue of a DCF counts once it is written."""
         entry = self.od.get(index, subindex)
         value = None if entry is None else entry.default if entry.writable else entry.value
         return value if isinstance(value, int) else None
 
     def note_overruled(self, index: int, subindex: int, key: str) -> None:
-        """Note that a value of the file, or warn that one of the `sdo:` list, is not what the node holds in the end."""
+        """Report a written value that a later write replaces: a note for a DCF, a warning for the `sdo:` list."""
         final, place = self.final(index, subindex), f"0x{index:04X}:{subindex:02X}"
         listed, downloaded = self.listed_value(index, subindex), self.downloaded_value(index, subindex)
         if listed is not None and listed != final:
@@ -435,12 +435,12 @@ class PlanBuilder:
         return self.downloaded_value(index, subindex)
 
     def default(self, index: int, subindex: int) -> int | None:
-        """Return what the object holds before bus.yml changes it: from a file, else from the EDS."""
+        """Return the value of the object before bus.yml changes it: of a DCF, else of the EDS."""
         data = self._downloaded.get((index, subindex))
         return self._held(index, subindex) if data is None else int.from_bytes(data, "little")
 
     def signed_default(self, index: int, subindex: int) -> int | None:
-        """Return what a signed object holds before bus.yml changes it, also where the EDS makes it unsigned."""
+        """Return the value of a signed object before bus.yml changes it, also where the EDS has it unsigned."""
         entry, value = self.od.get(index, subindex), self.default(index, subindex)
         bits = None if entry is None else entry.data_type.bits
         if value is None or bits is None:
@@ -448,7 +448,7 @@ class PlanBuilder:
         return value - (1 << bits) if value >= 1 << bits - 1 else value
 
     def ordered_writes(self) -> tuple[PlannedWrite, ...]:
-        """Return the writes; those of an address with several values are marked as always to be written."""
+        """Return the writes; those of an address with several values are always written."""
         values: dict[tuple[int, int], set[bytes]] = {}
         for write in self.writes:
             if write.pdo is None:
@@ -470,7 +470,7 @@ class PlanBuilder:
 
 
 def _bytes_of(value: object, data_type: DataType) -> Value:
-    """Return hex digits as the bytes they stand for where an object wants bytes."""
+    """Return the bytes of hex digits where the object takes bytes."""
     if isinstance(value, str) and data_type in _BYTES:
         try:
             return bytes.fromhex(value)

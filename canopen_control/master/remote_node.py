@@ -472,7 +472,7 @@ class RemoteNode:
         self._retry_at = now + RETRY_NS
 
     def _drop(self, now: int, text: str, level: Level, *, kind: str, error: CanopenError | None = None) -> None:
-        """End READY or a boot: the process data are invalid from here on."""
+        """End READY or the boot; the process data become invalid."""
         was_used, was_ready = self.ready or self._task is not None, self.ready
         self._abandon()
         self.state, self.ready = NodeState.WAITING, False

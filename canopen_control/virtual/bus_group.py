@@ -143,7 +143,7 @@ def _nodes(
     """Return the nodes of a bus on their side of the world."""
     eds_files = {int(node): path.parent / eds for node, eds in bus.nodes.items()}
     devices = make_devices(
-        list(eds_files), next(iter(eds_files.values())), report, others=eds_files, world=world, like=like
+        list(eds_files), next(iter(eds_files.values())), report, eds_files=eds_files, world=world, like=like
     )
     return BusNodes(port, devices.nodes, partial(reopen, bus.channel, label), world=world)
 

@@ -69,7 +69,7 @@ def run_drives(
                 store=options.store,
                 scenario=options.scenario,
                 plant=options.plant,
-                others=options.others,
+                eds_files=options.others,
             )
             check.finish()
             with contextlib.closing(devices.world):
