@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class CheckOptions:
-    """What `run` would be told beside the files."""
+    """Options of `run` that affect the check."""
 
     controllers: Sequence[str] = ()
     can: Sequence[str] = ()
@@ -58,7 +58,7 @@ class CheckOptions:
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """What was found, by file and line; by bus what it has to carry and who sends SYNC, absent where that is broken.
+    """Findings by file and line; per bus its load and SYNC producer, absent if its file is invalid.
 
     `stops` is how long each joint on a drive takes to stand, empty where the robot cannot be built.
     """
@@ -78,7 +78,7 @@ class CheckReport:
 
 
 def check_robot(files: RobotFiles, options: CheckOptions) -> CheckReport:
-    """Check the files of a robot; never raises for what stands in them."""
+    """Check the files of a robot; never raises for their contents."""
     checker = _Checker(files, options)
     checker.run()
     return CheckReport(tuple(sorted_findings(checker.findings)), checker.budgets, checker.sync, checker.stops)
@@ -100,7 +100,7 @@ def start_warnings(setup: RobotSetup) -> list[str]:
 
 
 class _Checker:
-    """One check: what could be read, and what was found."""
+    """One check: the files read and the findings."""
 
     def __init__(self, files: RobotFiles, options: CheckOptions) -> None:
         self.findings: list[Finding] = []
@@ -191,7 +191,7 @@ class _Checker:
                 self.findings += rules.findings_of(note, str(path), 0, Severity.NOTE)
 
     def _build(self) -> None:
-        """Build the robot as a start would, and open nothing: whatever is refused then is an error now."""
+        """Build the robot as a start does, without opening a bus; a refusal is an error finding."""
         options = self._options
         try:
             setup = read_robot(
@@ -220,7 +220,7 @@ class _Checker:
 
 
 def _sync_words(bus: RobotBus, choice: SyncChoice) -> str:
-    """Say when SYNC comes, from whom and why, or why not from the kernel here."""
+    """Return a sentence about the SYNC producer and the reason, or why it is not the kernel."""
     refused = None if choice.sender is not SyncSender.KERNEL else bus.why_no_kernel_sync()
     return f"{bus.sync_words}; {refused or choice.words}"
 
@@ -233,7 +233,7 @@ def _of_problem(problem: Problem, severity: Severity) -> Finding:
 
 
 def _of_eds(config: BusConfig) -> Iterator[Finding]:
-    """Sum up what is odd about each EDS; `eds check` lists it."""
+    """Return a summary of the issues of each EDS; `eds check` lists them."""
     for path, issues in config.eds_issues.items():
         odd = [issue for issue in issues if issue.severity is not Severity.NOTE]
         if odd:
@@ -247,7 +247,7 @@ def _placed(text: str, path: Path) -> Finding:
 
 
 def _one_bus(buses: dict[str, BusConfig]) -> BusConfig | None:
-    """Return all nodes of a robot as one bus: names are unique, and what is on the wire has its budget here."""
+    """Return all nodes of a robot as one bus: node names are unique."""
     first = next(iter(buses.values()), None)
     if first is None:
         return None
@@ -262,7 +262,7 @@ def _one_bus(buses: dict[str, BusConfig]) -> BusConfig | None:
 
 
 def _judged(config: BusConfig, budget: Budget, control: ControllersFile | None) -> Iterator[Finding]:
-    """Judge what a bus has to carry, where its period is set: by sync_period, or without SYNC by update_rate."""
+    """Compute the load of a bus with a known period: sync_period, or update_rate without SYNC."""
     kbits, shortest = config.master.baudrate, budget.shortest_period_ns / 1e6
     path, line, cure = config.path, config.period_line, "raise sync_period"
     if not config.master.sync_period and control is not None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def _blind(robot: CheckedRobot) -> Iterator[Finding]:
-    """Look for drives that tell neither where they are nor how fast they turn."""
+    """Find drives without a position and a velocity in their PDOs."""
     bus = robot.bus
     if bus is None:
         return
@@ -96,7 +96,7 @@ def _measured(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _known(robot: CheckedRobot) -> Iterator[Finding]:
-    """Propose the keys that drives of a known manufacturer need, and that bus.yml does not give."""
+    """Propose keys that drives of a known manufacturer need and bus.yml lacks."""
     bus = robot.bus
     for name, node in ({} if bus is None or robot.mock else bus.nodes).items():
         if bus is None or (plan := bus.plans.get(name)) is None or not plan.axes:

@@ -55,7 +55,7 @@ class _Launch:
 
 
 def check_launch(path: Path, robot: CheckedRobot) -> list[Finding]:
-    """Return what is wrong in a launch file; the namespaces it gives controllers go to `robot.launch_namespaces`."""
+    """Return the findings in a launch file; namespaces of controllers are added to `robot.launch_namespaces`."""
     launch = _Launch(str(path), robot)
     if path.suffix == ".py":
         _check_python(launch, path)
@@ -92,7 +92,7 @@ _GIVE: Final = "give what it is with NAME:=VALUE"
 
 
 def _check_python(launch: _Launch, path: Path) -> None:
-    """Tell what a launch file in Python declares, starts and names, and what is wrong with it."""
+    """Check the arguments, nodes and files of a Python launch file."""
     try:
         file = read_launch(path)
         content = read_python(path.read_text(encoding="utf-8"), launch.path)
@@ -140,7 +140,7 @@ def _python_node(launch: _Launch, node: LaunchNode) -> None:
 
 
 def _python_files(launch: _Launch, file: LaunchFile, text: str, line: int) -> None:
-    """Look for the files of a text, where their package is there."""
+    """Check that files named in a text exist, if their package is known."""
     for word in words_of(text):
         if ":=" in word or not word.endswith(_FILES):
             continue

@@ -69,7 +69,7 @@ class _Position:
 
 
 class _Effort:
-    """An effort that is taken away above the cap."""
+    """Effort that is set to zero above the speed cap."""
 
     __slots__ = ("_command", "_limit", "_speed")
 
@@ -83,7 +83,7 @@ class _Effort:
 
 
 class _Target:
-    """What the present mode takes: a velocity within the cap, or a position or an effort as they are capped."""
+    """Target in the present mode: velocity, position or effort, each with its cap."""
 
     __slots__ = ("_command", "_effort", "_limit", "_position")
 
@@ -151,7 +151,7 @@ class SpeedCap:
                 command.maximum = min(command.maximum, most)
 
     def enforce(self, period: float) -> str | None:
-        """Change commands that are too fast; `period` in s. Return what the other limiter tells."""
+        """Limit commands that are too fast; `period` in s. Return the text of the inner limiter."""
         limited = None if self._before is None else self._before.enforce(period)
         for cap in self._capped:
             cap.enforce(period)
@@ -196,7 +196,7 @@ def config_hash(setup: RobotSetup) -> str:
 
 
 def read_serials(setup: RobotSetup) -> dict[str, int | None]:
-    """Ask every node for its serial number, straight on the bus: 0 if it says it has none, None if it says nothing.
+    """Read the serial number of every node on the bus: 0 for none, None without an answer.
 
     Raises BusError where a channel cannot be opened.
     """
@@ -235,7 +235,7 @@ def save_record(setup: RobotSetup, serials: Mapping[str, int], joints: Iterable[
 
 
 def find_record(setup: RobotSetup) -> PreflightRecord | None:
-    """Return the last pass of a robot of this name; None if there is none, or none that can be read."""
+    """Return the last preflight record of a robot; None if there is none or it cannot be read."""
     try:
         content = json.loads(_file(setup).read_text())
         serials = {str(name): int(serial) for name, serial in content["serials"].items()}
@@ -246,7 +246,7 @@ def find_record(setup: RobotSetup) -> PreflightRecord | None:
 
 
 def explain(setup: RobotSetup, passed: PreflightRecord | None, serials: Mapping[str, int | None]) -> str | None:
-    """Say in words why a pass does not clear the robot as it is; None: it does."""
+    """Return the reason why a record does not clear the robot; None if it does."""
     if passed is None:
         return "this robot has not passed a pre-flight on this machine"
     if passed.config != config_hash(setup):
@@ -260,7 +260,7 @@ def explain(setup: RobotSetup, passed: PreflightRecord | None, serials: Mapping[
 
 
 def slow_reason(setup: RobotSetup) -> SlowReason | None:
-    """Look for a pass and ask the drives for their serial numbers; return what speaks against full speed, if anything.
+    """Return the reason against full speed, by the record and the serial numbers of the drives; None without one.
 
     Raises BusError where a channel cannot be opened.
     """
@@ -281,7 +281,7 @@ def _turns(setup: RobotSetup, joint: ControlJoint) -> bool:
 
 
 def limit_speed(robot: RobotCore, joints: Collection[str], limit: float = SLOW) -> list[str]:
-    """Cap the speed of joints, by whatever they are commanded; return the commands that cannot be capped."""
+    """Cap the speed of joints for every kind of command; return the commands that cannot be capped."""
     cap = SpeedCap(robot.registry, joints, limit, robot.manager.limiter)
     geared = (transmission for tag in robot.setup.description.hardware for transmission in tag.transmissions)
     cap.bound(

@@ -131,7 +131,7 @@ def _size(name: str, config: ControllerConfig, key: str, used: float, urdf: floa
 
 
 def _sides(robot: CheckedRobot) -> Iterator[Finding]:
-    """Hold where the wheels are and about what they turn against what the controller makes of them."""
+    """Compare positions and axes of the wheels with the controller's kinematics."""
     geometry, description = robot.geometry, robot.description
     if geometry is None or description is None:
         return
@@ -243,7 +243,7 @@ def find(
 def _started(
     files: RobotFiles, control: ControllersFile | None, description: UrdfDescription | None, names: Sequence[str]
 ) -> frozenset[str] | None:
-    """Return the controllers that a run would activate, None where that cannot be known."""
+    """Return the controllers that a run activates, None if unknown."""
     if control is None or description is None:
         return None
     try:
@@ -253,7 +253,7 @@ def _started(
 
 
 def findings_of(text: str, path: str, line: int, severity: Severity) -> Iterator[Finding]:
-    """Return one finding for each sentence of an error or warning; those without a place have the one given."""
+    """Return one finding per sentence of an error; sentences without a place get the given one."""
     for row in text.splitlines():
         placed = _PLACED.fullmatch(row)
         if placed is not None:
@@ -273,7 +273,7 @@ def _unplaced(text: str, path: str) -> str:
 
 
 def _configure(robot: CheckedRobot) -> Iterator[Finding]:
-    """Make and configure every controller of the file, as a start would."""
+    """Create and configure every controller of the file as a start does."""
     control = robot.control
     if control is None:
         return
@@ -304,7 +304,7 @@ def _configure(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _shared_names(robot: CheckedRobot) -> Iterator[Finding]:
-    """Look for names in a block for all nodes (`/**`) that no controller has, and one has nearly."""
+    """Find names in a block for all nodes (`/**`) that are close to those of a controller."""
     control = robot.control
     if control is None or len(robot.configured) < len(control.controllers):
         return
@@ -356,7 +356,7 @@ def _namespaces(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _joints(robot: CheckedRobot) -> Iterator[Finding]:
-    """Hold the interfaces that controllers command and read against those of the description."""
+    """Compare the interfaces of controllers with those of the description."""
     description = robot.description
     if description is None or not description.hardware:
         return
@@ -405,7 +405,7 @@ def _why_not(
 
 
 def _line_naming(config: ControllerConfig, joint: str) -> int:
-    """Return the line of the parameter that names a joint, else that of the controller."""
+    """Return the line of the parameter with a joint's name, else of the controller."""
     for key, value in config.params.flat.pairs():
         places = value.elements() if value.kind == "sequence" else [value]
         for place in places:
@@ -557,12 +557,12 @@ UNEVEN: Final = 0.01
 
 
 def _whole(syncs: float) -> int:
-    """Return after how many SYNCs controllers run that want to after so many: the nearest, of two the fewer."""
+    """Return the number of SYNCs per controller update: the nearest integer, the smaller of two."""
     return max(1, math.ceil(syncs - 0.5))
 
 
 def _publish_rates(robot: CheckedRobot) -> Iterator[Finding]:
-    """Hold how often controllers publish against how often ROS and bags ask for it."""
+    """Compare publish rates of controllers with those of ROS and bags."""
     if robot.control is None:
         return
     sync = robot.bus.master.sync_period if robot.bus is not None else 0

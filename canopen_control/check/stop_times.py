@@ -1,4 +1,4 @@
-"""How long an axis takes to stand: the time until each reason to stop is noticed, and the ramp from its greatest speed.
+"""Stop times of an axis: detection of each stop reason, and the ramp from maximum speed.
 
 Pure computation of what a robot's files say: `check` prints it, and the invariants of simulations hold the shafts
 against it. Detection is by heartbeat or guarding, by TPDOs that stay away, by the drive's own watch of its master, and
@@ -42,7 +42,7 @@ _LOST: Final[Mapping[Command | State | None, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class AxisFacts:
-    """What the files say of one axis; `speed` is inf where nothing limits it, a time 0 where nobody watches.
+    """Facts about one axis from the files; `speed` is inf without a limit, a time 0 without supervision.
 
     `objects` are values of its dictionary by index of the first axis; `lives` how long a command of each controller
     holds.
@@ -63,7 +63,7 @@ class AxisFacts:
 
 @dataclass(frozen=True, slots=True)
 class StopCase:
-    """One reason to stop: until it is noticed, and how long the ramp takes then; `by` says which.
+    """One stop reason: detection time and ramp time; `by` names what detects it.
 
     `ramp_s` is inf where nothing bounds it: without a ramp (`bound` False), or from a speed without a limit.
     """
@@ -76,7 +76,7 @@ class StopCase:
 
     @property
     def total_s(self) -> float:
-        """Until the shaft stands, in s."""
+        """Time to standstill in s."""
         return self.detection_s + self.ramp_s
 
 
@@ -112,7 +112,7 @@ class StopTime:
 
 
 def stop_time(facts: AxisFacts) -> StopTime:
-    """Return how long an axis takes to stand after each reason to stop."""
+    """Return the stop time of an axis for each stop reason."""
     return StopTime(facts, tuple(_cases(facts)))
 
 
@@ -144,7 +144,7 @@ def _masters_ramp(facts: AxisFacts) -> tuple[float, str]:
 
 
 def _on_lost_master(facts: AxisFacts) -> int | None:
-    """Return the option code that a lost master leads to by 0x6007; None: the axis goes on, or coasts."""
+    """Return the option code of a lost master (0x6007); None if the axis continues or coasts."""
     action = ABORT_CONNECTION.get(_option(facts, o.ABORT_CONNECTION_OPTION))
     return _LOST.get(action)
 
@@ -191,7 +191,7 @@ _UNLIMITED: Final = 0x7FFFFFFF
 
 
 def axis_facts(setup: RobotSetup, lives: Mapping[str, Mapping[str, float]] | None = None) -> list[AxisFacts]:
-    """Return the facts of each joint with a drive; `lives` are those of commands, by joint and controller, in s."""
+    """Return the facts of each joint with a drive; `lives` are command timeouts by joint and controller, in s."""
     return [
         _facts(setup, config, joint, node, (lives or {}).get(joint.name, {}))
         for config in setup.buses.values()
@@ -263,7 +263,7 @@ class _Values:
         self._written = {(write.index, write.subindex): write.data for write in config.plans[name].writes}
 
     def __call__(self, index: int, subindex: int = 0) -> int | None:
-        """Return a value, None where there is none."""
+        """Return a value, None if it is unknown."""
         data = self._written.get((index, subindex))
         if data is not None:
             return int.from_bytes(data, "little", signed=index & 0x7FF in _CODES)

@@ -44,7 +44,7 @@ _ORDER = (Severity.ERROR, Severity.WARNING, Severity.NOTE)
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something about one line of a file; `fix` says what to do, "" where `text` says it already."""
+    """Finding about one line of a file; `fix` is the advice, "" where `text` contains it."""
 
     path: str
     line: int
@@ -69,7 +69,7 @@ def sorted_findings(findings: list[Finding]) -> list[Finding]:
 
 @dataclass
 class CheckedRobot:
-    """What the rules look at; what could not be read is None. `asked` are the names given with --controller.
+    """Files of a robot as the rules see them; None for unreadable ones. `asked` are the names of --controller.
 
     With `mock` or `real` the plugins of the description are overruled; `started` are the controllers that a run would
     activate, None: all of the file count. `chosen` says that somebody has named these.
@@ -88,12 +88,12 @@ class CheckedRobot:
     configured: dict[str, Controller] = field(default_factory=dict)
 
     def severity(self, name: str) -> Severity:
-        """Return what a mistake of a controller is: an error, or a warning where another one is chosen to be run."""
+        """Return the severity of a controller's finding: error, or warning if another controller is selected."""
         waits = (self.chosen or self.mock) and self.started is not None and name not in self.started
         return Severity.WARNING if waits else Severity.ERROR
 
     def config(self, name: str) -> ControllerConfig:
-        """Return what the file says of a configured controller."""
+        """Return the configuration of a controller."""
         assert self.control is not None  # there is no configured controller without a file
         return self.control.controllers[name]
 
@@ -116,7 +116,7 @@ _FEEDBACK: Final = (
 def check_timing(
     config: BusConfig, control: ControllersFile | None, description: UrdfDescription | None
 ) -> Iterator[Finding]:
-    """Yield what is wrong with the timing of the set-points on a bus."""
+    """Yield timing errors of the set-points on a bus."""
     yield from _never_in_time(config, cycle_ns(config, control))
     if not config.master.sync_period or description is None:
         return
@@ -128,13 +128,13 @@ def check_timing(
 
 
 def cycle_ns(config: BusConfig, control: ControllersFile | None) -> int:
-    """Return the period of the cycle: SYNC's, else that of the controllers."""
+    """Return the period of the cycle: that of SYNC, else of the controllers."""
     rate = control.update_rate if control is not None else _RATE_HZ
     return config.master.sync_period * 1000 or 1_000_000_000 // rate
 
 
 def _never_in_time(config: BusConfig, period_ns: int) -> Iterator[Finding]:
-    """Look for deadlines of RPDOs (0x1400:05) that the cycle cannot keep with margin, wherever they are given."""
+    """Find RPDO deadlines (0x1400:05) that the cycle cannot keep with margin."""
     settings = _Found(config, "rpdo.{}.event_deadline"), _Found(config, "rpdo.{}.event_timer")
     for name, plan in config.plans.items():
         node = config.nodes[name]
@@ -154,7 +154,7 @@ def _never_in_time(config: BusConfig, period_ns: int) -> Iterator[Finding]:
 
 
 def _in_the_middle(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
-    """Look for a cycle that is half a period behind the SYNC of somebody else, where its set-points are to count."""
+    """Find a cycle half a period after an external SYNC, where set-points take effect late."""
     master = config.master
     if axes and not master.follows_closely and master.sync_producer in ("kernel", "other"):
         text = (
@@ -182,7 +182,7 @@ def _repeated(config: BusConfig, control: ControllersFile | None, axes: list[Cyc
 
 
 def _on_arrival(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
-    """Look for set-points that act when they come instead of with SYNC."""
+    """Find set-points that take effect on reception instead of at SYNC."""
     setting = _Found(config, "rpdo.{}.transmission")
     for axis in axes:
         for layout in config.plans[axis.node.name].rpdos:
@@ -199,7 +199,7 @@ def _on_arrival(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
 
 
 def _held_back(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
-    """Look for feedback that comes by events, and more seldom than SYNC."""
+    """Find event-driven feedback that may be sent less often than SYNC."""
     setting, period_us = _Found(config, "tpdo.{}.inhibit_time"), config.master.sync_period
     for axis in axes:
         node = axis.node
@@ -221,14 +221,14 @@ def _held_back(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
 
 
 class _Found:
-    """Mistakes by their places: one that `defaults` make for several nodes is told once; `{}` in the key is the PDO."""
+    """Findings by place: one caused by `defaults` is listed once for several nodes; `{}` in the key is the PDO."""
 
     def __init__(self, config: BusConfig, key: str) -> None:
         self._config, self._key = config, key
         self._by_place: dict[tuple[int, int], tuple[Node, str, str, set[str]]] = {}
 
     def add(self, node: NodeConfig, layout: PlannedPdo, text: str, fix: str) -> None:
-        """Take a mistake; `{more}` in the text are the other nodes."""
+        """Add a finding; `{more}` in the text is replaced by the other nodes."""
         place = self._config.place(node.name, self._key.format(layout.number))
         self._by_place.setdefault((place.line, place.column), (place, text, fix, set()))[3].add(node.name)
 

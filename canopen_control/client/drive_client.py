@@ -1,4 +1,4 @@
-"""The client of a virtual drive or device, past the bus: what it is doing, its faults, its inputs.
+"""Client of a virtual drive or device: its state, faults and inputs, past the bus.
 
 Apart from that of a robot: verbs that ask a robot do not wait for the import of a drive's messages.
 """
@@ -26,18 +26,18 @@ _SHAPES_S: Final = 1.0
 
 
 class DriveClient(Client[DriveHello, DriveEvent]):
-    """A connection to a virtual drive. See `rpc.messages.drive` for what it can be asked."""
+    """Connection to a virtual drive; requests are in `rpc.messages.drive`."""
 
     @classmethod
     def connect(cls, channel: str, node_id: int, timeout: float = 10.0, *, label: str = "") -> Self:
-        """Connect to the node on a bus; RemoteError when there is none. `label` names it in sentences."""
+        """Connect to the node on a bus; RemoteError if there is none. `label` names it in messages."""
         label = label or f"the virtual drive {node_id} on {channel}"
         stream = LineClient(socket_path("drive", drive_name(channel, node_id)), timeout, label=label)
         return cls(DRIVE, stream, timeout)
 
 
 def shapes_of_world(nodes: Iterable[tuple[str, int]]) -> tuple[WorldShape, ...]:
-    """Ask the virtual drives that are there, by channel and node id, until one knows of shapes in its world.
+    """Return the shapes of the world, from the first virtual drive that has some, by channel and node id.
 
     Waits, a second for each at most.
     """

@@ -70,7 +70,7 @@ class EventStream:
         raise StopIteration
 
     def close(self) -> None:
-        """End it; a second call does nothing."""
+        """Close the connection; a second call does nothing."""
         self._over = True
         self._client.close()
 
@@ -79,7 +79,7 @@ _NEARLY = 1e-6
 
 
 def stream_rate(cycle: CycleTimes, rate: float = 0.0) -> float:
-    """Return the rate in Hz that a subscription gets: what is wanted, 0 for every cycle and at most STREAM_RATE.
+    """Return the rate of a subscription in Hz: as requested, 0 for every cycle, at most STREAM_RATE.
 
     A sample comes after a whole number of cycles.
     """
@@ -89,7 +89,7 @@ def stream_rate(cycle: CycleTimes, rate: float = 0.0) -> float:
 
 
 def outpaced(controllers: Iterable[ControllerReading], rate: float) -> str | None:
-    """Say which controllers publish more often than the state is asked for; None if every publication comes."""
+    """Return the controllers that publish more often than the requested rate; None without one."""
     fast = [controller for controller in controllers if controller.publish_rate > rate * (1.0 + _NEARLY)]
     names = ", ".join(f"{each.name} ({each.publish_rate:g} Hz)" for each in fast)
     return (
@@ -127,7 +127,7 @@ def select_robot(name: str | None = None) -> str:
 
 
 class RobotClient(Client[RobotHello, RobotPush]):
-    """A connection to a running robot; `robot` is its name. See `rpc.messages.robot` for what it can be asked."""
+    """Connection to a running robot; `robot` is its name, requests are in `rpc.messages.robot`."""
 
     def __init__(self, stream: LineClient, timeout: float = 10.0) -> None:
         super().__init__(ROBOT, stream, timeout)
@@ -135,7 +135,7 @@ class RobotClient(Client[RobotHello, RobotPush]):
 
     @classmethod
     def connect(cls, name: str | None = None, timeout: float = 10.0) -> Self:
-        """Connect to the robot `name`, or to the only one; ConfigError when there is none or a choice."""
+        """Connect to the robot `name`, or to the only one; ConfigError if there is none or several."""
         robot = select_robot(name)
         return cls(LineClient(socket_path("robot", robot), timeout, label=f"robot {robot}"), timeout)
 
@@ -157,7 +157,7 @@ class RobotClient(Client[RobotHello, RobotPush]):
 
     @contextlib.contextmanager
     def heartbeats(self) -> Iterator[None]:
-        """Say again and again, on a thread, that this process is at work: for a trajectory sent with `HEARTBEAT_S`."""
+        """Send heartbeats on a thread, for a trajectory sent with `HEARTBEAT_S`."""
         over = threading.Event()
 
         def beat() -> None:

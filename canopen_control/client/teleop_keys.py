@@ -130,7 +130,7 @@ class KeyDecoder:
 
 @dataclass(frozen=True, slots=True)
 class Velocities:
-    """What is commanded: `linear`, `angular` and, to the left, `lateral` in the units of the speeds: m/s and rad/s."""
+    """Commanded velocities: `linear`, `lateral` (to the left) and `angular`, in m/s and rad/s."""
 
     linear: float = 0.0
     angular: float = 0.0
@@ -149,7 +149,7 @@ class _Hold(Enum):
 
 
 class Teleop:
-    """Who presses keys and who moves; `velocities` holds from now until `next_deadline`.
+    """Key state and resulting motion; `velocities` is valid until `next_deadline`.
 
     `speed` and `turn` are the linear and angular speed, `first` and `repeat` the dead-man's times in seconds. `ended`
     says that the user wants to leave, `note` is a sentence about the last key or "". `sideways`: the base can drive so.
@@ -175,14 +175,14 @@ class Teleop:
 
     @property
     def velocities(self) -> Velocities:
-        """Return what is to move now; zeros when no key is held."""
+        """Return the present velocities; zeros without a pressed key."""
         if self._hold is _Hold.RELEASED:
             return Velocities()
         linear, lateral, angular = self._motions[self._key]
         return Velocities(linear * self.speed, angular * self.turn, lateral * self.speed)
 
     def key(self, name: str, now: int) -> None:
-        """Take a key of `KeyDecoder`."""
+        """Process a key of `KeyDecoder`."""
         self.tick(now)
         self.note = ""
         if name in self._motions:
@@ -195,11 +195,11 @@ class Teleop:
             self.note = _note_of(name)
 
     def stop(self) -> None:
-        """Let nothing move until a key is pressed."""
+        """Stop until a key is pressed."""
         self._hold = _Hold.RELEASED
 
     def tick(self, now: int) -> None:
-        """Stop when the key was let go."""
+        """Stop when the key was released."""
         if self._hold is not _Hold.RELEASED and now >= self._deadline:
             self.stop()
 
@@ -214,7 +214,7 @@ class Teleop:
         self._deadline = now + (self._repeat_ns if repeats else self._first_ns)
 
     def _change_speed(self, linear: float, angular: float) -> None:
-        """Change speeds; a motion goes on at the new one, and ends when it would have ended."""
+        """Change the speed; a motion continues at the new one and keeps its end time."""
         self.speed = min(max(self.speed * linear, _LEAST), _MOST)
         self.turn = min(max(self.turn * angular, _LEAST), _MOST)
 

@@ -39,7 +39,7 @@ class _Point:
 
     @property
     def time(self) -> float:
-        """Its time from start in s."""
+        """Time from start in s."""
         stamp = self.time_from_start
         return stamp.sec + stamp.nanosec / 1e9 if isinstance(stamp, _Duration) else stamp
 
@@ -55,7 +55,7 @@ class _File:
 
 @dataclass(frozen=True)
 class _Goal:
-    """What holds a trajectory, as a goal does."""
+    """Section with a trajectory, as in a goal message."""
 
     trajectory: _File
 
@@ -102,7 +102,7 @@ def write_trajectory(path: str, joints: Sequence[str], points: Iterable[Trajecto
 
 
 def read_waypoints(text: str, joints: int, step: float) -> list[TrajectoryPoint]:
-    """Return points at rest through positions, as in `0.4 -0.3; 0 0`, each `step` s after the one before it.
+    """Return points at rest at positions such as `0.4 -0.3; 0 0`, `step` s apart.
 
     ConfigError for what is no position of each joint.
     """

@@ -1,4 +1,4 @@
-"""The server of a socket: requests of a declared `Api` to their handlers, and what is pushed to those who watch.
+"""Server of a socket: passes requests of an `Api` to handlers, and pushes messages to subscribers.
 
 Whatever a client sends, the answer is a sentence and the owner goes on: an unknown method, a missing field or one of a
 wrong type is refused before a handler sees it.
@@ -31,7 +31,7 @@ R_co = TypeVar("R_co", bound=Request[Any], covariant=True)
 
 
 class Call(Generic[R_co]):
-    """One request of a connection: `reply`, `refuse` or `settle` answers it, unless it is not to be answered."""
+    """One request of a connection, answered by `reply`, `refuse` or `settle`; a notification gets no answer."""
 
     __slots__ = ("_number", "connection", "request")
 
@@ -40,11 +40,11 @@ class Call(Generic[R_co]):
 
     @property
     def who(self) -> str:
-        """Who is asking, in words."""
+        """Client of the request, in words."""
         return f"client {self.connection.name} (pid {self.connection.pid})"
 
     def reply(self: Call[Request[A]], answer: A) -> None:
-        """Answer with what the request declares."""
+        """Answer with the declared result."""
         if self._number is not None:
             self.connection.answer(wire.answer_line(self._number, answer))
 
@@ -62,10 +62,10 @@ class Call(Generic[R_co]):
 
 
 class ServerObserver(Protocol):
-    """What follows the requests to a server."""
+    """Observer of a server's requests."""
 
     def done(self, method: str, params: msgspec.Raw) -> None:
-        """Take a request that was not refused at once."""
+        """Process a request that was accepted."""
 
 
 class Server(Generic[H, P]):
@@ -102,7 +102,7 @@ class Server(Generic[H, P]):
         )
 
     def answers(self, kind: type[R], handler: Callable[[Call[R]], object]) -> None:
-        """Have a handler called with each request of this kind; a CanopenError that it raises is the answer."""
+        """Register the handler of a request; a CanopenError raised by it is the answer."""
         self._handlers[self._api.of(kind).name] = (msgspec.json.Decoder(kind), handler)
 
     def check(self) -> None:
@@ -113,11 +113,11 @@ class Server(Generic[H, P]):
 
     @property
     def connections(self) -> list[Connection]:
-        """Those who are here and not about to go."""
+        """Open connections, without those that are closing."""
         return self._server.connections
 
     def line_of(self, push: P) -> bytes:
-        """Return what is sent unasked as its line, for `Connection.send`."""
+        """Return a pushed message as a line, for `Connection.send`."""
         return wire.push_line(self._api.key_of(type(push)), push)
 
     def push(self, push: P, to: Iterable[Connection] | None = None) -> None:
@@ -127,7 +127,7 @@ class Server(Generic[H, P]):
             connection.send(line)
 
     def close(self) -> None:
-        """End all connections and remove the socket; a second call does nothing."""
+        """Close all connections and remove the socket; a second call does nothing."""
         self._server.close()
 
     def _greet(self, connection: Connection) -> None:

@@ -1,4 +1,4 @@
-"""Typed messages to lines of JSON and back: the only place that knows how they look on a socket.
+"""Typed messages to and from lines of JSON.
 
 A request is `{"id", "method", "params"}`, its answer `{"id", "result"}` or `{"id", "error": {"kind", "message"}}`; one
 without an id is not answered. What nobody asked for has one key of its own. A number that is not finite becomes null,
@@ -28,7 +28,7 @@ _NULL: Final = msgspec.Raw(b"null")
 
 
 class Incoming(msgspec.Struct, frozen=True):
-    """A request as it came: its parameters are not read yet, `method` is empty where there is none."""
+    """Received request with undecoded parameters; `method` is empty if it is missing."""
 
     number: Id
     method: str
@@ -62,7 +62,7 @@ def read_request(line: bytes) -> Incoming:
 
 
 def decode(raw: Raw | bytes, kind: Any) -> Any:  # noqa: ANN401 - what `kind` says, which may be a union
-    """Return what JSON holds as a value of a type; ValueError with msgspec's sentence and the path of what is wrong."""
+    """Return decoded JSON of a type; ValueError with msgspec's sentence and the path."""
     try:
         return msgspec.json.decode(raw, type=kind)
     except RecursionError:
@@ -101,7 +101,7 @@ def error_line(number: Id, kind: str, message: str) -> bytes:
 
 
 def push_line(key: str, message: object) -> bytes:
-    """Return the line of what nobody asked for."""
+    """Return the line of a pushed message."""
     return _encode({key: message}) + b"\n"
 
 
@@ -116,7 +116,7 @@ def plain(message: object) -> Any:  # noqa: ANN401 - what JSON holds
 
 
 def convert(document: object, kind: type[T]) -> T:
-    """Return a message of the dicts and lists that `plain` makes of it; ValueError with the path of what is wrong."""
+    """Return a message from dicts and lists (see `plain`); ValueError with the path."""
     try:
         return msgspec.convert(document, kind)
     except msgspec.ValidationError as error:

@@ -614,7 +614,7 @@ class ApiServer(RobotObserver):
         call.reply(messages.Description(description.urdf_xml, os.path.abspath(description.path)))
 
     def _report(self, call: Call[messages.PublishEvent]) -> None:
-        """Let a client speak to all; on one line, since it is printed where the robot's own sentences are."""
+        """Publish a client's message as an event, on one line."""
         kind, text = call.request.kind, " ".join(call.request.text.split())
         if not (kind.isidentifier() and len(kind) <= MAX_KIND and 0 < len(text) <= MAX_TEXT and text.isprintable()):
             raise LocalProtocolError(f"tell: a word as kind, and a printable text of 1 to {MAX_TEXT} characters")

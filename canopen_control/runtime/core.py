@@ -423,7 +423,7 @@ class RobotCore:
             self.report(Event(self.reactor.now(), "clock_step", "", step_words(moved), Level.WARNING))
 
     def send_goal(self, controller: str, goal: AnyGoal, source: str, *, holder: object = None) -> None:
-        """Pass a goal to a controller; with a `holder` it ends when `client_disconnected` reports that it is gone."""
+        """Pass a goal to a controller; with a `holder` it ends when that client disconnects."""
         self.latch.refuse("a goal to", controller)
         self._require_active(controller, source)
         self.manager.send_goal(controller, goal, self.cycle.clock.now(), source=source, holder=holder)
@@ -438,7 +438,7 @@ class RobotCore:
             raise
 
     def client_disconnected(self, holder: object, why: str = "is gone") -> None:
-        """End what a commander has commanded who is gone, or `why` he counts as that, unless somebody else commands."""
+        """End the commands of a disconnected client; `why` is the reason in the event."""
         self.manager.running.client_disconnected(holder, why)
 
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:
@@ -603,7 +603,7 @@ class RobotCore:
             system.stop(now)
 
     def _on_bus_lost(self, error: BusError) -> None:
-        """End the run: a lost bus carries no stop, and the drives stop because our heartbeat is missing."""
+        """End the run: the drives stop by themselves, because the heartbeat is missing on a failed bus."""
         self.failure = self.failure or str(error)
         self.close()
         self.reactor.call_soon(self._tell_stopped)

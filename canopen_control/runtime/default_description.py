@@ -52,7 +52,7 @@ _URDF: Final = '<robot name="{name}"><link name="base_link"/></robot>'
 
 
 def description_of(name: str, path: str, buses: Mapping[str, BusConfig]) -> UrdfDescription:
-    """Return what a URDF would say: a robot without a shape, whose joints are the drives; RobotConfigError."""
+    """Return a default description for a bus without a URDF: its joints are the drives; RobotConfigError."""
     joints = tuple(joint for bus in buses.values() for joint in _joints(bus))
     _refuse_doubles(path, joints)
     system = _system(name, joints)
@@ -60,7 +60,7 @@ def description_of(name: str, path: str, buses: Mapping[str, BusConfig]) -> Urdf
 
 
 def controllers_of(path: str, description: UrdfDescription) -> ControllersFile:
-    """Return what a ros2_controllers.yaml would say: a controller for each drive, of the drive's own name."""
+    """Return default controllers for a bus without ros2_controllers.yaml: one per drive, with its name."""
     names = [joint.name for system in description.hardware for joint in system.joints]
     return ControllersFile(controllers=_target_controllers(names, path), path=path)
 
@@ -68,7 +68,7 @@ def controllers_of(path: str, description: UrdfDescription) -> ControllersFile:
 def with_free_drives(
     description: UrdfDescription, control: ControllersFile, buses: Mapping[str, BusConfig]
 ) -> tuple[UrdfDescription, ControllersFile, tuple[str, ...]]:
-    """Return both with the drives that take targets beside those of the description, and these drives' names."""
+    """Return description and controllers with the drives that no joint names added, and their names."""
     free = tuple(
         (joint, node, axis) for joint, node, axis, problem in _free(buses, description, control) if not problem
     )
@@ -81,7 +81,7 @@ def with_free_drives(
 
 
 def default_warnings(buses: Mapping[str, BusConfig]) -> Iterator[str]:
-    """Yield where `driver` and the EDS of a node disagree about what it is, each with its place."""
+    """Yield a warning where `driver` in bus.yml and the EDS disagree about the kind of a node."""
     for bus in buses.values():
         for node in bus.nodes.values():
             place, driver, source = f"{bus.path}:{node.line}", node.ros.driver, bus.eds_paths[node.name].name
@@ -100,7 +100,7 @@ def default_warnings(buses: Mapping[str, BusConfig]) -> Iterator[str]:
 def unmoved_drives(
     buses: Mapping[str, BusConfig], description: UrdfDescription, control: ControllersFile | None
 ) -> Iterator[str]:
-    """Yield what the drives are that no joint of a description names, each with its place."""
+    """Yield a note for each drive without a joint in the description."""
     free = dict[str, str]()
     for joint, node, _, problem in _free(buses, description, control or ControllersFile()):
         free[node.name] = problem or (
@@ -120,7 +120,7 @@ _BESIDE: Final = "drives_of_bus_yml"
 def _free(
     buses: Mapping[str, BusConfig], description: UrdfDescription, control: ControllersFile
 ) -> Iterator[tuple[str, NodeConfig, int, str]]:
-    """Yield the axes that say they are drives, and that no joint names: what a joint would be, and what forbids it."""
+    """Yield the axes of drives without a joint: as a joint, or with the reason why they cannot be one."""
     if any(tag.plugin in PLUGINS for tag in description.hardware):
         parts = [part.name for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)]
         names = {*parts, *description.joints, *control.controllers}
@@ -152,7 +152,7 @@ def _system(name: str, axes: Iterable[tuple[str, NodeConfig, int]]) -> Ros2Contr
 
 
 def _parameters(node: NodeConfig, axis: int, *, beside: bool) -> dict[str, str]:
-    """Return what binds a joint; one beside others that the robot can do without has a stop group of its own."""
+    """Return the parameters of a joint; an optional one next to others has a stop group of its own."""
     bound = {"device_name": node.name, "axis": str(axis)}
     return bound | {"stop_group": node.name} if beside and not node.required else bound
 
@@ -167,7 +167,7 @@ def _drives(driver: str) -> bool:
 
 
 def _joints(bus: BusConfig) -> Iterator[tuple[str, NodeConfig, int]]:
-    """Yield the axes that are joints: those whose controlword and statusword are in PDOs."""
+    """Yield the axes whose controlword and statusword are in PDOs."""
     for joint, node, axis in _axes(bus):
         if not _uncontrolled(bus.plans[node.name], axis):
             yield joint, node, axis
@@ -187,7 +187,7 @@ def _axes(bus: BusConfig) -> Iterator[tuple[str, NodeConfig, int]]:
 
 
 def _uncontrolled(plan: NodePlan, axis: int) -> str:
-    """Say that an axis is a proxy for want of a controlword or statusword in its PDOs, "" where it has both."""
+    """Return the reason why an axis is a proxy only: no controlword or statusword in its PDOs; "" if both are."""
     for base, pdos, kind in ((CONTROLWORD, plan.rpdos, "RPDO"), (STATUSWORD, plan.tpdos, "TPDO")):
         index = axis_index(base, axis)
         if not any(entry.index == index for pdo in pdos for entry in pdo.objects):
@@ -199,7 +199,7 @@ def _uncontrolled(plan: NodePlan, axis: int) -> str:
 
 
 def _untargeted(plan: NodePlan, axis: int) -> str:
-    """Say that no RPDO carries a target of an axis, "" where one does."""
+    """Return the reason why an axis has no target in an RPDO, "" if it has one."""
     carried = {(entry.index, entry.subindex) for pdo in plan.rpdos for entry in pdo.objects}
     if any((axis_index(index, axis), subindex) in carried for index, subindex in serving_objects(TARGET)):
         return ""

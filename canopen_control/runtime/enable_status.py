@@ -63,7 +63,7 @@ def _claimed(joints: Iterable[JointDrive]) -> list[JointDrive]:
 
 
 def enable_hint(joints: Sequence[JointDrive]) -> str | None:
-    """Return a sentence about the drives that follow no commands, with the action to call; None if there are none."""
+    """Return a sentence about drives that do not follow commands and the action that helps; None if all do."""
     if not joints:
         return None
     waiting = [joint for joint in joints if not is_rising(joint)]
@@ -204,7 +204,7 @@ def way_back(absent: Iterable[RemoteNode]) -> str:
 
 
 def cost_of_skipping(joints: Iterable[JointDrive]) -> str:
-    """Say how many set-points axes have missed that moved, since they were enabled; "" where none did."""
+    """Return how many set-points moving axes have missed since they were enabled; "" for none."""
     missed = [f"{joint.joint} {joint.tracking.skipped}" for joint in joints if joint.tracking.skipped]
     return f"; set-points that moving axes did not get since they were enabled: {', '.join(missed)}" if missed else ""
 

@@ -1,4 +1,4 @@
-"""The true pose of a simulated base beside its odometry: asked of the virtual drives, told with the robot's state.
+"""True pose of a simulated base for comparison with its odometry, read from the virtual drives.
 
 A robot on virtual drives that move a base (the `base` of a plant file, an engine of physics) knows
 by how much its odometry errs; every other one has no true pose. The world's frame and that of odometry are brought

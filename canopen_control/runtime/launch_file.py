@@ -1,4 +1,4 @@
-"""What a ROS launch file says without being run: its arguments, nodes, files, plugins, and what it gives to xacro.
+"""Contents of a ROS launch file, parsed without running it: arguments, nodes, files, xacro mappings.
 
 Texts are as launch files write them: `$(var NAME)` is an argument, `$(find PACKAGE)` the folder of a package. A name
 that the file computes is not known here, and told as such.
@@ -59,7 +59,7 @@ class LaunchFile:
     includes: tuple[LaunchInclude, ...] = ()
 
     def resolved(self, text: str) -> str | None:
-        """Return a text with arguments and packages put in, None where one of them is not known."""
+        """Return a text with arguments and package paths substituted, None if one is unknown."""
         for _ in range(5):  # a default may name another argument
             text = _VARIABLE.sub(self._value, text)
         while (match := _PACKAGE.search(text)) is not None:
@@ -71,7 +71,7 @@ class LaunchFile:
         return None if "$(" in text else text
 
     def happens(self, condition: LaunchCondition | None) -> bool:
-        """Whether an action with this condition happens; one whose condition is computed is taken to happen."""
+        """Whether an action with this condition is executed; a computed condition counts as true."""
         text = None if condition is None or condition.text is None else self.resolved(condition.text)
         if condition is None or text is None:
             return True
@@ -117,7 +117,7 @@ def read_launch(path: Path) -> LaunchFile:
 
 @dataclass(slots=True)
 class Launched:
-    """What a launch file gives a robot: xacro's arguments, and its files by `bus`, `controllers`, `description`.
+    """Robot described by a launch file: xacro arguments, and files by `bus`, `controllers`, `description`.
 
     `spawned` are the controllers that its spawners activate, in their order, `variables` the values of the arguments of
     the file that names these. `doubts` is why there may be less than the
@@ -157,14 +157,14 @@ def launched_robot(path: Path, words: Mapping[str, str], obeyed: Collection[str]
 
 @dataclass(slots=True)
 class _Reading:
-    """A launch file while it, and what it includes, is read."""
+    """State while a launch file and its included files are read."""
 
     path: Path
     launched: Launched = field(default_factory=Launched)
     doubts: list[str] = field(default_factory=list)
 
     def take(self, path: Path, given: Mapping[str, str], depth: int) -> set[str]:
-        """Take what a file says; return the names of its arguments that are used."""
+        """Read a file; return the names of its arguments that are used."""
         launch = replace(read_launch(path), given=dict(given))
         used = self._take_nodes(launch)
         values = {name: launch.resolved(f"$(var {name})") for name in (*launch.arguments, *given)}
@@ -180,7 +180,7 @@ class _Reading:
         return used
 
     def _include(self, launch: LaunchFile, include: LaunchInclude, depth: int) -> set[str]:
-        """Take what an included file says, with the arguments it is given and those of the file around it."""
+        """Read an included file with its arguments and those of the including file."""
         name = None if include.file is None else launch.resolved(include.file)
         place = f"{launch.path}:{include.line}"
         path = None if name is None else launch.path.parent / name
@@ -202,7 +202,7 @@ class _Reading:
         return (inner & launch.arguments.keys()) | passed
 
     def _take_nodes(self, launch: LaunchFile) -> set[str]:
-        """Take the parameter files of the controller manager and its spawners, and the controllers that these start."""
+        """Read the parameter files of the controller manager and its spawners, and the controllers they start."""
         used = set[str]()
         for node in launch.nodes:
             if node.package != "controller_manager" or not launch.happens(node.condition):
@@ -226,7 +226,7 @@ class _Reading:
         return used
 
     def _take_parameters(self, path: Path, place: str) -> None:
-        """Keep the first file of parameters; one is read, so another one is a doubt."""
+        """Store the first parameter file; a second one is reported and not read."""
         first = self.launched.files.setdefault("controllers", path)
         if first.resolve() != path.resolve():
             self.doubts.append(
@@ -234,7 +234,7 @@ class _Reading:
             )
 
     def _doubt(self, launch: LaunchFile) -> None:
-        """Note what the file computes, and packages that are nowhere."""
+        """Report computed expressions and unknown packages."""
         named = [word for text in launch.texts if text.text for word in words_of(text.text) if _kind(word)]
         absent = [package for word in named for package in launch.absent_packages(word)]
         computed = [
@@ -268,7 +268,7 @@ def spawned_names(words: Sequence[str]) -> list[str]:
 
 
 def refuse_mistyped(launched: Launched, words: Mapping[str, str], description: Path) -> None:
-    """Raise RobotConfigError for a word that is near an argument of the launch file, and that nothing else knows."""
+    """Raise RobotConfigError for a word close to an argument of the launch file and otherwise unknown."""
     strange = [name for name in words if name in launched.arguments]  # those of the launch file itself are used up
     source = description.read_text(encoding="utf-8", errors="replace") if strange else ""
     for name in strange:
@@ -278,7 +278,7 @@ def refuse_mistyped(launched: Launched, words: Mapping[str, str], description: P
 
 
 def _take(launch: LaunchFile, text: str, arguments: dict[str, str], files: dict[str, Path]) -> None:
-    """Take what a command of xacro, or the name of a file, says."""
+    """Evaluate a xacro command or a file name."""
     words = words_of(text)
     pairs = [match for word in words if (match := _PAIR.fullmatch(word))]
     for word in words:
@@ -300,7 +300,7 @@ def _unquoted(value: str) -> str:
 
 
 def _used(launch: LaunchFile, text: str) -> set[str]:
-    """Return the arguments in what is taken of a text: the names of files, and what a description is given."""
+    """Return the arguments used in file names and in the description's xacro command."""
     words = words_of(text)
     described = any(_kind(word) == "description" for word in words)
     used = [word for word in words if _kind(word) or (described and _PAIR.fullmatch(word))]
@@ -331,7 +331,7 @@ def _kind(word: str) -> str:
 
 
 def _as_installed(package: Path, name: re.Match[str]) -> str:
-    """Return where a file of a package lies whose CMake installs its folder elsewhere, the name itself otherwise."""
+    """Return the source folder of a package file that CMake installs elsewhere; else the path unchanged."""
     path = Path(name[0])
     return str(installed_file(package, path.relative_to(package))) if path.is_relative_to(package) else name[0]
 

@@ -78,7 +78,7 @@ class LaunchNode:
 
 @dataclass(slots=True)
 class PythonLaunch:
-    """What a launch file in Python says; `generates` is whether it has generate_launch_description."""
+    """Contents of a Python launch file; `generates` is whether it has generate_launch_description."""
 
     arguments: dict[str, str | None] = field(default_factory=dict)
     argument_lines: dict[str, int] = field(default_factory=dict)
@@ -95,7 +95,7 @@ class PythonLaunch:
 
 
 def read_python(source: str, path: str) -> PythonLaunch:
-    """Read a launch file; RobotConfigError, with the line, for what is no Python."""
+    """Read a Python launch file; RobotConfigError with the line if it is not valid Python."""
     try:
         tree = ast.parse(source)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
@@ -110,7 +110,7 @@ def read_python(source: str, path: str) -> PythonLaunch:
 
 
 class _Reader:
-    """One reading of one file."""
+    """Reader of one file."""
 
     def __init__(self, tree: ast.Module) -> None:
         self._tree, self._depth = tree, 0
@@ -188,7 +188,7 @@ class _Reader:
         return LaunchCondition(self.text(node.args[0]), negated=name == "UnlessCondition")
 
     def _spawner(self, call: ast.Call) -> None:
-        """Take a call of controller_manager.launch_utils as the spawner node that it makes."""
+        """Read a call of controller_manager.launch_utils as the spawner node it creates."""
         names = call.args[0] if call.args else _keyword(call, "controller_names") or _keyword(call, "controller_name")
         files = _keyword(call, "controller_params_files") or _keyword(call, "controller_params_file")
         more = self._list(_keyword(call, "extra_spawner_args"))
@@ -256,7 +256,7 @@ class _Reader:
             self._files(child)
 
     def _ending(self, node: ast.expr) -> str:
-        """Return the last part of the name of a file that is put together of parts, "" for what is none."""
+        """Return the last part of a composed file name, "" if there is none."""
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Div):
             last: ast.expr | None = node.right
         elif isinstance(node, ast.JoinedStr):
@@ -288,7 +288,7 @@ class _Reader:
     # --- texts ---
 
     def text(self, node: ast.expr) -> str | None:
-        """Return the text that an expression stands for, None for one that is computed."""
+        """Return the text of an expression, None if it is computed."""
         if self._depth > _DEEPEST:
             return None
         self._depth += 1
@@ -306,7 +306,7 @@ class _Reader:
         return between.join(resolved)
 
     def name(self, node: ast.expr) -> str | None:
-        """Return what a name stands for that is assigned once."""
+        """Return the value of a name that is assigned once."""
         if not isinstance(node, ast.Name) or node.id not in self._names:
             return None
         if node.id not in self._texts:  # worked out once: names that double each other would take for ever
@@ -315,7 +315,7 @@ class _Reader:
         return self._texts[node.id]
 
     def call(self, node: ast.expr) -> str | None:
-        """Return what a substitution of launch, or a function of paths, makes."""
+        """Return the result of a launch substitution or a path function."""
         assert isinstance(node, ast.Call)
         name = _called(node)
         if name == "perform" and isinstance(node.func, ast.Attribute):  # in an OpaqueFunction
@@ -401,7 +401,7 @@ def _assignments(tree: ast.Module) -> Iterator[tuple[str, ast.expr | None]]:
 
 
 def _called(call: ast.Call) -> str:
-    """Return the last part of what is called: `Node` of `actions.Node`."""
+    """Return the last part of a called name: `Node` of `actions.Node`."""
     func = call.func
     return func.attr if isinstance(func, ast.Attribute) else func.id if isinstance(func, ast.Name) else ""
 

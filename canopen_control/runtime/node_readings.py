@@ -79,7 +79,7 @@ class NodeReadings:
 
 
 class _ReadNode:
-    """One node; all but the age of its last sign of life is reused while its inputs are unchanged."""
+    """Reading of one node, reused while its inputs are unchanged; only the age is computed each time."""
 
     def __init__(
         self, node: RemoteNode, bus: str, joints: Sequence[JointDrive], devices: Sequence[DeviceParts]

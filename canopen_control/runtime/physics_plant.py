@@ -1,4 +1,4 @@
-"""The plant file for a robot whose virtual drives are to move it in physics: which axis turns which joint, and how far.
+"""Plant file for virtual drives in physics: which axis turns which joint, and its scale.
 
 It is made of what the robot has anyway, its description and the scales of bus.yml, and written beside its logs, so that
 it can be read, changed and given to `drive --plant`.
@@ -45,7 +45,7 @@ def sensed_parts(setup: RobotSetup, tag: Ros2ControlSystem) -> list[ControlJoint
 
 
 def world_sensors(setup: RobotSetup) -> dict[str, SensorSettings]:
-    """Return what the world is to measure, by name; PhysicsError with what is wrong of it."""
+    """Return the world's sensors by name; PhysicsError for invalid ones."""
     return _sensors(setup, setup.description.hardware)
 
 
@@ -67,7 +67,7 @@ def sensed_world(setup: RobotSetup, tag: Ros2ControlSystem) -> WorldSensors | No
 
 
 class SensedValues:
-    """Hands what a world measures to the components that show it."""
+    """Passes the world's sensor values to the components that show them."""
 
     def __init__(self, components: Sequence[WorldSensors], sensors: Mapping[str, SensorSettings]) -> None:
         self._components = components
@@ -161,7 +161,7 @@ def plant_text(setup: RobotSetup, joints: Iterable[JointDrive], world: Path | No
 
 
 def _copied_from(description: UrdfDescription) -> Iterator[str]:
-    """Yield the path of the description where its lines are those of the copy; the lines of a xacro are not."""
+    """Yield the path of the description where its lines are those of the copy, which is not so for a xacro."""
     path = Path(description.path)
     with contextlib.suppress(OSError, UnicodeDecodeError):
         if path.read_text(encoding="utf-8") == description.urdf_xml:

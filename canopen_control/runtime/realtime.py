@@ -121,7 +121,7 @@ class RealTime:
 
 
 def keep_garbage_small(undo: contextlib.ExitStack, observers: list[RobotObserver], *, by_hand: bool) -> None:
-    """Freeze existing objects for the collector; with `by_hand`, let it run only between cycles."""
+    """Freeze existing objects for the garbage collector; with `by_hand` it runs between cycles only."""
     gc.collect()
     gc.freeze()
     undo.callback(gc.unfreeze)

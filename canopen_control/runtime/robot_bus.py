@@ -84,7 +84,7 @@ class _Excess:
         self._longer: list[int] = []
 
     def heard(self, now: int) -> int | None:
-        """Process a SYNC; return by how many ns a period is too long once that is known, else None."""
+        """Process a SYNC; return the excess of its period in ns once it is known, else None."""
         if not self._count:
             self._due = self._least = now
         self._count += 1
@@ -286,7 +286,7 @@ class RobotBus:
         return KernelSync(parse_channel(self.channel).name, ()).why_not()
 
     def leave_sync_to_kernel(self, lead: Callable[[int], None] | None) -> None:
-        """Let the kernel send SYNC, and call `lead(now)` for each; before `open`, on a SocketCAN interface only."""
+        """Leave SYNC to the kernel, with `lead(now)` called for each; before `open`, on a SocketCAN interface only."""
         sync = self.network.sync
         task = KernelSync(parse_channel(self.channel).name, [sync.frame() for _ in range(max(1, sync.overflow))])
         self._by_kernel = True
@@ -432,7 +432,7 @@ class RobotBus:
         self._send(self._take())
 
     def release_nodes(self) -> None:
-        """Have the nodes go back to their stored communication settings: they no longer wait for this master then."""
+        """Restore the nodes' stored communication parameters, so that they stop consuming this master's heartbeat."""
         for node in self.network.nodes.values():
             if node.config.boot.reset_communication:  # a keep-alive node is left as it is
                 self.network.send_nmt(NmtCommand.RESET_COMMUNICATION, node.node_id)

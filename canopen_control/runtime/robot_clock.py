@@ -26,7 +26,7 @@ _LOOK_NS: Final = 100_000_000
 
 
 class WallClock:
-    """Unix time beside the monotonic time of a reactor: `offset_ns` is what makes the one of the other.
+    """Unix time of the reactor's monotonic clock; `offset_ns` is the difference.
 
     A clock of virtual time has none to follow: the offset stays as it was at the start, or as `fix` sets it.
     """
@@ -41,11 +41,11 @@ class WallClock:
         )
 
     def fix(self, offset_ns: int) -> None:
-        """Have this offset for good."""
+        """Fix the offset."""
         self.offset_ns, self._follows = offset_ns, False
 
     def look(self, now: int) -> int:
-        """Follow the clock, ten times a second; return by how many ns it was set forward since the last look."""
+        """Follow the system clock, ten times a second; return the step forward in ns since the last call."""
         if now < self._look_at:
             return 0
         self._look_at = now + _LOOK_NS
@@ -80,7 +80,7 @@ class WallClock:
 
 
 def step_words(moved_ns: int) -> str:
-    """Say that this computer's clock was set, and what that means for stamps."""
+    """Return a sentence about a change of this computer's clock and its effect on stamps."""
     way = "forward" if moved_ns > 0 else "back"
     return (
         f"this computer's clock was set {way} by {abs(moved_ns) / 1e9:.3f} s; stamps are judged by the new time, and "
@@ -89,10 +89,10 @@ def step_words(moved_ns: int) -> str:
 
 
 class StepRequest(Protocol):
-    """What waits for the end of steps."""
+    """Receiver of the end of steps."""
 
     def settle(self, error: str | None) -> None:
-        """Take that they were done, or why not."""
+        """Report the end of the steps, or the reason why they did not end."""
         ...
 
 
@@ -121,28 +121,28 @@ class RobotClock:
 
     @property
     def hint(self) -> str | None:
-        """What keeps the robot from moving, and what to do next, in one sentence; None while time goes on."""
+        """Reason why the robot does not move, with the next step, in one sentence; None while time runs."""
         return "the simulation is paused; let it go on with: canopen-control world play" if self.paused else None
 
     # -- who says how it goes
 
     def pause(self) -> None:
-        """Let time stand after the cycle that was; a second call does nothing."""
+        """Pause the clock after the present cycle; a second call does nothing."""
         self.paused = True
 
     def resume(self) -> None:
-        """Let time go on where it stood; steps that are left are left out."""
+        """Resume the clock; remaining steps are dropped."""
         if self.paused:
             self._end("the simulation goes on: the steps that were left are no longer wanted")
             self.paused, self._resumed, self._steps = False, True, 0
 
     def step(self, count: int, request: StepRequest) -> None:
-        """Let a number of cycles happen while it is paused; the `request` is settled once they have."""
+        """Run a number of cycles while paused; the `request` is answered after them."""
         self._end("other steps were asked for")
         self._steps, self._request = count, request
 
     def end(self) -> None:
-        """Answer who waits for steps: the robot has stopped."""
+        """Answer pending step requests, because the robot has stopped."""
         self._end("the robot has stopped")
 
     def _end(self, error: str | None) -> None:
@@ -153,7 +153,7 @@ class RobotClock:
     # -- the cycle
 
     def take(self, edge: int) -> bool:
-        """Take the edge of a cycle of this computer's clock; return whether the robot has one, which is `edge` then."""
+        """Process an edge of this computer's clock; return whether the robot has a cycle at it, then `edge`."""
         if self.paused:
             return self.take_step(edge)
         if self._resumed:
@@ -163,7 +163,7 @@ class RobotClock:
         return True
 
     def take_step(self, edge: int) -> bool:
-        """Return whether there is one more cycle to step, which is taken."""
+        """Return whether a step is pending, and count it."""
         if not self._steps:
             return False
         self._steps -= 1
@@ -172,6 +172,6 @@ class RobotClock:
         return True
 
     def tell_steps(self) -> None:
-        """Answer who waits, when the last step was done."""
+        """Answer the step request after its last cycle."""
         if not self._steps:
             self._end(None)

@@ -40,7 +40,7 @@ _YES, _NO = frozenset({"true", "1", "yes", "on"}), frozenset({"false", "0", "no"
 
 @dataclass(frozen=True, slots=True)
 class AskedHardware:
-    """What the user's NAME:=VALUE ask of the hardware, as ros2_canopen's launch files do; ROS itself has no rule.
+    """Hardware options among the user's NAME:=VALUE, by the conventions of ros2_canopen's launch files.
 
     `channel` is that of an argument such as can_interface_name:=can0, "" without one. `real` is what an argument such
     as use_real_hardware:=true says, None without one. `channel_word` and `real_word` are the arguments themselves,
@@ -79,7 +79,7 @@ class AskedHardware:
 
 
 def asked_hardware(words: Mapping[str, str]) -> AskedHardware:
-    """Return what the arguments of a user ask of the hardware; RobotConfigError for one that is neither yes nor no."""
+    """Return the hardware options in a user's arguments; RobotConfigError for a value that is neither yes nor no."""
     channels = {name: value for name, value in words.items() if _names_channel(name, value)}
     answers = {name: says for name, value in words.items() if (says := _says_real(name, value)) is not None}
     worlds = {name: file for name, value in words.items() if (file := _sdf_file(value))}
@@ -113,7 +113,7 @@ def _names_channel(name: str, value: str) -> bool:
 
 
 def _says_real(name: str, value: str) -> bool | None:
-    """Return whether an argument asks for real drives (use_real_hardware, hardware:=real); None: not about that."""
+    """Return whether an argument requests real drives (use_real_hardware, hardware:=real); None for others."""
     parts, word = set(name.lower().split("_")), value.strip().lower()
     if word == "real":
         return True
@@ -149,23 +149,23 @@ class RobotFiles:
     world: Path | None = None
 
     def refuse_hardware(self, why: str) -> None:
-        """Raise RobotConfigError for an argument that asks for a channel or for real drives, where neither can be."""
+        """Raise RobotConfigError for an argument that requests a channel or real drives where neither is possible."""
         word = self.asked.channel_word or (self.asked.real_word if self.asked.real else "")
         if word:
             raise RobotConfigError(f"{word}: {why}; leave the argument away")
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """All files."""
+        """Paths of all files."""
         return (*self.buses.values(), self.controllers, self.description)
 
     def mappings(self, *, mock: bool = False) -> dict[str, str]:
-        """Return xacro's arguments; of mock hardware the description is told, if it wants to know."""
+        """Mappings of xacro, with the mock hardware argument if the description declares it."""
         return {"use_mock_hardware?": "true"} | self.arguments if mock else self.arguments
 
     @property
     def bus_alone(self) -> bool:
-        """Whether this is a bus without controllers, whose nodes are all that there is."""
+        """Whether the robot is a bus without controllers and description."""
         return self.controllers == self.description == self.bus
 
     @property
@@ -264,7 +264,7 @@ def _heeded(
 def _refuse_missing(
     launch: str | None, launched: Launched | None, no_bus: Sequence[str], missing: Sequence[str], *, needed: bool
 ) -> NoReturn:
-    """Raise RobotConfigError for files that are missing, by what the `launch` file says where that alone was given.
+    """Raise RobotConfigError for missing files, with what the `launch` file names where it was given alone.
 
     Where a bus is not `needed`, as by who has another of the robot's files, its absence is none of the mistakes.
     """
@@ -277,7 +277,7 @@ def _refuse_missing(
 def _not_launched(
     launch: str, files: Mapping[str, Path], no_bus: Sequence[str], missing: Sequence[str]
 ) -> Iterator[str]:
-    """Say which files a launch file, given without a folder, does not give, or gives where there is none."""
+    """Return a sentence about files that a launch file without a folder does not name, or that are missing."""
     for option, kind in (("--bus", "bus"), ("--controllers", "controllers"), ("--description", "description")):
         if any(text.endswith(f" or {option}") for text in (*no_bus, *missing)):
             problem = f"names {files[kind]}, which is no file" if kind in files else f"names no {kind} file"
@@ -351,7 +351,7 @@ def find_launch(text: str) -> Path:
 
 
 def _launched(launch: str | None, words: dict[str, str], obeyed: AbstractSet[str]) -> Launched | None:
-    """Return what a launch file gives with these arguments, of which some are `obeyed` whatever becomes of them."""
+    """Return the files of a launch file with these arguments; those in `obeyed` are always used."""
     if launch is None:
         return None
     from canopen_control.runtime.launch_file import launched_robot  # most robots are run without
@@ -367,7 +367,7 @@ def _one(
     missing: list[str],
     launched: Path | None = None,
 ) -> Path:
-    """Return a file: as given, else the folder's, else that of the launch file; or say that it is missing."""
+    """Return a file: as given, else of the folder, else of the launch file; or add it to the missing ones."""
     count = len(missing)
     file = _own(path, folder, names, option, missing)
     if file == Path() and launched is not None and launched.is_file():
@@ -407,7 +407,7 @@ def _nobody_else(controllers: str | None, description: str | None, launched: Lau
 
 
 def _is_alone(folder: Path | None) -> bool:
-    """Whether nothing says what the nodes of a bus are for: no controllers and no description belong to its folder.
+    """Whether a bus has no controllers and no description in its folder.
 
     The description of the whole package is another robot's, where the folder is one of several in its `config`.
     """
@@ -436,7 +436,7 @@ def _places(folder: Path, *, described: bool) -> list[Path]:
 
 
 def _elsewhere(folder: Path, names: str | Sequence[str]) -> str:
-    """Say where such files are instead: in folders of config, or of urdf, of which one is to be named."""
+    """Return a hint at such files in subfolders of config or urdf, one of which must be named."""
     if names is _DESCRIPTIONS:
         roots = [place for place in _places(folder, described=True) if place.name == "urdf"]
         folders = [path for root in roots for pattern in _DESCRIPTIONS for path in root.glob(f"*/{pattern}")]
@@ -450,12 +450,12 @@ def _listed(paths: Sequence[Path]) -> str:
 
 
 def _name(folder: Path) -> str:
-    """Return a robot's name: that of its folder, or of the package whose `config` it is."""
+    """Return the name of a robot: its folder, or the package of a `config` folder."""
     return folder.parent.name if folder.name == "config" else folder.name
 
 
 def _irregular(paths: Iterable[Path]) -> Iterator[str]:
-    """Yield what is there and is no file: a pipe or a device may not even be opened, or it is waited for."""
+    """Yield paths that are no regular files: opening a pipe or a device could block."""
     for path in paths:
         if path != Path() and path.exists() and not path.is_file():
             yield f"{path} is {'a folder' if path.is_dir() else 'a pipe or a device'}, no file"
@@ -471,6 +471,6 @@ def _more_buses(folder: Path, missing: list[str]) -> dict[str, Path]:
 
 
 def _safe(name: str) -> str:
-    """Make a name that a socket may have."""
+    """Return a name valid for a socket."""
     cleaned = "".join(letter if letter.isalnum() or letter in "_-" else "_" for letter in name if letter.isascii())
     return cleaned[:32] or "robot"

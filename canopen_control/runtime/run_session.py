@@ -1,4 +1,4 @@
-"""One run of a robot in this process: core, API, children and signals, from start to end.
+"""One run of a robot in this process: core, API, child processes and signals, from start to end.
 
 Whatever happens after `RunSession` was made, `close` leaves no child, no socket and no lock behind;
 the stop order is ramp, disable, clients, drives, and the hub leaves by itself.
@@ -60,7 +60,7 @@ _SWING_STEPS = 80  # eight seconds there and back: 0.2 rad/s at most
 
 
 class DemoMotion:
-    """Plays on a controller in a loop: velocities and twists stand, go and go back; positions swing."""
+    """Demo motion on a controller in a loop: velocities and twists out and back, positions to and fro."""
 
     def __init__(self, robot: RobotCore, controller: str) -> None:
         self._robot, self._controller = robot, controller
@@ -119,14 +119,14 @@ _MOST_PLACES = 20
 
 
 class ProgramErrors:
-    """A reactor's `on_error`: hands an event to `report`; `now` tells the time."""
+    """Handler of a reactor's `on_error`: passes an event to `report`; `now` returns the time."""
 
     def __init__(self, now: Callable[[], int], report: Callable[[Event], None]) -> None:
         self._now, self._report = now, report
         self._told: set[str] = set()
 
     def __call__(self, error: BaseException) -> None:
-        """Tell an exception, unless its place has been told."""
+        """Report an exception once per place in the code."""
         if os.environ.get("CANOPEN_CONTROL_DEBUG"):
             traceback.print_exception(error, file=sys.stderr)
         place = _place_of(error)
@@ -154,7 +154,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """How to run: `drives` starts virtual ones where the channel allows it, `duration` in seconds from running on.
+    """Options of a run: `drives` starts virtual drives where the channel allows it, `duration` in s.
 
     `ros_arguments` are those of the bridge, which `ros` starts; `view` is the page in a browser, from which `teleop`
     drives; `recorder` is the flight recorder. `realtime` is a priority of SCHED_FIFO, `cpu` the processor that the
@@ -249,7 +249,7 @@ class RunSession(RobotObserver):
         self.robot.fail(text)
 
     def children_ready(self, tries: int = _HEARING_TRIES) -> None:
-        """Boot once the first words of the drives that were started have come: later they would be taken for news."""
+        """Boot the nodes once the child processes have written their first lines, which are no events."""
         if self.robot.has_heard(self.supervisor.driven) or not tries:
             self._begin()
         else:
@@ -291,7 +291,7 @@ class RunSession(RobotObserver):
         self._cleanup.close()
 
     def _take_true_pose(self, base: BasePose) -> None:
-        """Put the true pose beside what odometry says of the same time."""
+        """Add the true pose to the odometry of the same time."""
         odometry = odometry_at(self.robot.manager, base.time_ns - self.reactor.now())
         self.robot.truth.take(base, odometry, self.robot.wall_offset_ns)
 
@@ -300,7 +300,7 @@ class RunSession(RobotObserver):
         self.reactor.stop()
 
     def running(self) -> None:
-        """Begin what needs a robot that runs: the true pose, the demo motion, the duration."""
+        """Start what needs a running robot: true pose, demo motion, duration."""
         self._true_pose.start()
         gc.freeze()  # what booting has made stays as well
         if self.options.motion and self.setup.files.bus_alone and self.robot.joints:

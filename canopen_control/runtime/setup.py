@@ -47,7 +47,7 @@ BUS_NAME = MAIN_BUS
 
 @dataclass(frozen=True, slots=True)
 class RobotSetup:
-    """What a robot is made of; `channels` maps bus names to channels, `to_activate` the controllers.
+    """Parts of a robot; `channels` maps bus names to channels, `to_activate` lists controllers.
 
     `sync` is who sends SYNC by the name of the bus, `kernel_sync` whether the command line asks the kernel for it.
     `unplaced` are the buses whose channel not named, which are embedded ones; `world` is the file of what stands
@@ -74,11 +74,11 @@ class RobotSetup:
 
     @property
     def reaches_real_drives(self) -> bool:
-        """Whether real drives may move when it runs, asked for or not: a bus of it is none of the virtual ones."""
+        """Whether real drives may move: at least one of its buses is not virtual."""
         return bool(self.joined) and (self.real or not all(map(may_host_virtual_drives, self.channels.values())))
 
     def require_places(self, option: str) -> None:
-        """Raise RobotConfigError where drives are to be real and nobody said on which channel they are."""
+        """Raise RobotConfigError for real drives without a channel."""
         if self.unplaced and self.joined:
             which = " ".join(f"--can {name}=can{at}" for at, name in enumerate(self.unplaced))
             example = "--can can0" if self.unplaced == (BUS_NAME,) else which
@@ -89,12 +89,12 @@ class RobotSetup:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What the drives of a bus without controllers cannot do, and what to change in bus.yml."""
+        """Warnings about drives of a bus without controllers, with the change in bus.yml."""
         return tuple(default_warnings(self.buses)) if self.files.bus_alone else ()
 
     @property
     def told(self) -> Iterator[tuple[str, Level, str]]:
-        """What is said of the files at a start: the kind of an event, its level and its text."""
+        """Events about the files at start-up: kind, level and text."""
         yield from (("note", Level.INFO, text) for text in self.notes)
         yield from (("doubt", Level.WARNING, text) for text in self.doubts)
         yield from (("argument", Level.WARNING, f"{word} {_IDLE}") for word in self.files.idle)
@@ -107,13 +107,13 @@ class RobotSetup:
 
     @property
     def kinds(self) -> list[PluginKind]:
-        """What each <ros2_control> tag is to be."""
+        """Kind of each <ros2_control> tag."""
         tags, real = self.description.hardware, self.on_drives
         return [kind_of(self.description, tag, mock=self.mock, real=real) for tag in tags]
 
     @property
     def joined(self) -> Mapping[str, BusConfig]:
-        """The buses that it is on: none where plugins simulate or mock all of it, whatever its folder holds."""
+        """Buses it is connected to: none if plugins simulate or mock the whole robot."""
         return self.buses if self.files.bus_alone or PluginKind.CANOPEN in self.kinds else {}
 
     @property
@@ -123,13 +123,13 @@ class RobotSetup:
 
     @property
     def runs(self) -> str:
-        """What runs once the robot does, in words: the controllers that it begins with, or the nodes of a bus alone."""
+        """Started controllers, or nodes of a bus without controllers, in words."""
         nodes = [name for bus in self.buses.values() for name in bus.nodes]
         return ", ".join(nodes if self.files.bus_alone else self.to_activate)
 
     @property
     def told_of_sync(self) -> Iterator[str]:
-        """That the kernel sends SYNC, and what a late process does to the motion of a drive that is real."""
+        """Notes: SYNC by the kernel, and the effect of a late process on the motion of real drives."""
         for name, choice in self.sync.items() if not self.mock else ():
             if choice.sender is SyncSender.KERNEL:
                 yield choice.words
@@ -144,14 +144,14 @@ class RobotSetup:
 
     @property
     def phase_ns(self) -> int:
-        """How long after a SYNC that it follows the cycle comes: an eighth of a period, or half."""
+        """Delay of the cycle after an external SYNC: an eighth of a period, or half of it."""
         followed = (self.buses[name] for name, choice in self.sync.items() if choice.sender in _OTHERS)
         closely = any(bus.master.follows_closely for bus in followed)
         return self.cycle_ns // (8 if closely else 2)
 
     @property
     def update_rate(self) -> int:
-        """How often controllers run at most, in Hz: the manager's update_rate, else the cycle's, which is the most."""
+        """Maximum update rate of controllers in Hz: the manager's update_rate, at most the cycle's rate."""
         cycle = max(1, round(1e9 / self.cycle_ns))
         return min(self.controllers.update_rate, cycle) if "update_rate" in self.controllers.manager_lines else cycle
 
@@ -218,7 +218,7 @@ def _contents(
     strict: bool,
     real: bool,
 ) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile, tuple[str, ...]]:
-    """Return what is in the files, with the controllers of free drives, and the names of those to activate."""
+    """Return the contents of the files, with controllers of free drives and the names of those to activate."""
     buses, written, options = _read(files, name, read, reader, mock=mock, strict=strict)
     description, control, free = _add_free_drives(files, buses, written, options, mock=mock)
     _require_bus(files, buses, description, mock=mock, real=real)
@@ -226,7 +226,7 @@ def _contents(
 
 
 def _unplaced(buses: Mapping[str, BusConfig], can: Sequence[str]) -> tuple[str, ...]:
-    """Return the buses whose channel neither an option nor bus.yml names."""
+    """Return the buses without a channel in options and bus.yml."""
     named = {name_and_channel(text)[0] or BUS_NAME for text in can}
     return tuple(name for name, bus in buses.items() if name not in named and not bus.master.channel)
 
@@ -282,7 +282,7 @@ def _told_by_files(
     mock: bool,
     real: bool,
 ) -> Iterator[str]:
-    """Yield what is suspicious in the files, or has no effect."""
+    """Yield warnings about entries in the files that are suspicious or without effect."""
     for bus in buses.values():
         yield from bus.notes
     yield from control.warnings
@@ -316,7 +316,7 @@ def plans_of(buses: Mapping[str, BusConfig]) -> list[NodePlan]:
 
 
 def _sim_time(control: ControllersFile, kinds: Sequence[PluginKind]) -> list[str]:
-    """Say that `use_sim_time` in the file does nothing where nothing is simulated."""
+    """Return a warning if `use_sim_time` is set and nothing is simulated."""
     settings = [controller.params.flat.get("use_sim_time") for controller in control.controllers.values()]
     given = control.manager.use_sim_time or any(setting is not None and setting.value is True for setting in settings)
     if not given or PluginKind.SIMULATION in kinds:
@@ -350,7 +350,7 @@ def clashes_of(buses: Mapping[str, BusConfig]) -> list[str]:
 def _require_bus(
     files: RobotFiles, buses: Mapping[str, BusConfig], description: UrdfDescription, *, mock: bool, real: bool
 ) -> None:
-    """Raise RobotConfigError for a description that wants drives where no bus.yml describes any."""
+    """Raise RobotConfigError for a description with drives and no bus.yml."""
     for tag in () if buses else description.hardware:
         if kind_of(description, tag, mock=mock, real=real) is PluginKind.CANOPEN:
             raise RobotConfigError(
@@ -367,7 +367,7 @@ def _choose_sync(
     kernel_sync: bool,
     mock: bool,
 ) -> dict[str, SyncChoice]:
-    """Return who sends SYNC on each bus."""
+    """Return the SYNC producer of each bus."""
     if kernel_sync:
         _require_kernel_sync(buses, channels, mock=mock)
     return {

@@ -45,19 +45,19 @@ _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @dataclass(frozen=True)
 class SharedRobot:
-    """One of the robots: its files as they were read, and how its runtime is started, without the common options."""
+    """One robot of the world: its files and the options of its runtime."""
 
     setup: RobotSetup
     arguments: tuple[str, ...]
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """Name of the robot."""
         return self.setup.name
 
 
 def read_shared(world: Path) -> list[SharedRobot]:
-    """Return the robots that a file of a world names; ConfigError tells all that is wrong, each with its line."""
+    """Return the robots of a world file; ConfigError with every error and its line."""
     require_physics()
     description = read_world_description(world)
     if not description.robots and world.suffix.lower() in SDF_SUFFIXES:
@@ -81,7 +81,7 @@ def read_shared(world: Path) -> list[SharedRobot]:
 
 
 def _read(start: RobotStart, world: Path) -> SharedRobot:
-    """Read one robot, which is a bundled one or a folder beside the file of the world."""
+    """Read one robot: a bundled one, or a folder next to the world file."""
     beside = world.parent / start.robot
     config = str(beside) if beside.is_dir() else start.robot
     words = [f"{name}:={value}" for name, value in start.arguments.items()]
@@ -98,7 +98,7 @@ def _read(start: RobotStart, world: Path) -> SharedRobot:
 
 
 class SharedRun:
-    """Runs robots in a world until all have ended; `options` are those of each runtime, `say` takes lines.
+    """Runs robots in a shared world until all have ended; `options` are those of each runtime.
 
     `of_each` are the options of one robot by its name, such as its ROS namespace.
     """
@@ -121,7 +121,7 @@ class SharedRun:
         self._refused = self._ending = False
 
     def run(self) -> None:
-        """Run to the end; ConfigError for what the drives refuse, CanopenError for a robot that failed."""
+        """Run to the end; ConfigError for invalid drives, CanopenError for a failed robot."""
         try:
             self._reactor.handle_signals(dict.fromkeys(_SIGNALS, self._end))
             self._start_drives()
@@ -162,7 +162,7 @@ class SharedRun:
         self._end()
 
     def _on_drives_ended(self, returncode: int, lines: list[str]) -> None:
-        """End all: the drives of a world that has gone stand still."""
+        """End all robots: without their world the drives do not move."""
         reasons = [line.removeprefix(_COMPLAINT) for line in lines if not line.startswith(WORLD_NOTE)]
         self._drives, self._refused = None, returncode == _USAGE
         self._fail(
@@ -192,7 +192,7 @@ class SharedRun:
 
 
 def _written(setup: RobotSetup) -> Path:
-    """Write the plant file of a robot; its joints are known once its parts are put together."""
+    """Write the plant file of a robot."""
     with Reactor() as reactor:
         core = RobotCore(dataclasses.replace(setup), reactor)
         try:

@@ -87,7 +87,7 @@ def require_active(setup: RobotSetup, manager: ControllerManager, name: str) -> 
 
 
 def _in_the_way(setup: RobotSetup, manager: ControllerManager, name: str) -> list[str]:
-    """Return the active controllers that own what a controller would claim; it need not be loaded."""
+    """Return the active controllers that own interfaces of a controller, loaded or not."""
     config = setup.controllers.controllers[name]
     try:
         controller = make_controller(name, config.type)
@@ -103,7 +103,7 @@ def _in_the_way(setup: RobotSetup, manager: ControllerManager, name: str) -> lis
 
 
 def prepare_controllers(setup: RobotSetup, manager: ControllerManager, registry: InterfaceRegistry) -> None:
-    """Load and configure what the robot starts with; raises ConfigError with the file that is wrong."""
+    """Load and configure the controllers of the start; ConfigError with the file."""
     owners: dict[str, str] = {}
     for name in setup.to_activate:
         try:

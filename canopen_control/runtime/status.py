@@ -1,4 +1,4 @@
-"""What a robot tells of itself, gathered: its status, the samples of its state, its nodes, their PDOs, its events."""
+"""Status of a robot: samples of its state, its nodes, their PDOs, its events."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class Readings(NamedTuple):
-    """What status and samples both tell of a moment."""
+    """Readings shared by status and samples of one moment."""
 
     state: str
     hint: str | None
@@ -42,7 +42,7 @@ class Readings(NamedTuple):
 
 
 def readings_of(robot: RobotCore) -> Readings:
-    """Return what is read now."""
+    """Return the present readings."""
     state, hint = robot.state_and_hint
     hint = robot.cycle.clock.hint or hint
     nodes = robot.node_readings.at(robot.reactor.now())
@@ -50,7 +50,7 @@ def readings_of(robot: RobotCore) -> Readings:
 
 
 def status_message(robot: RobotCore, readings: Readings | None = None) -> Status:
-    """Return everything that `status --json` prints; of a moment whose readings were made, with these."""
+    """Return the status as `status --json` prints it; `readings` of the moment if they exist."""
     read = readings_of(robot) if readings is None else readings
     return Status(
         robot=robot.setup.name,
@@ -76,7 +76,7 @@ def status_message(robot: RobotCore, readings: Readings | None = None) -> Status
 
 
 def state_sample(robot: RobotCore, readings: Readings | None = None) -> StateSample:
-    """Return one sample of the state stream; of a moment whose readings were made, with these."""
+    """Return one sample of the state stream; `readings` of the moment if they exist."""
     read = readings_of(robot) if readings is None else readings
     return StateSample(
         time=(robot.reactor.now() + robot.wall_offset_ns) / 1e9,
@@ -105,7 +105,7 @@ def simulated_seconds(robot: RobotCore) -> float | None:
 
 
 def simulated_epoch(robot: RobotCore) -> float | None:
-    """Return the Unix seconds at which the simulation would have begun, had its time never stood; None as above."""
+    """Return the Unix time at which the simulation began, without pauses; None outside a simulation."""
     if robot.in_virtual_time:
         return robot.wall_offset_ns / 1e9
     clock = robot.cycle.clock
@@ -143,7 +143,7 @@ def _texts(given: Any) -> dict[str, str]:  # noqa: ANN401 - whatever stands in b
 
 
 def layout_message(robot: RobotCore) -> Layout:
-    """Return what the PDOs of each bus carry, for those who listen to it."""
+    """Return the PDO mappings of each bus."""
     description = robot.setup.description
     return Layout(
         {

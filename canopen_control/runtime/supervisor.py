@@ -63,19 +63,19 @@ _VERBS_MAIN: Final = "canopen_control.cli.main"
 
 
 class SupervisedRun(Protocol):
-    """What begins once its children are ready."""
+    """Receiver of the start: called once its child processes are ready."""
 
     def children_ready(self) -> None:
         """Begin."""
         ...
 
     def child_failed(self, text: str) -> None:
-        """End, since a child cannot do its part; `text` says why."""
+        """End the run because a child process failed; `text` is the reason."""
         ...
 
 
 class Supervisor:
-    """Starts and ends the children of one robot; `report` is told when one dies unasked.
+    """Starts and ends the child processes of one robot; `report` gets an event when one ends unexpectedly.
 
     With `realtime` the children leave the scheduling of this process.
     """
@@ -156,7 +156,7 @@ class Supervisor:
         child.kill()
 
     def _restart(self, name: str, restarts: Restarts, start_client: Callable[[], None]) -> None:
-        """Say what follows the death of a client, and start it again if that is it."""
+        """Restart a client after its death, if the policy allows it; return the sentence."""
 
         def start() -> None:
             if self._over:
@@ -194,7 +194,7 @@ class Supervisor:
             self._listen_to_recorder(self._recorder)
 
     def when_ready(self, run: SupervisedRun) -> None:
-        """Call a run once all that was started is ready, or has died, which is told; now if that is so.
+        """Call a run once all children are ready or have ended.
 
         It fails instead for a drive that is not ready in time.
         """
@@ -208,7 +208,7 @@ class Supervisor:
         self._look_whether_ready()
 
     def _heard(self, child: Child) -> None:
-        """Go on without a child that cannot say that it is ready; that of a world tells by its end why."""
+        """Continue without the ready message of a child; a failed world reports the reason at its end."""
         if child.heard_at is not None or self._world is None or child is not self._world[0]:
             self._arrived(child)
 
@@ -221,7 +221,7 @@ class Supervisor:
             self._look_whether_ready()
 
     def _tell_notes(self, child: Child) -> None:
-        """Tell what the world of the drives had to guess."""
+        """Report the assumptions of the simulated world."""
         for line in child.last_lines(_NOTES):
             if line.startswith(WORLD_NOTE):
                 self._report(Event(self._reactor.now(), "physics", "", line.removeprefix(WORLD_NOTE)))
@@ -232,7 +232,7 @@ class Supervisor:
             self._run.children_ready()
 
     def _late(self, child: Child, run: SupervisedRun) -> None:
-        """End the run: a drive is there, and not on the bus."""
+        """End the run: a drive process runs and is missing on the bus."""
         self._wait_no_more()
         seconds = (_READY_NS + _READY_EACH_NS * len(self._drives)) / 1e9
         last_output = " | ".join(child.last_lines()[-3:]) or "nothing yet"
@@ -253,7 +253,7 @@ class Supervisor:
         self._awaited.clear()
 
     def _listen_to_recorder(self, child: Child) -> None:
-        """Tell that the recorder hangs or was stopped, and that it goes on."""
+        """Report that the recorder hangs or was stopped, and that it continues."""
         if child not in self._clients:
             return
         now = self._reactor.now()
@@ -267,12 +267,12 @@ class Supervisor:
         self._reactor.call_later(_LOOK_NS, partial(self._listen_to_recorder, child))
 
     def end_clients(self) -> None:
-        """End the clients; a second call does nothing."""
+        """End the client processes; a second call does nothing."""
         self._over = True
         self._end(self._clients)
 
     def end(self) -> None:
-        """End everything: clients, then drives; blocks for a few seconds at most, when the robot has stopped."""
+        """End all child processes, clients before drives; blocks for a few seconds at most."""
         self._wait_no_more()
         self.end_clients()
         if self._recorder is not None:  # nobody serves the API any more: what it wrote last is told for it
@@ -288,7 +288,7 @@ class Supervisor:
 
     @property
     def driven(self) -> list[str]:
-        """The names of the nodes whose drives are processes that run."""
+        """Names of the nodes whose drives run as child processes."""
         if self._world is not None and self._world[0] in self._drives:
             return list(self._world[1])
         return [child.name.removeprefix(_DRIVE) for child in self._drives]
@@ -382,7 +382,7 @@ class Supervisor:
         return child
 
     def _on_exit(self, child: Child, returncode: int, lines: list[str]) -> None:
-        """Tell the death of a child; what it means for the robot shows on the bus or in a command that times out."""
+        """Report the end of a child process; its effect on the robot shows on the bus or as a command timeout."""
         if self._ending or child not in (*self._drives, *self._clients):
             return
         child.unwatch_ready(self._reactor)
@@ -419,14 +419,14 @@ def hosts_virtual_drives(setup: RobotSetup) -> bool:
 
 
 class Silence:
-    """How long a child has not been heard, of the time in which this process was on time. Sans-IO, in monotonic ns."""
+    """Time since a child's last sign of life, counted while this process was on time. Sans-IO, in monotonic ns."""
 
     def __init__(self, now: int) -> None:
         self._looked, self._heard_at = now, -1
         self._silent = 0
 
     def look(self, now: int, heard_at: int | None) -> int:
-        """Take when it was heard last; return the silence. To be called every `_ANSWER_LOOK_NS`."""
+        """Update the last sign of life; return the silence. Call every `_ANSWER_LOOK_NS`."""
         since, self._looked = now - self._looked, now
         if heard_at is not None and heard_at != self._heard_at:
             self._heard_at, self._silent = heard_at, 0
@@ -436,14 +436,14 @@ class Silence:
 
 
 class Restarts:
-    """How often a child that has died is started again; `given_up`: no more. Sans-IO, times in monotonic ns."""
+    """Restart policy of a child process; `given_up` after too many. Sans-IO, times in monotonic ns."""
 
     def __init__(self) -> None:
         self.given_up = False
         self._times: deque[int] = deque(maxlen=MOST)
 
     def died(self, now: int) -> str:
-        """Take note of a death, and return what follows in words."""
+        """Count a death and return the consequence in words."""
         if len(self._times) == MOST and now - self._times[0] < WINDOW_NS:
             self.given_up = True
             return f"given up: it has been started again {MOST} times within a minute"

@@ -1,4 +1,4 @@
-"""Who sends SYNC on a bus of a robot, and why: this program, the kernel, or a node of the bus (`sync_producer`).
+"""SYNC producer of a bus and the reason for it: this program, the kernel, or a node (`sync_producer`).
 
 A drive in a cyclic synchronous mode times its motion by SYNC, so that a SYNC which a busy process sends late is a jerk.
 `auto` leaves it to the kernel (CAN_BCM) where all of this holds: a joint is commanded in CSP or CSV, the channel is a
@@ -52,7 +52,7 @@ class CyclicAxis:
 
 
 def cyclic_axes(config: BusConfig, description: UrdfDescription) -> list[CyclicAxis]:
-    """Return those of one bus, one for each mode of a joint."""
+    """Return the cyclic axes of one bus, one for each mode of a joint."""
     return [axis for tag in description.hardware for joint in tag.joints for axis in _axes(config, joint)]
 
 
@@ -103,7 +103,7 @@ def node_of(config: BusConfig, joint: ControlJoint) -> NodeConfig | None:
 
 
 class SyncSender(enum.Enum):
-    """Who sends SYNC."""
+    """SYNC producers."""
 
     NOBODY = "nobody"
     PROGRAM = "this program"
@@ -113,7 +113,7 @@ class SyncSender(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class SyncChoice:
-    """Who sends SYNC on one bus; `why` is the reason, `joints` those that time their motion by it, in words."""
+    """SYNC producer of one bus; `why` is the reason, `joints` those timed by it, in words."""
 
     sender: SyncSender
     why: str = ""
@@ -121,7 +121,7 @@ class SyncChoice:
 
     @property
     def words(self) -> str:
-        """Who sends it and why, in one sentence."""
+        """SYNC producer and reason in one sentence."""
         if self.sender is SyncSender.NOBODY:
             return "no device sends SYNC"
         by = (
@@ -133,7 +133,7 @@ class SyncChoice:
 
     @property
     def hint(self) -> str:
-        """What a late process does to the motion, and what helps; "" where it does nothing."""
+        """Effect of a late process on the motion, with the remedy; "" without an effect."""
         if self.sender is not SyncSender.PROGRAM or not self.joints:
             return ""
         return f"{self.words}; {self.joints} time their motion by it, and what is late is heard: {_REMEDY}"
@@ -149,7 +149,7 @@ _REMEDY = (
 def choose_sync(
     config: BusConfig, channel: str, description: UrdfDescription, *, by_option: bool = False
 ) -> SyncChoice:
-    """Choose who sends SYNC on a bus; `by_option`: the kernel was asked for on the command line."""
+    """Choose the SYNC producer of a bus; `by_option`: the kernel was requested on the command line."""
     master = config.master
     if not master.sync_period:
         return SyncChoice(SyncSender.NOBODY)
@@ -175,7 +175,7 @@ def _no_interface(channel: str) -> str | None:
 
 
 def _not_wanted(config: BusConfig, axes: Sequence[CyclicAxis]) -> str | None:
-    """Say why `auto` does not leave SYNC to the kernel, None where it would."""
+    """Return the reason why `auto` does not leave SYNC to the kernel, None if it does."""
     if not axes:
         return "no joint is commanded in CSP or CSV"
     if config.master.sync_order == "last":

@@ -1,4 +1,4 @@
-"""The bases that `init` knows: which controller drives them, how many drives they have, what their joints are called.
+"""Bases of `init`: controller, number of drives, names of their joints.
 
 Drives are taken in the order of their joints: left before right, front before rear, traction before steering.
 """
@@ -43,11 +43,11 @@ class BaseKind:
         return number >= drives - self.steering
 
     def mirrored(self, drives: int, number: int) -> bool:
-        """Whether joint `number` is a wheel on the left, whose motor faces that on the right."""
+        """Whether joint `number` is a wheel on the left, mounted mirrored."""
         return bool(self.type_name) and not self.steers(drives, number) and number % 2 == 0
 
     def problem(self, drives: int) -> str:
-        """Say why there can be no such base on so many drives, "" where it can."""
+        """Return the reason why the base cannot have so many drives, "" if it can."""
         if self.type_name and self.type_name not in TYPES:
             return f"--base {self.name}: this version has no {self.type_name}; leave --base away, or use diff"
         if self.shapes and drives not in {len(shape) for shape in self.shapes}:

@@ -1,4 +1,4 @@
-"""Writes the bus.yml of a new robot, with a comment on each key for who meets it for the first time.
+"""bus.yml of a new robot, with a comment on each key.
 
 What all nodes have in common stands under `defaults` where they have one EDS; else each node has its own keys.
 """
@@ -153,7 +153,7 @@ def _named_writes(robot: NewRobot, node: NewNode) -> list[str]:
 
 
 def _watched(node: NewNode) -> list[str]:
-    """Return what is no motion of an encoder, but a jump."""
+    """Return the limit above which a change of an encoder is a jump."""
     if not node.measured:
         return []
     limit = remark(f"  - {{name: position, max_rate: {FASTEST_MEASURED:g}}}", "rad/s: a faster change is a jump, told;")
@@ -205,7 +205,7 @@ def _motion(node: NewNode, drive: DriveChoice) -> list[str]:
 
 
 def _scales(node: NewNode) -> Iterator[str]:
-    """Yield the scales of a drive whose velocities are no counts per second, or whose axes differ."""
+    """Yield scales for a drive whose velocity is not in counts/s, or whose axes differ."""
     yield "# Multiply both ..._to_dev by the gear ratio, divide both ..._from_dev by it; all four are negative for a"
     yield "# motor that is mounted mirrored."
     several = len(node.joints) > 1
@@ -229,7 +229,7 @@ def _axis_scales(joint: NewJoint) -> Iterator[str]:
 
 
 def _guesses(drive: DriveChoice, *keys: str) -> list[str]:
-    """Return the key that names what is a guess, so that `check` says it until somebody has measured it."""
+    """Return the key that marks guesses, so that `check` reports them until they are measured."""
     guessed = not all(axis.told for axis in drive.axes)
     return [remark(f"guesses: [{', '.join(keys)}]", "measure it, then remove this line")] if guessed else []
 
@@ -241,7 +241,7 @@ def _said(axis: AxisChoice) -> str:
 
 
 def _writes(robot: NewRobot, node: NewNode, drive: DriveChoice) -> list[str]:
-    """Return what a boot writes beside PDOs: the reaction to a lost master, and ramps that the EDS leaves open."""
+    """Return boot writes other than PDOs: the reaction to a lost master, and missing ramps."""
     lines = []
     if _takes(node, ABORT_CONNECTION_OPTION, _QUICK_STOP):
         lines.append(remark("  - {index: 0x6007, sub_index: 0, value: 3}", "when the master is lost: quick stop"))
@@ -297,7 +297,7 @@ def _pdo(use: PdoUse) -> list[str]:
 
 
 def _by_scale(node: NewNode) -> bool:
-    """Whether positions and velocities need scales of their own, or each axis those of its own."""
+    """Whether positions and velocities, or axes, need separate scales."""
     units = {(joint.mirrored, joint.axis.counts, joint.axis.rpm) for joint in node.joints}
     return len(units) > 1 or any(_in_rpm(joint.axis) for joint in node.joints)
 

@@ -52,7 +52,7 @@ _FEEDBACK: Final = {POSITION: objects.POSITION_ACTUAL, VELOCITY: objects.VELOCIT
 
 @dataclass(frozen=True, slots=True)
 class Supervision:
-    """Who can notice whose end: heartbeats of the drive, a drive that watches the master, node guarding."""
+    """Kinds of supervision: heartbeat of the drive, heartbeat consumer in the drive, node guarding."""
 
     producer: bool
     consumer: bool
@@ -66,7 +66,7 @@ class Supervision:
 
 @dataclass(frozen=True, slots=True)
 class AxisChoice:
-    """How axis `number` is moved; `feedback` are its state interfaces, `counts` those of one turn of the joint.
+    """Control of axis `number`; `feedback` are its state interfaces, `counts` those of one turn of the joint.
 
     `told` is whether the EDS says so; `rpm` how many revolutions per minute the unit of its velocities is (0x60A9), 0
     where it is counts per second.
@@ -87,7 +87,7 @@ class AxisChoice:
 
 @dataclass(frozen=True, slots=True)
 class DriveChoice:
-    """How the axes of a drive are moved, and the PDOs that carry what they need."""
+    """Control of a drive's axes, and its PDOs."""
 
     axes: tuple[AxisChoice, ...]
     rpdos: tuple[PdoUse, ...]
@@ -109,12 +109,12 @@ def axes_of(od: ObjectDictionary) -> tuple[int, ...]:
 
 
 def is_drive(od: ObjectDictionary) -> bool:
-    """Whether a dictionary is that of a CiA 402 drive."""
+    """Whether a dictionary belongs to a CiA 402 drive."""
     return bool(axes_of(od))
 
 
 def choose_drive(od: ObjectDictionary, interfaces: Sequence[Sequence[str]] = ()) -> DriveChoice:
-    """Choose for each axis the first of its `interfaces` that it can do; RobotConfigError says why there is none.
+    """Choose the first supported one of each axis's `interfaces`; RobotConfigError with the reason if none is.
 
     `interfaces` are those of the axes in their order, velocity before position for one that has none there.
     """
@@ -164,7 +164,7 @@ def _named(addresses: Sequence[Address]) -> str:
 
 
 def supervision_of(od: ObjectDictionary) -> Supervision:
-    """Return what the EDS lets be written of heartbeat (0x1016, 0x1017) and guarding (0x100C, 0x100D)."""
+    """Return the writable objects of heartbeat (0x1016, 0x1017) and guarding (0x100C, 0x100D)."""
 
     def writable(index: int, subindex: int = 0) -> bool:
         entry = od.get(index, subindex)
@@ -194,7 +194,7 @@ def _choose_modes(
 def _choose_mode(
     od: ObjectDictionary, axis: int, interfaces: Sequence[str], chosen: dict[str, OperationMode]
 ) -> tuple[str, OperationMode]:
-    """Choose for one axis; `taken` are the modes that other axes of the device have."""
+    """Choose the mode of one axis; `chosen` are those of other axes of the device."""
     listed = supported_modes(_number(od, objects.axis_index(objects.SUPPORTED_DRIVE_MODES, axis), 0) or 0)
     for interface in interfaces:
         for mode in _CANDIDATES[interface]:
@@ -225,7 +225,7 @@ def _rpdos(
 
 
 def _counts(od: ObjectDictionary, axis: int) -> float | None:
-    """Return the position units of one turn of the shaft by the EDS's defaults, None where it tells none."""
+    """Return position units per turn of the shaft by the EDS's defaults, None if it has none."""
 
     def pair(index: int) -> tuple[int, int] | None:
         first, second = (_number(od, objects.axis_index(index, axis), subindex) for subindex in (1, 2))

@@ -1,4 +1,4 @@
-"""What a new robot is made of: its nodes, joints and base, chosen from EDS files and checked before a file is written.
+"""Nodes, joints and base of a new robot, chosen from EDS files and checked before a file is written.
 
 Names of joints and controllers are names of ROS: letters, digits and _. Each axis of a drive is a joint. A device that
 is no drive is what its profile says: inputs and outputs by name, or of an encoder a joint that is measured; one whose
@@ -74,7 +74,7 @@ class Device:
 
 @dataclass(frozen=True, slots=True)
 class NewJoint:
-    """A joint that axis `axis` of `node` moves; `mirrored`: its motor faces that of the other side, and turns so."""
+    """Joint moved by axis `axis` of `node`; `mirrored` if its motor faces that of the other side."""
 
     name: str
     node: str
@@ -84,7 +84,7 @@ class NewJoint:
 
 @dataclass(frozen=True, slots=True)
 class NewNode:
-    """A node of the new bus.yml; `drive` None and no `joints` for a device that is none, which may have `signals`.
+    """Node of the new bus.yml; `drive` None and no `joints` for other devices, which may have `signals`.
 
     `unusable` says why a drive cannot be moved: it has no `drive` then, and its PDOs stay as it has them.
     """

@@ -93,7 +93,7 @@ class JogDrive:
 
 
 def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogDrive:
-    """Return a drive of a robot with a target controller of its own; ConfigError with advice for another one."""
+    """Return a drive of a robot with a target controller of its own; otherwise ConfigError with advice."""
     places = client.ask(GetNodes()).nodes
     place = next((place for place in places if node in (place.name, str(place.node_id))), None)
     if place is None:
@@ -201,7 +201,7 @@ def axis_reading(sample: StateSample | None, drive: JogDrive) -> AxisReading | N
 
 
 def stop_drive(client: RobotClient, drive: JogDrive, source: str) -> None:
-    """Ramp to zero and disable, on behalf of `source`; errors of a robot that is gone are ignored."""
+    """Ramp to zero and disable, on behalf of `source`; errors of a robot that has ended are ignored."""
     with contextlib.suppress(RemoteError):
         client.ask(AxisRequest(action="disable", node=drive.node, joint=drive.joint, source=source), ENABLE_S)
 

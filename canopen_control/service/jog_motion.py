@@ -41,7 +41,7 @@ class Quantity:
 
     @property
     def in_counts(self) -> bool:
-        """Whether it is in the drive's own counts, or counts per second."""
+        """Whether the unit is the drive's counts, or counts per second."""
         return self.unit in COUNTS[self.kind]
 
     def __str__(self) -> str:
@@ -98,7 +98,7 @@ class JogScale:
         return f"{math.degrees(radians):.1f} deg"
 
     def velocity_words(self, speed: float) -> str:
-        """Return a velocity for people: rad/s and rpm where a turn is known, counts per second elsewhere."""
+        """Return a velocity as text: rad/s and rpm if the counts per revolution are known, counts/s otherwise."""
         if not self.told:
             return f"{speed * self.counts / math.tau:.0f} pps"
         return f"{_rounded(speed, 2)} rad/s ({_rounded(speed * 60.0 / math.tau, 1)} rpm)"

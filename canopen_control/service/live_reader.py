@@ -71,7 +71,7 @@ class NodeObjects:
             yield session
 
     def keep(self, live: LiveObject) -> None:
-        """Store the value of an object, with a number that tells whether it has changed."""
+        """Store the value of an object, with a sequence number of its changes."""
         before = self.live.get(live.entry.address)
         if before is None or before[1] != live:
             self._news += 1

@@ -233,7 +233,7 @@ class RobotTransfers(Transfers):
         raise ControlError(f"NMT {command.name.replace('_', ' ').lower()} is the robot's to send; ask it for that")
 
     def nmt_state(self) -> NmtState | None:
-        """Return what the robot knows of the node."""
+        """Return the NMT state of the node as the robot has it."""
         reading = self._reading()
         return NmtState.__members__.get("" if reading is None else reading.nmt_state or "")
 

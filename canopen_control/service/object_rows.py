@@ -1,4 +1,4 @@
-"""Objects of a node in words: what the EDS says of each, what it holds, and what that means; for tables and pages."""
+"""Objects of a node as text: EDS entry, value and meaning; for tables and pages."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ _IN_REVOLUTIONS: Final = {VELOCITY: "rpm"}
 
 
 def unit_of(od: ObjectDictionary, index: int, subindex: int) -> str:
-    """Return the unit of an object by the profile; that of a velocity by 0x60A9 of the same axis."""
+    """Return the unit of an object by its profile; of a velocity by 0x60A9 of the same axis."""
     base, axis = objects.axis_of(index)
     unit = _UNITS.get(base, "")
     if subindex == 0 and (index, 1) in od:
@@ -210,7 +210,7 @@ def _text_of(data: bytes) -> str:
 
 
 def printable(text: str) -> str:
-    """Return `text` with what a terminal would obey written as an escape."""
+    """Return `text` with control characters escaped."""
     return "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text)
 
 
@@ -275,12 +275,12 @@ def object_name(od: ObjectDictionary, entry: Entry) -> str:
 
 
 def is_scanned(entry: Entry) -> bool:
-    """Whether a look at everything reads it: it is readable, no DOMAIN, and ObjFlags do not forbid it."""
+    """Whether a scan reads the object: readable, no DOMAIN, allowed by ObjFlags."""
     return entry.readable and entry.data_type is not DataType.DOMAIN and not entry.obj_flags & _NOT_IN_A_SCAN
 
 
 def has_changed(entry: Entry, value: Value) -> bool:
-    """Whether an object that can be written holds something else than its default; False where that is not known."""
+    """Whether a writable object differs from its default; False if unknown."""
     if entry.default is None or not entry.writable:
         return False
     try:
@@ -327,7 +327,7 @@ class NamedBit(NamedTuple):
 
 
 def axis_word(index: int) -> bool:
-    """Whether an object is a statusword or a controlword: some of their bits are those of the mode of operation."""
+    """Whether an object is a statusword or a controlword, whose bits partly depend on the mode."""
     return objects.axis_of(index)[0] in (objects.STATUSWORD, objects.CONTROLWORD)
 
 
@@ -365,7 +365,7 @@ READS_PER_S: Final = 60.0
 
 @dataclass(frozen=True, slots=True)
 class LiveObject:
-    """An entry with what it holds: `value`, or why there is none in `why`; neither where it was not read."""
+    """Entry with its value, or the reason in `why`; neither if it was not read."""
 
     entry: Entry
     value: Value | None = None
@@ -373,7 +373,7 @@ class LiveObject:
 
     @property
     def changed(self) -> bool:
-        """Whether it holds something else than the EDS's default."""
+        """Whether the value differs from the EDS's default."""
         return self.value is not None and has_changed(self.entry, self.value)
 
 
@@ -426,7 +426,7 @@ def _text(entry: Entry, value: Value, unit: str) -> str:
 
 
 def _meaning(entry: Entry, value: Value, words: NodeWords) -> str | None:
-    """Return what a number means beside its digits; None where it means no more."""
+    """Return the meaning of a number in addition to its digits; None without one."""
     if not isinstance(value, int):
         return None
     text = words.text(entry.index, entry.subindex, value)
@@ -456,7 +456,7 @@ _MOST_EDITS: Final = 100
 
 
 def why_fixed(entry: Entry) -> str:
-    """Return why nobody writes an object by hand, "" where one may."""
+    """Return the reason why an object cannot be written by hand, "" if it can."""
     if not entry.writable:
         return f"is {'constant' if entry.access == 'const' else 'read-only'}"
     if axis_of(entry.index)[0] in MOTION:
@@ -467,7 +467,7 @@ def why_fixed(entry: Entry) -> str:
 
 
 def limits_of(entry: Entry) -> tuple[int | float | None, int | float | None]:
-    """Return the least and the greatest value, by the EDS and else by the type; None where there is none."""
+    """Return minimum and maximum by the EDS, else by the type; None without limits."""
     is_integer = entry.data_type.is_integer
     low = entry.low if entry.low is not None else entry.data_type.minimum if is_integer else None
     high = entry.high if entry.high is not None else entry.data_type.maximum if is_integer else None
@@ -475,7 +475,7 @@ def limits_of(entry: Entry) -> tuple[int | float | None, int | float | None]:
 
 
 def limit_words(entry: Entry) -> str:
-    """Return the limits as people read them, "" where there are none."""
+    """Return the limits as text, "" without limits."""
     low, high = limits_of(entry)
     if low is not None and high is not None:
         return f"{low} to {high}"
@@ -483,7 +483,7 @@ def limit_words(entry: Entry) -> str:
 
 
 def parsed_value(entry: Entry, text: str) -> Value:
-    """Return the value of a text; ConfigError for an object that is fixed, and for what is beyond its limits."""
+    """Return the value of a text; ConfigError for a read-only object or a value beyond its limits."""
     name = entry_label(entry)
     if why := why_fixed(entry):
         raise ConfigError(f"{name} {why}; nothing was written")
@@ -499,7 +499,7 @@ def parsed_value(entry: Entry, text: str) -> Value:
 
 @dataclass(frozen=True, slots=True)
 class Edit:
-    """One write: what was `before` (None: it cannot be read), and what the node held after."""
+    """One write: the value `before` (None: unreadable), and the value after it."""
 
     entry: Entry
     before: Value | None
@@ -507,7 +507,7 @@ class Edit:
 
     @property
     def words(self) -> str:
-        """What it changed."""
+        """Change in words."""
         before = "" if self.before is None else f"{value_text(self.entry, self.before)} -> "
         return f"{entry_label(self.entry)}: {before}{value_text(self.entry, self.after)}"
 
@@ -519,7 +519,7 @@ class EditHistory:
     edits: list[Edit] = field(default_factory=list)
 
     def write(self, session: NodeSession, entry: Entry, text: str) -> Edit:
-        """Write a value and read it back; DriveError where the node has made another one of it."""
+        """Write a value and read it back; DriveError if the node stored another one."""
         value = parsed_value(entry, text)
         before = session.read_value(entry) if entry.readable else None
         session.write_value(entry, value)
@@ -536,7 +536,7 @@ class EditHistory:
         return next((edit for edit in reversed(self.edits) if edit.before is not None), None)
 
     def undo(self, session: NodeSession) -> Edit:
-        """Write back what the newest edit has changed; DriveError where it holds something else meanwhile."""
+        """Undo the newest edit; DriveError if the value has changed since."""
         edit = self.last
         if edit is None or edit.before is None:
             raise ConfigError(f"{session}: nothing was written here that could be undone")

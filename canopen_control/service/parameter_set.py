@@ -75,7 +75,7 @@ _IDENTIFIER: Final = 0x1FFF_FFFF
 
 
 def parameters_of(od: ObjectDictionary) -> list[Entry]:
-    """Return what a backup of a node with this dictionary holds, by address."""
+    """Return the parameters in a backup of a node with this dictionary, by address."""
     signals = profile_signals(od, profile_of(od)).values()
     outputs = frozenset(signal.index for signal in signals if signal.output)
     commands = outputs | _VENDOR_COMMANDS.get(_vendor(od), frozenset())
@@ -84,7 +84,7 @@ def parameters_of(od: ObjectDictionary) -> list[Entry]:
 
 
 def protection_of(od: ObjectDictionary, entry: Entry, *, same_device: bool = False) -> str:
-    """Return why a parameter stays as it is, "" where it does not; a calibration is written into its own device."""
+    """Return the reason why a parameter is not written, "" if it is; calibration data belong to one device."""
     index = axis_of(entry.index)[0]
     own = _VENDOR_OWN.get(_vendor(od), {}).get(index, "")
     if not own and not same_device:
@@ -97,7 +97,7 @@ def protection_of(od: ObjectDictionary, entry: Entry, *, same_device: bool = Fal
 
 
 def without_unused_slots(values: Mapping[Address, Value]) -> dict[Address, Value]:
-    """Return the values without mapping entries above the count of their PDO: what stands there means nothing."""
+    """Return the values without mapping entries above the count of their PDO, which have no meaning."""
     used = {}
     for (index, subindex), value in values.items():
         count = values.get((index, 0)) if any(index in records for records in _MAPPINGS) else None
@@ -166,7 +166,7 @@ _DEFAULT_BITRATE: Final = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class DeviceIdentity:
-    """Who a device is: 0x1000, 0x1018 and the names 0x1008 to 0x100A; None and "" for what it does not tell."""
+    """Identity of a device: 0x1000, 0x1018 and names 0x1008 to 0x100A; None and "" for missing ones."""
 
     device_type: int | None = None
     vendor: int | None = None
@@ -178,7 +178,7 @@ class DeviceIdentity:
     software: str = ""
 
     def strangers(self, other: DeviceIdentity) -> list[str]:
-        """Return what tells that the two are different products: nothing of one is written into the other."""
+        """Return the reason why two devices are different products, whose parameters are not exchanged."""
         return self._differences(other, ("device_type", "vendor", "product"))
 
     def variations(self, other: DeviceIdentity) -> list[str]:
@@ -195,7 +195,7 @@ class DeviceIdentity:
 
 
 def identity_from(numbers: Mapping[str, int | None], texts: Mapping[str, str]) -> DeviceIdentity:
-    """Make the identity of its fields by name."""
+    """Create an identity from fields by name."""
     return DeviceIdentity(
         device_type=numbers.get("device_type"),
         vendor=numbers.get("vendor"),
@@ -210,7 +210,7 @@ def identity_from(numbers: Mapping[str, int | None], texts: Mapping[str, str]) -
 
 @dataclass(frozen=True, slots=True)
 class ParameterSet:
-    """`values` of the parameters of `node_id` by address, typed as `od` says; `where` is the node or file, for people.
+    """Values of parameters of `node_id` by address, typed by `od`; `where` is the node or file, for messages.
 
     `date` is when a file was made (ISO 8601), "" where that is not known. `foreign` are objects that a file gives a
     value of its own and that are no parameters: read-only ones, commands, live values.
@@ -226,7 +226,7 @@ class ParameterSet:
 
     @property
     def relative(self) -> frozenset[Address]:
-        """The addresses whose values follow the node id."""
+        """Addresses whose values depend on the node id."""
         return frozenset(
             address for address, value in self.values.items() if follows_node_id(self.od[address], value, self.node_id)
         )
@@ -285,7 +285,7 @@ def _section(parameters: ParameterSet, date: str) -> dict[str, str]:
 
 
 def read_backup(path: str | Path, node_id: int | None = None) -> ParameterSet:
-    """Read a DCF: its parameters for `node_id`, or for the node id of the file; EdsError for what is none.
+    """Read a DCF for `node_id`, or for the node id of the file; EdsError if it is not valid.
 
     Values that a backup would not hold are left out, so that a DCF of another tool moves nothing either.
     """
@@ -318,7 +318,7 @@ def _backup_of(file: EdsFile, path: str, node_id: int | None) -> ParameterSet:
 
 
 def _refuse_unsound(file: EdsFile) -> None:
-    """Raise EdsError for a value that is none, and for a backup that was cut: less of it than it seems is restored."""
+    """Raise EdsError for an invalid value or a truncated backup, which would be restored in part."""
     is_backup = any(title.lower() == SECTION.lower() for title in file.od.sections)
     for issue in file.issues:
         if issue.code == "value-form" and issue.text.startswith("ParameterValue"):
@@ -328,13 +328,13 @@ def _refuse_unsound(file: EdsFile) -> None:
 
 
 def _is_set(entry: Entry) -> bool:
-    """Whether a file gives another value than the default; that of the identity is told apart."""
+    """Whether a file sets another value than the default; identity objects are handled separately."""
     value = entry.parameter_value
     return value is not None and value != entry.default and entry.address not in OBJECTS.values()
 
 
 def backup_file_text(parameters: ParameterSet, node_name: str = "") -> tuple[str, list[str]]:
-    """Return the DCF of a backup, and what it cannot hold with the reason."""
+    """Return the DCF of a backup, and the parameters it cannot hold with the reason."""
     info = next((lines for title, lines in parameters.od.sections.items() if title.lower() == "fileinfo"), {})
     eds_name = next((value for key, value in info.items() if key.lower() == "filename"), "")
     text = backup_text(parameters, eds_name=eds_name, node_name=node_name)
@@ -374,7 +374,7 @@ def _get(lines: Mapping[str, str], wanted: str) -> str:
 
 
 def _told(lines: Mapping[str, str], od: ObjectDictionary) -> DeviceIdentity:
-    """Return the identity of a [Backup] section; a number that is none is not known."""
+    """Return the identity in a [Backup] section; an invalid number is None."""
     numbers: dict[str, int | None] = {}
     for key, name in NUMBERS.items():
         try:
@@ -385,7 +385,7 @@ def _told(lines: Mapping[str, str], od: ObjectDictionary) -> DeviceIdentity:
 
 
 def _identity_of(od: ObjectDictionary) -> DeviceIdentity:
-    """Return what a file tells by its objects; a product or vendor of 0 is none."""
+    """Return the identity in the objects of a file; 0 as product or vendor is None."""
     entries = {name: od.get(*OBJECTS[name]) for name in NUMBERS.values()}
     values = {name: None if entry is None else entry.value for name, entry in entries.items()}
     numbers = {name: value if isinstance(value, int) and value else None for name, value in values.items()}
@@ -514,7 +514,7 @@ def read_parameters(
 
 
 def read_same(session: NodeSession, file: ParameterSet, told: Told | None = None) -> tuple[ParameterSet, list[LeftOut]]:
-    """Read from a node what a file holds, by the types of the file; a session without an EDS takes its dictionary."""
+    """Read the parameters of a file from a node, with the types of the file."""
     od = file.od.for_node(session.node_id)
     if session.od is None:
         session.od = od
@@ -531,7 +531,7 @@ def _again(entry: Entry, again: Mapping[Address, Value], value: Value) -> bool:
 def read_values(
     session: NodeSession, entries: Iterable[Entry], told: Callable[[int], None] | None = None
 ) -> tuple[dict[Address, Value], list[LeftOut]]:
-    """Read these objects: the values by address, and what the node refused or answered in another length."""
+    """Read objects: values by address, and the refused ones."""
     values: dict[Address, Value] = {}
     left_out = []
     for number, entry in enumerate(entries, 1):
@@ -547,7 +547,7 @@ def read_values(
 
 
 def reason_of(error: CanopenError) -> str:
-    """Return why a node refused an object, without the object: its place is told beside it."""
+    """Return the reason of a refused object, without its name."""
     text = str(error)
     place = text.find("abort 0x")
     return text[place:] if place >= 0 else text

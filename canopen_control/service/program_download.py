@@ -59,7 +59,7 @@ _ERRORS: Final = {
 
 
 class DownloadStep(enum.Enum):
-    """The states of a download; the value is what is told."""
+    """States of a download; the value is its text."""
 
     ASKING = "asking what program it has"
     STOPPING = "stopping the program"
@@ -72,7 +72,7 @@ class DownloadStep(enum.Enum):
 
 
 class DownloadAct(enum.Enum):
-    """What is to be done by who drives the generator."""
+    """Kinds of acts requested by the generator."""
 
     READ = "read"
     WRITE = "write"
@@ -82,7 +82,7 @@ class DownloadAct(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class DownloadOrder:
-    """One act: an object and the `data` to write, or how many `seconds` to pause.
+    """One act: an object with `data` to write, or a pause in `seconds`.
 
     `seconds` of an object are what each answer may take, 0: as long as ever.
     """
@@ -96,7 +96,7 @@ class DownloadOrder:
 
 @dataclass(frozen=True, slots=True)
 class DownloadAnswer:
-    """What came of an act: the bytes read, or the abort or silence that was the answer."""
+    """Result of an act: the data read, or the abort or timeout."""
 
     data: bytes = b""
     error: CanopenError | None = None
@@ -104,7 +104,7 @@ class DownloadAnswer:
 
 @dataclass(frozen=True, slots=True)
 class ProgramDate:
-    """When a program was made, as 0x1F52 tells it: `day` and milliseconds after midnight (None: the day alone)."""
+    """Date of a program in 0x1F52: `day` and milliseconds after midnight (None: the day alone)."""
 
     day: datetime.date
     milliseconds: int | None = None
@@ -116,7 +116,7 @@ class ProgramDate:
         return (midnight + datetime.timedelta(milliseconds=self.milliseconds)).isoformat(" ", "seconds")
 
     def fits(self, other: ProgramDate | None) -> bool:
-        """Whether another date is this one, as far as this one tells it."""
+        """Whether another date equals this one, as far as this one is known."""
         if other is None or other.day != self.day:
             return False
         return self.milliseconds is None or self.milliseconds == other.milliseconds
@@ -124,7 +124,7 @@ class ProgramDate:
 
 @dataclass(frozen=True, slots=True)
 class ProgramOptions:
-    """How to download: `number` of the program, what 0x1F56 is `expected` to be afterwards, and how long to try.
+    """Options of a download: `number` of the program, `expected` value of 0x1F56, retry time.
 
     `expected_date` is what 0x1F52 has to tell; it may name the day alone.
     """
@@ -139,7 +139,7 @@ class ProgramOptions:
 
 @dataclass(slots=True)
 class DownloadProgress:
-    """How far a download is: its step, and 0x1F56 and 0x1F52 before and after (None: the node tells none)."""
+    """Progress of a download: step, 0x1F56 and 0x1F52 before and after (None if missing)."""
 
     step: DownloadStep = DownloadStep.ASKING
     old: int | None = None
@@ -160,7 +160,7 @@ Numbers: TypeAlias = Generator[DownloadOrder, DownloadAnswer, "int | None"]
 
 
 def flash_text(status: int) -> str:
-    """Return what 0x1F57 says, "" where nothing is wrong."""
+    """Return the error in 0x1F57 as text, "" without an error."""
     if status & 1:
         return "busy"
     code = status >> 1 & 0x7F
@@ -179,7 +179,7 @@ def refuse_no_program(image: bytes, name: str = "the program file") -> None:
 
 
 def program_download(image: bytes, options: ProgramOptions, progress: DownloadProgress) -> Sequence:
-    """Yield the acts of a download, each answered with its Outcome; `progress` tells how far it is.
+    """Yield the acts of a download, each answered with its outcome; `progress` is updated.
 
     Raises ConfigError where the node has no program download or the image is none, DriveError where it fails.
     """
@@ -241,7 +241,7 @@ def _prepare(number: int, progress: DownloadProgress, options: ProgramOptions) -
 
 
 def _command(number: int, command: int, expected: tuple[int, ...], seconds: float, word: str) -> Sequence:
-    """Write 0x1F51 and wait until it shows what was wanted; a missing answer is none, a refusal is repeated.
+    """Write 0x1F51 and wait until it shows an expected state; a refusal is repeated.
 
     A node that resets is asked again soon: a boot-loader that nobody talks to starts the program that was to stop.
     """
@@ -271,7 +271,7 @@ def _command(number: int, command: int, expected: tuple[int, ...], seconds: floa
 
 
 def _flash(number: int) -> Generator[DownloadOrder, DownloadAnswer, str]:
-    """Wait until the flash is not busy; return what it says is wrong. A node without 0x1F57 says nothing."""
+    """Wait until the flash is not busy; return its error. A node without 0x1F57 reports none."""
     seconds, pause = _BUSY_S, _SOON_S
     while seconds > 0.0:
         status = yield from _number(FLASH, number)
@@ -309,7 +309,7 @@ def _run(number: int, options: ProgramOptions, progress: DownloadProgress) -> Se
 
 
 def _verify_date(options: ProgramOptions, progress: DownloadProgress) -> Sequence:
-    """Read the date of the program that runs now: a boot-loader need not know it."""
+    """Verify the date of the running program; a boot-loader may not have it."""
     progress.new_date = yield from _date()
     expected = options.expected_date
     if expected is not None and not expected.fits(progress.new_date):
@@ -369,7 +369,7 @@ def download(
     *,
     pause: Callable[[float], None] = time.sleep,
 ) -> None:
-    """Load a program into the node and start it; errors of the bus are raised as they are, see `program_download`."""
+    """Load a program into the node and start it; bus errors are raised, see `program_download`."""
     sequence = program_download(image, options, progress)
     outcome: DownloadAnswer | None = None
     while True:
@@ -381,7 +381,7 @@ def download(
 
 
 def interrupted_words(session: NodeSession, progress: DownloadProgress, error: BaseException) -> str:
-    """Say how far a download was that has ended half-way, and what to do next."""
+    """Return the state of an interrupted download and the next step."""
     reason = str(error) or "interrupted"
     warning = "" if isinstance(error, DriveError) else "the old program may be gone: "
     return f"{session}: {progress.step.value}: {reason}; {warning}the same command starts again"
@@ -415,14 +415,14 @@ def _transferred(session: NodeSession, order: DownloadOrder) -> bytes:
 
 
 def _is_answer(error: CanopenError) -> bool:
-    """Whether the node has refused, was silent or has restarted; what is left is the bus or the robot."""
+    """Whether the node refused, timed out or restarted; otherwise bus or robot failed."""
     kinds = (SdoTimeout, SdoRestarted, DriveError)
     is_timeout = isinstance(error, RemoteError) and error.kind in (SdoTimeout.__name__, SdoRestarted.__name__)
     return is_timeout or isinstance(error, kinds) or is_abort(error)
 
 
 def boot_check(session: NodeSession, before: DeviceIdentity) -> DeviceIdentity:
-    """Return who the node is with its new program; DriveError where that is the boot-loader still, or a stranger."""
+    """Return the identity with the new program; DriveError for the boot-loader or another device."""
     after = device_identity(session)
     if is_loader(after):
         raise DriveError(f"{session}: the new program does not run: the node shows its boot-loader")

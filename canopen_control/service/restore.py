@@ -1,4 +1,4 @@
-"""Writes parameters into a node and proves that it holds them, or puts back what it held.
+"""Writes parameters into a node and verifies them, or restores the previous values.
 
 What the node holds is read first; only what differs is written, in an order that devices accept. What it refuses is
 tried once more after all others (an object may depend on one that came later), then everything is read back: a value
@@ -90,7 +90,7 @@ class Write:
 
 @dataclass(frozen=True, slots=True)
 class RestoreGroup:
-    """What is written together: one parameter, or the records of one PDO; `name` is for people."""
+    """Group written together: one parameter, or the records of one PDO; `name` is for messages."""
 
     name: str
     writes: tuple[Write, ...]
@@ -99,7 +99,7 @@ class RestoreGroup:
 def restore_groups(
     od: ObjectDictionary, target: Mapping[Address, Value], current: Mapping[Address, Value]
 ) -> list[RestoreGroup]:
-    """Return in order what has to be written into a device that holds `held`, so that it holds `wanted`.
+    """Return the ordered writes that change a device from `current` to `target`.
 
     Both are parameters of `od`; what `held` lacks is not written. Nothing where nothing differs.
     """
@@ -121,7 +121,7 @@ def restore_groups(
 
 
 def _place(address: Address, target: Mapping[Address, Value], current: Mapping[Address, Value]) -> tuple[int, int, int]:
-    """Return the rank of a parameter, its index, and its place among those of the index."""
+    """Return rank, index and subindex order of a parameter."""
     index, subindex = address
     base, _ = o.axis_of(index)
     if base in _PAIRS:
@@ -134,7 +134,7 @@ def _place(address: Address, target: Mapping[Address, Value], current: Mapping[A
 def _pdo_writes(
     od: ObjectDictionary, kind: str, number: int, wanted: Mapping[Address, Value], current: Mapping[Address, Value]
 ) -> Iterator[Write]:
-    """Yield the writes of one PDO: invalid, settings, count 0, entries, count, and the COB-ID as it is to be."""
+    """Yield the writes of one PDO: invalid, settings, count 0, entries, count, final COB-ID."""
     communication, mapping = COMMUNICATION[kind] + number - 1, MAPPING[kind] + number - 1
     cob_id = communication, _COB_ID
     present = current.get(cob_id)
@@ -167,7 +167,7 @@ def _mapping_writes(
     target: Mapping[Address, Value],
     current: Mapping[Address, Value],
 ) -> Iterator[Write]:
-    """Yield a mapping as a whole; of one whose count is fixed what differs."""
+    """Yield a whole mapping; with a fixed count only the differing entries."""
     if count not in target:
         for address in slots:
             if not same_value(od[address], target[address], current[address]):
@@ -188,7 +188,7 @@ _POLL_S: Final = 0.2
 
 
 class RestoreStep(enum.Enum):
-    """How far a restore is."""
+    """Steps of a restore."""
 
     READING = "reading what the drive holds"
     WRITING = "writing"
@@ -215,7 +215,7 @@ def refuse_moving(session: NodeSession) -> None:
 
 @dataclass(slots=True)
 class Restore:
-    """One restore of `wanted` into the node of `session`, whose objects have the types of `od`.
+    """One restore of `wanted` into the node of `session`, with the types of `od`.
 
     `keep_held` is called with what the node holds before the first write, and may refuse. `run` may end with an error
     of the bus or the node in the middle; `step`, `written` and `planned` then say how far it was. `verified` are the
@@ -236,7 +236,10 @@ class Restore:
     undone: bool = False
 
     def run(self, *, keep: bool = False) -> bool:
-        """Write and prove; return whether all is as wanted. With `keep` what was taken stays where some was not."""
+        """Write and verify; return whether all values match.
+
+        With `keep` accepted values stay if others were refused.
+        """
         entries = [self.od[address] for address in self.wanted]
         self.held, left_out = read_values(self.session, entries)
         self.refused = list(map(str, left_out))
@@ -271,7 +274,7 @@ class Restore:
         return failed
 
     def _write_group(self, group: RestoreGroup) -> str | None:
-        """Write a group; return why the node refused it. A PDO whose mapping was refused is left invalid."""
+        """Write a group; return the refusal. A PDO with a refused mapping stays invalid."""
         for write in group.writes:
             try:
                 self.session.write(*write.address, write.data)
@@ -282,7 +285,7 @@ class Restore:
         return None
 
     def _prove(self, failed: Mapping[str, str]) -> None:
-        """Read everything back: what is not as wanted was refused, or changed by the drive."""
+        """Read all values back: a different one was refused, or changed by the drive."""
         self.step = RestoreStep.VERIFYING
         values, left_out = read_values(self.session, [self.od[address] for address in self.held])
         self.refused += [f"{name}: {why}" for name, why in failed.items()]
@@ -298,7 +301,7 @@ class Restore:
                 self.refused.append(f"{name}: asked {target_text}, the drive has {has}")
 
     def _undo(self) -> None:
-        """Put back what the drive held before."""
+        """Write the previous values back."""
         self.step = RestoreStep.UNDOING
         now, _ = read_values(self.session, [self.od[address] for address in self.held])
         for group in restore_groups(self.od, self.held, now):
@@ -352,7 +355,7 @@ class KeptParameters:
 
     @property
     def parameters(self) -> ParameterSet | None:
-        """What is kept, None: nothing."""
+        """Previous values stored in the file, None without it."""
         return read_backup(self.path, self._session.node_id) if self.path.is_file() else None
 
     def read(self) -> Mapping[Address, Value]:
@@ -398,7 +401,7 @@ _FOLDER: Final = "restores"
 
 @dataclass(frozen=True, slots=True)
 class Reached:
-    """How a verb reaches a node: its bus's channel, or the name of the robot; and whether it wrote all of a backup."""
+    """Access to a node by a verb: channel of its bus or name of the robot, and whether all of a backup was written."""
 
     channel: str = ""
     robot: str = ""
@@ -416,7 +419,7 @@ class RestoreJournal:
 
     @property
     def unfinished(self) -> str:
-        """Say that an earlier restore ended half-way and what to do; "" where none did."""
+        """Return a sentence about an interrupted earlier restore and the next step; "" without one."""
         if self._old is None:
             return ""
         return (
@@ -426,16 +429,16 @@ class RestoreJournal:
 
     @property
     def undo_words(self) -> str:
-        """Say which command puts back what the node held before."""
+        """Return the command that restores the previous values."""
         return f"`canopen-control restore {shlex.join([str(self.path), *self._words()])}` puts back"
 
     def begin(self, od: ObjectDictionary, current: Mapping[Address, Value]) -> None:
-        """Keep what the node holds before it is written; ConfigError where that cannot be, and nothing is written."""
+        """Store the previous values before writing; ConfigError if they cannot be stored, and nothing is written."""
         old = {} if self._old is None else self._old.values
         self._kept.keep(od, {**current, **old})
 
     def end(self, restore: Restore) -> None:
-        """Forget what was proven or put back; what an earlier restore wrote beside that is kept."""
+        """Delete the stored values after a verified restore or its undo; those of other restores stay."""
         if restore.refused and restore.undone:
             kept: Mapping[Address, Value] = {} if self._old is None else self._old.values
         else:
@@ -454,7 +457,7 @@ class RestoreJournal:
 
 
 def unfinished_words(session: NodeSession, reached: Reached) -> str:
-    """Say that a restore of a node ended half-way, "" where none did; the node is asked who it is if it may be so."""
+    """Return a sentence about an interrupted restore of a node, "" without one; its identity is checked first."""
     if not any(state_dir(_FOLDER).glob(f"node{session.node_id}-*.dcf")):
         return ""
     return RestoreJournal(session, device_identity(session), reached).unfinished
@@ -472,7 +475,7 @@ _SHOWN: Final = 8  # of what was written, where a restore was interrupted, and o
 
 @dataclass(frozen=True, slots=True)
 class RestoreOptions:
-    """How to restore: `protect` are globs of what stays as it is, `keep` what was taken where some was refused."""
+    """Options of a restore: `protect` lists globs, `keep` keeps accepted values if some were refused."""
 
     protect: Sequence[str] = ()
     include_protected: bool = False
@@ -483,7 +486,7 @@ class RestoreOptions:
 
 @dataclass(frozen=True, slots=True)
 class RestoreReport:
-    """What came of it; `refused` and `protected` name objects with the reason.
+    """Result of a restore; `refused` and `protected` name objects with the reason.
 
     `foreign` are objects of the file that no restore writes: read-only ones, commands, live values.
     """
@@ -507,7 +510,7 @@ class RestoreReport:
 
 
 def refuse_other_drive(file: ParameterSet, session: NodeSession) -> None:
-    """Refuse the backup of another drive on another place; a replacement on the old place is what a backup is for."""
+    """Refuse the backup of another drive at another node; for a replacement at the same node it is allowed."""
     if file.node_id == session.node_id:
         return
     serial = device_identity(session).serial
@@ -521,7 +524,7 @@ def refuse_other_drive(file: ParameterSet, session: NodeSession) -> None:
 def protected(
     od: ObjectDictionary, addresses: Iterator[Address], globs: Sequence[str], *, same_device: bool
 ) -> dict[Address, str]:
-    """Return the parameters that stay as they are, with the reason; ConfigError for a glob that fits none."""
+    """Return the protected parameters with the reason; ConfigError for a glob without a match."""
     reasons: dict[Address, str] = {}
     used: set[str] = set()
     for address in addresses:
@@ -545,7 +548,7 @@ def _fits(od: ObjectDictionary, entry: Entry, glob: str) -> bool:
 
 @contextlib.contextmanager
 def quiet_node(session: NodeSession, *, starts_again: bool = True) -> Iterator[None]:
-    """Have the node PRE-OPERATIONAL and without torque meanwhile; DriveError where that is not to be had."""
+    """Keep the node PRE-OPERATIONAL and without torque; DriveError if it cannot be."""
     refuse_moving(session)
     state = session.nmt_state()
     again = state if starts_again else None
@@ -615,7 +618,7 @@ def guarded_restore(
 
 @contextlib.contextmanager
 def _half_way_told(restore: Restore, journal: RestoreJournal) -> Iterator[None]:
-    """Tell what a restore has written where it is interrupted."""
+    """Report the written values of an interrupted restore."""
     try:
         yield
     except (CanopenError, KeyboardInterrupt) as error:

@@ -35,7 +35,7 @@ Row = tuple[float, tuple[float | None, ...]]
 
 
 class Condition(Enum):
-    """What a trigger waits for."""
+    """Trigger conditions."""
 
     RISING = "rising"
     FALLING = "falling"
@@ -53,7 +53,7 @@ class Trigger:
     level: float = 0.0
 
     def fires(self, before: tuple[float | None, ...] | None, now: tuple[float | None, ...]) -> bool:
-        """Whether the step from one sample to the next is what is waited for; `before` None for the first."""
+        """Whether the step from one sample to the next fires the trigger; `before` None for the first."""
         return any(self._fires(None if before is None else before[place], now[place]) for place in self.places)
 
     def _fires(self, before: float | None, now: float | None) -> bool:
@@ -134,7 +134,7 @@ class Shot:
 
     @property
     def zero(self) -> float:
-        """The time that its own times are counted from: that of its trigger, else of its first sample."""
+        """Zero of its times: the trigger, else the first sample."""
         return self.rows[0][0] if self.triggered is None else self.triggered
 
     @property
@@ -143,7 +143,7 @@ class Shot:
         return self.rows[0][0] - self.zero, self.rows[-1][0] - self.zero
 
     def between(self, first: float, second: float) -> Shot:
-        """Return the part between two times, counted from `zero`; the value that holds at each end stands there."""
+        """Return the part between two times, counted from `zero`, with the values held at its ends."""
         begin, end = sorted((first + self.zero, second + self.zero))
         row_before = [row for time, row in self.rows if time <= begin][-1:]
         inner = [(time, row) for time, row in self.rows if begin < time <= end]
@@ -153,7 +153,7 @@ class Shot:
         return Shot(tuple(rows), self.triggered)
 
     def cursors(self, place: int, first: float, second: float) -> CursorReading | None:
-        """Read a signal at two times, counted from `zero`; None where it is not known at both of them."""
+        """Read a signal at two times, counted from `zero`; None unless both are known."""
         part = self.between(first, second)
         ends = [part.rows[at][1][place] for at in (0, -1)] if part.rows else [None]
         measured = part.measure(place) if part.rows else None
@@ -179,7 +179,7 @@ class Shot:
 
 
 class ScopeState(Enum):
-    """Where a scope is."""
+    """States of a scope."""
 
     WAITING = "waiting for its trigger"
     TAKING = "taking"
@@ -207,16 +207,16 @@ class ScopeCapture:
 
     @property
     def done(self) -> bool:
-        """Whether all shots are taken."""
+        """Whether all captures are complete."""
         return self.state is ScopeState.DONE
 
     @property
     def held(self) -> int:
-        """How many samples it remembers now."""
+        """Number of stored samples."""
         return len(self._rows)
 
     def feed(self, time: float, values: tuple[float | None, ...]) -> None:
-        """Take a sample; one that comes with an older time is of the present."""
+        """Add a sample; one with an older time counts as present."""
         time = self._newest = max(time, self._newest)
         if self._begin is not None and time >= self._end:
             self._finish()
@@ -230,7 +230,7 @@ class ScopeCapture:
         self._last = values
 
     def tick(self, time: float) -> None:
-        """Let time pass: a shot may be over without another sample; what came last has held until its end then."""
+        """Advance the time: a capture may end without another sample, holding the last values."""
         if self._begin is not None and time >= self._end:
             if self._rows[-1][0] < self._end:
                 self._rows.append((self._end, self._rows[-1][1]))
@@ -241,7 +241,7 @@ class ScopeCapture:
         return None if self._begin is None else self._end
 
     def stop(self) -> None:
-        """End it now: what was being taken is a shot, what waited is none."""
+        """Stop: a capture in progress ends with the samples so far, a waiting one is dropped."""
         if self._begin is not None:
             self._finish()
         self.state = ScopeState.DONE
@@ -259,7 +259,7 @@ class ScopeCapture:
         return self._begin + self._length - (self._before if self._trigger is not None else 0.0)
 
     def _forget(self, before: float) -> None:
-        """Drop what is too old; the last sample before `before` stays, since it holds until then."""
+        """Discard old samples except the last before `before`, which is still valid."""
         rows = self._rows
         while len(rows) > 1 and rows[1][0] <= before:
             rows.popleft()
@@ -287,7 +287,7 @@ _CURSOR: Final = "#16324f"
 
 @dataclass(frozen=True, slots=True)
 class NamedShot:
-    """A shot with the names of its signals and their units, "" where nobody knows; `label` is what it is called."""
+    """Capture with names and units of its signals, "" if unknown; `label` is its title."""
 
     shot: Shot
     names: tuple[str, ...]
@@ -317,7 +317,7 @@ def csv_of(named: NamedShot) -> str:
 
 
 def parse_csv(text: str, place: str) -> NamedShot:
-    """Read what `csv_of` has written; ConfigError for what is none."""
+    """Read a file of `csv_of`; ConfigError if it is not valid."""
     lines = list(csv.reader(io.StringIO(text)))
     if len(lines) < 2 or lines[0][:2] != [_TIME, _FROM_ZERO] or len(lines[0]) < 3:
         raise ConfigError(f"{place} is no shot of a scope: it begins with time,t and the names of signals")
@@ -404,7 +404,7 @@ def plotted(
 
 
 def _line(axis: Axes, shot: Shot, place: int, *, color: str, label: str) -> None:
-    """Draw a signal as it was known: a value holds until the next one."""
+    """Draw a signal as steps: a value holds until the next one."""
     times = [time - shot.zero for time, _ in shot.rows]
     values = [math.nan if (value := row[place]) is None else value for _, row in shot.rows]
     axis.step(times, values, where="post", color=color, linewidth=1.1, label=label)

@@ -1,4 +1,4 @@
-"""The signals of a scope, `NODE:OBJECT` or `JOINT:velocity`, and the newest value of each, from whoever brings it."""
+"""Signals of a scope, `NODE:OBJECT` or `JOINT:velocity`, with their newest values."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ class ScopeSignal:
 
     @property
     def topic(self) -> str:
-        """What it is called in a bag, below its owner."""
+        """Topic in a bag, below its owner."""
         return f"o{self.index:04X}_{self.subindex:02X}"
 
     def value(self, data: bytes) -> float | None:
@@ -175,7 +175,7 @@ class ScopeSignal:
 
 @dataclass(frozen=True, slots=True)
 class JointSignal:
-    """What a running robot tells of a joint: its position, velocity, effort or command."""
+    """Signal of a joint of a running robot: position, velocity, effort or command."""
 
     joint: str
     quantity: str
@@ -198,11 +198,11 @@ class JointSignal:
 
     @property
     def topic(self) -> str:
-        """What it is called in a bag, below its owner."""
+        """Topic in a bag, below its owner."""
         return self.quantity
 
     def value(self, reading: JointReading) -> float | None:
-        """Return what a reading says of it."""
+        """Return its value in a reading."""
         value: float | None = getattr(reading, self.quantity)
         return value
 
@@ -211,7 +211,7 @@ Signal = ScopeSignal | JointSignal
 
 
 def joint_signal_of(text: str) -> JointSignal | None:
-    """Return the signal that `JOINT:velocity` means; None for what is an object of a node."""
+    """Return the signal `JOINT:velocity`; None for an object of a node."""
     joint, _, quantity = text.partition(":")
     return JointSignal(joint, quantity) if joint and quantity in _QUANTITIES else None
 
@@ -228,7 +228,7 @@ def node_of(text: str) -> str:
 
 
 def signal_of(text: str, session: NodeSession) -> ScopeSignal:
-    """Return the signal that `NODE:OBJECT` means; ConfigError for what is none, or no number."""
+    """Return the signal `NODE:OBJECT`; ConfigError if it is invalid or not a number."""
     item = text.partition(":")[2]
     address = find_object(item, session.dictionary)
     entry = address.entry
@@ -300,7 +300,7 @@ class SignalValues:
         return bool(places)
 
     def put_joints(self, readings: Mapping[str, JointReading]) -> bool:
-        """Take what a robot tells of its joints; whether it is about one of the signals."""
+        """Update from joint readings of a robot; return whether a signal is concerned."""
         for place, signal in self._joints:
             reading = readings.get(signal.joint)
             self._values[place] = None if reading is None else signal.value(reading)

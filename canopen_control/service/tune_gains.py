@@ -1,4 +1,4 @@
-"""Gains of a tuning in a drive: where it holds them, set with what undoes them, taken back, and the words for that."""
+"""Gains in a drive: their objects, setting and reverting them, and the texts about it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class GainChange:
-    """One object before and after."""
+    """Old and new value of one object."""
 
     label: str
     before: str
@@ -46,7 +46,7 @@ class GainChange:
 def gain_values(
     od: ObjectDictionary, objects: Mapping[LoopGain, GainObject], gains: CascadeGains, units_per_rad: float
 ) -> dict[Address, Value]:
-    """Return what the objects are to hold; ConfigError for a gain that rounds to nothing or does not fit.
+    """Return the object values of gains; ConfigError for a gain that rounds to zero or does not fit.
 
     `gains` are those of the shaft in rad, of which `units_per_rad` user units of 0x6064 make one.
     """
@@ -77,7 +77,7 @@ def _raw(entry: Entry, value: float) -> Value:
 
 
 class KeptGains(Protocol):
-    """What a drive held before its gains were set, outlasting this process."""
+    """Previous gains of a drive, stored on disk."""
 
     def read(self) -> Mapping[Address, Value]:
         """Return it; nothing where no gains were set."""
@@ -160,7 +160,7 @@ class CascadeGains:
 def design_velocity_loop(
     plant: PlantModel, crossover: float, margin: float, delay: float = LOOP_DELAY_S
 ) -> CascadeGains:
-    """Return gains for a crossover in rad/s and a phase margin in rad; ConfigError where there are none."""
+    """Return gains for a crossover in rad/s and a phase margin in rad; ConfigError if none exist."""
     viscous = max(0.0, plant.viscous)
     lag = -math.atan2(plant.inertia * crossover, viscous) - crossover * delay
     needed = margin - math.pi - lag
@@ -179,7 +179,7 @@ def _impossible(needed: float, crossover: float, margin: float, delay: float) ->
 
 
 def phase_margin(plant: PlantModel, gains: CascadeGains, delay: float = LOOP_DELAY_S) -> tuple[float, float]:
-    """Return the crossover in rad/s and the phase margin in rad that gains have on a plant: of another load, say.
+    """Return crossover in rad/s and phase margin in rad of gains on a plant, such as one with another load.
 
     The gain of the open loop falls all the way, so the crossover is found by halving.
     """
@@ -220,7 +220,7 @@ _TRUSTED: Final = 0.7  # of the changes of speed that the model has to explain
 
 @dataclass(frozen=True, slots=True)
 class PlantModel:
-    """What was identified; `load` is g, `delay` in s, `fit` how much of the changes of speed it explains, 1 is all."""
+    """Identified plant; `load` is g, `delay` in s, `fit` the explained fraction of speed changes (1: all)."""
 
     inertia: float
     viscous: float
@@ -241,7 +241,7 @@ class PlantModel:
 
 
 def identify_plant(torque: Sequence[float], speed: Sequence[float], period: float) -> PlantModel:
-    """Identify from samples of each cycle of `period` s; DriveError where they do not tell.
+    """Identify the plant from samples every `period` s; DriveError if they are insufficient.
 
     A sample that is not known is nan; it is left out with the cycles behind it in which its torque acts.
     """
@@ -272,7 +272,7 @@ def identify_plant(torque: Sequence[float], speed: Sequence[float], period: floa
 
 
 def _delayed(u: NDArray[np.float64], delay: float, first: int) -> NDArray[np.float64]:
-    """Return the mean torque between each sample from `first` on and the one before, `delay` cycles late."""
+    """Return the mean torque between samples from `first` on, delayed by `delay` cycles."""
     periods = int(delay)
     part = delay - periods
     late = u[first - periods : len(u) - periods]
@@ -333,7 +333,7 @@ def parse_gain(text: str) -> tuple[LoopGain, GainObject]:
 def settable_gains(
     session: NodeSession, axis: int, named: Iterable[str], units_per_rad: float
 ) -> Mapping[LoopGain, GainObject]:
-    """Return where a drive holds its gains: as named, else as known of it; ConfigError where nobody can tell.
+    """Return the gain objects of a drive: as given, else as known for it; ConfigError if unknown.
 
     What is named is worth what it says at the shaft, of which `units_per_rad` user units make a rad.
     """
@@ -380,7 +380,7 @@ def applied(session: NodeSession, gains: CascadeGains, units_per_rad: float, pla
 
 
 def reverted(session: NodeSession, place: GainPlace) -> Iterator[str]:
-    """Take gains back; yield what changed."""
+    """Revert the gains; yield the changes."""
     yield from _told(session, revert_gains(session, _kept(session, place)), place)
 
 

@@ -1,4 +1,4 @@
-"""What a tuning run has found: lines for people, a document (JSON), its record or frequency response as CSV or PNG."""
+"""Results of a tuning run: text, JSON, and its record or frequency response as CSV or PNG."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _LEAST: Final = 0.2  # of the step has to arrive, else there is nothing to measu
 
 @dataclass(frozen=True, slots=True)
 class StepMetrics:
-    """A step from `before` to `wanted` that came to `final`; times in s, `settling` None where it never settles.
+    """Step from `before` to `wanted` that settled at `final`; times in s, `settling` None if it did not settle.
 
     `overshoot` is a part of what was reached, `error` what is missing, `ripple` the root mean square around the final
     value and `itae` the integral of time times absolute error; in the unit of the response.
@@ -57,7 +57,7 @@ class StepMetrics:
 
 
 def step_metrics(times: Sequence[float], values: Sequence[float], target: float, *, band: float = BAND) -> StepMetrics:
-    """Measure the response to a step from 0 to `wanted` at time 0; earlier samples say where it began.
+    """Measure the response to a step from 0 to `target` at time 0; earlier samples give the initial value.
 
     DriveError where it did not follow.
     """
@@ -121,7 +121,7 @@ CSV, PICTURE = ".csv", ".png"
 
 
 def report(record: TuneRecord, request: TuneRequest, scale: JogScale, output: Path | None) -> list[str]:
-    """Return what it found; DriveError where the record tells nothing. A record is written before it is judged."""
+    """Return the result; DriveError for an unusable record. The record is saved first."""
     if output is not None and request.test is not TuneTest.BODE:
         _write(output, record_picture(record) if output.suffix == PICTURE else record_csv(record).encode())
     if request.test is TuneTest.STEP:
@@ -144,7 +144,7 @@ def report(record: TuneRecord, request: TuneRequest, scale: JogScale, output: Pa
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What a test has found, for programs: rad/s, s, Hz, dB, degrees, torques in per mille; None for other tests.
+    """Results of a test for programs: rad/s, s, Hz, dB, degrees, torques in per mille; None for other tests.
 
     `no_gains` says why nothing is proposed; `velocity_i` is that of `gains`, `bandwidth` that of `bode`.
     """
@@ -226,7 +226,7 @@ def _speed(sample: TuneSample) -> float:
 
 
 def step_of(record: TuneRecord, height: float) -> StepMetrics:
-    """Measure the step of a record, whose beginning is the cycle that commanded it."""
+    """Measure the step of a record; it begins with the cycle that commanded it."""
     begin = next((sample for sample in record.samples if sample.command), None)
     if begin is None:
         raise DriveError("the step was never commanded")
@@ -252,7 +252,7 @@ def step_lines(metrics: StepMetrics, scale: JogScale) -> Iterator[str]:
 
 
 def identified(record: TuneRecord) -> PlantModel:
-    """Identify the plant of a record, by the torque that the drive tells, else by what was commanded."""
+    """Identify the plant of a record, by the measured torque, else by the commanded one."""
     has_effort = all(sample.effort is not None for sample in record.samples)
     cycles = 1 + record.samples[-1].cycle - record.begin if record.samples else 0
     speeds, torques = [math.nan] * cycles, [math.nan] * cycles  # of a cycle that was lost
@@ -273,12 +273,12 @@ def plant_lines(plant: PlantModel) -> Iterator[str]:
 
 
 def proposed(plant: PlantModel, request: TuneRequest) -> CascadeGains:
-    """Return gains for what is wished."""
+    """Return gains for the requested crossover and margin."""
     return design_velocity_loop(plant, request.crossover, request.margin, request.loop_delay)
 
 
 def proposal_lines(plant: PlantModel, request: TuneRequest) -> Iterator[str]:
-    """Yield the proposal; a sentence where there is none."""
+    """Yield the proposed gains, or the reason why there are none."""
     try:
         gains = proposed(plant, request)
     except ConfigError as error:
@@ -294,7 +294,7 @@ def proposal_lines(plant: PlantModel, request: TuneRequest) -> Iterator[str]:
 
 
 def record_csv(record: TuneRecord) -> str:
-    """Return the record as CSV: s, rad, rad/s, per mille; what is not known is empty."""
+    """Return the record as CSV: s, rad, rad/s, per mille; empty for unknown values."""
 
     def text(value: float | None) -> str:
         return "" if value is None else f"{value:.9g}"

@@ -1,4 +1,4 @@
-"""The loop of a tuning run: an excitation to commands, cycle by cycle, and what the drive showed to a record.
+"""Loop of a tuning run: commands of an excitation, cycle by cycle, and the record of the response.
 
 As in `jog_run`, each command dies with this connection, and every way out of `run` asks for
 the stop and waits until the drive is disabled. Samples carry the number of their cycle, so what was lost is counted.
@@ -54,7 +54,7 @@ _HALF: Final = 0.5
 
 @dataclass(frozen=True, slots=True)
 class TuneSample:
-    """One cycle: its number, what was commanded in it, and what the drive showed: rad, rad/s, per mille."""
+    """Sample of one cycle: number, command, and measured rad, rad/s, per mille."""
 
     cycle: int
     command: float
@@ -65,14 +65,14 @@ class TuneSample:
 
 @dataclass(slots=True)
 class TuneRecord:
-    """The samples of a run in their order, `period` in s; `lost` counts the cycles of which none came."""
+    """Samples of a run in order, `period` in s; `lost` counts cycles without a sample."""
 
     period: float
     samples: list[TuneSample] = field(default_factory=list)
     lost: int = 0
 
     def put(self, sample: TuneSample) -> None:
-        """Take the next sample; one of a cycle that was told already is no other."""
+        """Add the next sample; a second one of the same cycle is ignored."""
         last = self.samples[-1] if self.samples else None
         if last is not None:
             if sample.cycle <= last.cycle:
@@ -91,7 +91,10 @@ class TuneRecord:
 
 
 class TuneMotion:
-    """A run of `excitation`, `kind` velocity or torque; the drive stops with `deceleration` in rad/s^2, 0: at once."""
+    """Run of an `excitation` by velocity or torque (`kind`).
+
+    The drive stops at `deceleration` in rad/s^2, 0: at once.
+    """
 
     def __init__(
         self, kind: JogKind, excitation: Excitation, limits: JogLimits, *, now: int, deceleration: float = 0.0
@@ -107,7 +110,7 @@ class TuneMotion:
 
     @property
     def command(self) -> float:
-        """What to send now, in rad/s or per mille; 0 once it has ended."""
+        """Command to send in rad/s or per mille; 0 after the end."""
         if self.ended is not JogEnd.NONE:
             return 0.0
         value = self._excitation.at((self._now - self._begin) * 1e-9)
@@ -117,22 +120,22 @@ class TuneMotion:
 
     @property
     def elapsed(self) -> float:
-        """How many seconds of it are over."""
+        """Elapsed time in s."""
         return (self._now - self._begin) * 1e-9
 
     @property
     def travelled(self) -> float:
-        """How far the shaft is from where it began, in rad; nan while nobody knows."""
+        """Travel of the shaft from the start in rad; nan if unknown."""
         return self._way
 
     def tick(self, now: int) -> None:
-        """Let time pass."""
+        """Advance the time."""
         self._now = now
         if now - self._begin >= self._excitation.seconds * 1e9:
             self.end(JogEnd.OVER)
 
     def see(self, position: float | None, velocity: float | None, current: float | None, *, enabled: bool) -> None:
-        """Take what the drive shows: rad, rad/s, per mille, None where it does not."""
+        """Update the measured values: rad, rad/s, per mille, None if missing."""
         if not enabled:
             self.end(JogEnd.STATE)
         self._judge_current(current)
@@ -168,7 +171,7 @@ class TuneMotion:
         return self._speed * self._speed / (2.0 * self._deceleration)
 
     def _steer(self) -> None:
-        """Choose where a torque pushes beside the excitation: both ways in turn, back where half is used up."""
+        """Choose the direction of an additional torque: alternating, and back after half of the travel."""
         elapsed = (self._now - self._begin) * 1e-9 / self._excitation.seconds
         self._pushed = -1.0 if 0.25 <= elapsed < 0.75 else 1.0
         way, speed = self._way / self.limits.travel, self._speed / self.limits.speed
@@ -188,7 +191,7 @@ _SILENCE_S: Final = 0.3  # without a sample, after which nothing is commanded an
 
 
 def _newest(client: RobotClient, timeout: float) -> Iterator[RobotPush]:
-    """Yield what comes next within a time, and what is there behind it."""
+    """Yield the next item within a time, and all that are already queued."""
     for message in client.messages(timeout):
         yield message
         break
@@ -196,12 +199,12 @@ def _newest(client: RobotClient, timeout: float) -> Iterator[RobotPush]:
 
 
 def torque_index_of(axis: int) -> int:
-    """Return the object that tells the torque of an axis: 0x6077, or that of a further one."""
+    """Return the torque object of an axis: 0x6077 plus the axis's offset."""
     return axis_index(TORQUE_ACTUAL, axis)
 
 
 class TuneRun:
-    """One excitation of a drive; `run` returns the record, or raises DriveError with what ended it.
+    """One excitation of a drive; `run` returns the record, or raises DriveError with the reason of its end.
 
     `told` is called with the seconds that are over, again and again; what it raises ends the run, which stops first.
     `effort_unit` is how many per mille of the rated torque the unit of its effort is, None where nobody knows: then its
@@ -248,7 +251,7 @@ class TuneRun:
         return record
 
     def leave(self) -> None:
-        """End it at the next sample: it stops and is disabled, and nothing is concluded."""
+        """End the run at the next sample: the drive is stopped and disabled, without a result."""
         self._gone = True
 
     def _begin(self, client: RobotClient) -> tuple[TuneMotion, TuneRecord]:
@@ -269,7 +272,7 @@ class TuneRun:
         return motion, TuneRecord(period)
 
     def _first(self, client: RobotClient) -> float:
-        """Return the period of the cycle, which the first sample tells."""
+        """Return the period of the cycle by the first sample."""
         deadline = time.monotonic() + _WAIT_S
         while time.monotonic() < deadline:
             for message in client.messages(_WAIT_S):
@@ -298,7 +301,7 @@ class TuneRun:
         self._keep_torque(record)
 
     def _take_torque(self, data: ProcessData) -> None:
-        """Take the torque that a TPDO carries: of the cycle whose sample came before it."""
+        """Store the torque of a TPDO for the cycle of the sample before it."""
         for mapped in data.nodes.get(self._drive.node, ()):
             if (mapped.index, mapped.subindex) == (self._torque_index, 0):
                 self._torque = float(int.from_bytes(mapped.data, "little", signed=True))
@@ -325,7 +328,7 @@ class TuneRun:
         self._told = torque is not None
 
     def _command(self, client: RobotClient, motion: TuneMotion) -> None:
-        """Send what is commanded, and ask for the current where no sample tells it."""
+        """Send the command, and request the current if no sample contains it."""
         if not self._told:
             self._current.ask(client)
         if not self._sender.send(client, motion.command):
@@ -353,14 +356,14 @@ class Excitation(Protocol):
 
     @property
     def seconds(self) -> float:
-        """How long it is."""
+        """Duration in s."""
 
     @property
     def peak(self) -> float:
         """The most that it commands, either way."""
 
     def at(self, seconds: float) -> float:
-        """Return what is commanded so long after its beginning."""
+        """Return the excitation at a time after its start."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -372,7 +375,7 @@ class StepExcitation:
 
     @property
     def peak(self) -> float:
-        """Its height."""
+        """Peak value."""
         return abs(self.height)
 
     def at(self, seconds: float) -> float:
@@ -460,7 +463,7 @@ _SHORTEST: Final = 2.0 * RAMP_S + LEAD_S + 0.2
 
 
 class TuneTest(enum.Enum):
-    """What is measured."""
+    """Kinds of tests."""
 
     STEP = "step"
     BODE = "frequency response"
@@ -468,7 +471,7 @@ class TuneTest(enum.Enum):
 
     @property
     def seconds(self) -> float:
-        """How long it takes where nobody says otherwise."""
+        """Default duration in s."""
         return 2.0 if self is TuneTest.STEP else 8.0
 
 
@@ -491,7 +494,7 @@ class TuneRequest:
 
     @property
     def kind(self) -> JogKind:
-        """What is commanded."""
+        """Commanded quantity."""
         return JogKind.TORQUE if self.test is TuneTest.IDENTIFY else JogKind.VELOCITY
 
     @property
@@ -515,7 +518,7 @@ class TuneRequest:
         return Chirp(_AMPLITUDE, _BIAS, *self.band, self.seconds)
 
     def check(self, limits: JogLimits, scale: JogScale) -> None:
-        """Raise ConfigError for what is beyond the limits before it begins, or too short to tell anything."""
+        """Raise ConfigError for a test beyond the limits, or too short for a result."""
         if self.seconds < _SHORTEST:
             raise ConfigError(f"{self.seconds:g} s are too short for a {self.test.value}; {_SHORTEST:g} s at least")
         if self.kind is JogKind.TORQUE:
@@ -530,7 +533,7 @@ class TuneRequest:
             )
 
     def words(self, scale: JogScale) -> str:
-        """Say what will be commanded."""
+        """Excitation in words."""
         if self.test is TuneTest.STEP:
             return f"a step to {scale.velocity_words(self.height(scale))} for {self.seconds:g} s"
         if self.test is TuneTest.IDENTIFY:

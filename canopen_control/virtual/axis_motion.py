@@ -163,7 +163,7 @@ class Reactions(Protocol):
         """Judge the torque of a motor in per mille of the rated one; called while a coupled plant has power."""
 
     def sampled(self) -> None:
-        """Look at values that change with the motion."""
+        """Update values that change with the motion."""
 
     def wants_samples(self) -> bool:
         """Return whether any such value is in use."""
@@ -275,7 +275,7 @@ class AxisMotion:
 
     @property
     def at_standstill(self) -> bool:
-        """Whether the plant stands still."""
+        """Whether the plant is at standstill."""
         return abs(self.plant.velocity) < 0.5
 
     def state(self, now: int) -> tuple[float, float]:
@@ -370,7 +370,7 @@ class AxisMotion:
         self.owner.limit_switch_hit(int(math.copysign(1.0, self.demand.at(now)[1])), now)
 
     def _follow(self, now: int) -> None:
-        """Compare a lagging plant with its demand, until both stand together."""
+        """Compare a lagging plant with its demand until both are at standstill."""
         if not self.powered or self.torque is not None:
             return
         position, velocity = self.demand.at(now)

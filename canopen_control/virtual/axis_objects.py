@@ -75,7 +75,7 @@ class DriveUnits:
         return wrap32((place - self.zero) / self.position)
 
     def lose_counts(self, counts: float) -> None:
-        """Let the encoder's position jump by `counts` (a fault)."""
+        """Change the encoder's position by `counts` (a fault)."""
         self.zero -= counts
 
 

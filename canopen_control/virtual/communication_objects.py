@@ -199,7 +199,7 @@ class CommunicationObjects:
                 store.on_read(index, subindex, lambda: 1)
 
     def identify(self, serial: int, more: Mapping[Address, int | str]) -> None:
-        """Set the identity if the file has no value, the names, and further known values `more` of the device.
+        """Set the identity (if the file has none), the names, and further values `more` of the device.
 
         A serial number in the file is ignored: two devices with this file would have the same one.
         """

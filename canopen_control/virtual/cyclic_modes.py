@@ -158,7 +158,7 @@ class CyclicPosition(StreamMode):
             super().missed()
 
     def update(self, now: int) -> None:
-        """Apply the target; what the drive cannot reach in time is a following error."""
+        """Apply the target; the part that the drive cannot follow in time becomes following error."""
         if not self._drifts:
             self._follow(now)
         elif "interpolate" not in self.mover.timers:
@@ -246,7 +246,10 @@ class CyclicPosition(StreamMode):
 
 
 class CyclicVelocity(StreamMode):
-    """CSV: take 0x60FF plus its offset at once, as far as 0x60C5 and 0x60C6 let it; without a new one it goes on."""
+    """CSV: follow 0x60FF plus its offset at once, within 0x60C5 and 0x60C6.
+
+    Without a new set-point the speed is kept.
+    """
 
     set_point = o.TARGET_VELOCITY
 

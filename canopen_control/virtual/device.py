@@ -73,7 +73,7 @@ class ParameterFile:
         return int(stored) if possible else started_with
 
     def attach(self, node: VirtualNode, started_with: int) -> None:
-        """Give a node what is stored for it, before its power-on, and keep what it stores from now on."""
+        """Restore the stored parameters of a node before its power-on, and store new ones from then on."""
         key = str(started_with)
         record = self._nodes.get(key)
         if record is not None:
@@ -100,7 +100,7 @@ class ParameterFile:
                 self._say(f"{self.path}: {name} of node {node.node_id} does not fit its EDS and is ignored")
 
     def keep(self, node: VirtualNode) -> bool:
-        """Write what a node stores; return whether that worked."""
+        """Store the parameters of a node; return whether that succeeded."""
         key, lss = self._keys[node], node.lss
         values = {_name(a): encode(v, node.od[a].data_type).hex() for a, v in sorted(node.store.saved().items())}
         record: _Record = {
@@ -228,7 +228,7 @@ TMCM1270 = DeviceModel(
 
 
 def device_model_of(od: ObjectDictionary) -> DeviceModel:
-    """Return what is known of the device, by its identity."""
+    """Return the device model of an identity."""
     return TMCM1270 if is_tmcm1270(od) else vendor_model(od) or GENERIC
 
 
@@ -243,7 +243,7 @@ def make_device(
     quirks: Sequence[str] = (),
     like: Personality | None = None,
 ) -> VirtualNode:
-    """Make the virtual device of an EDS (a path, or a dictionary that is read already).
+    """Create the virtual device of an EDS (a path or a dictionary).
 
     `plant` makes the plant of an axis; `faults` are switched on from the start, ``name`` or ``name@seconds``, `quirks`
     ``name``, ``name=value`` or ``name=value@axis`` are there from the power-on, with those of the personality `like`.
@@ -264,7 +264,7 @@ def make_device(
 
 
 def take_personality(node: VirtualNode, like: Personality) -> None:
-    """Have the modes of a personality (0x6502); ConfigError for objects that the dictionary lacks."""
+    """Set the modes of a personality (0x6502); ConfigError for objects missing in the dictionary."""
     lacking = [f"0x{index:04X}" for index in like.objects if not node.od.subindices(index)]
     if lacking:
         raise ConfigError(
@@ -301,7 +301,7 @@ def make_devices(
     eds_files: Mapping[int, Path] | None = None,
     world: World | None = None,
 ) -> Devices:
-    """Make all that a process of virtual drives consists of; what is wrong in a file is told before anything runs.
+    """Create all devices of a process; errors in files are raised before one runs.
 
     Raises EdsError and ConfigError, `say` takes warnings and what the world had to guess. `serial` is the first
     node's, see `launch.Options`; `others` are the EDS files of nodes that have another one, `world` is a world that is
@@ -331,7 +331,7 @@ def make_devices(
 
 
 def _serial(node_id: int) -> int:
-    """Return the serial number of a node that was given none; LSS tells nodes without an id apart by it."""
+    """Return a default serial number, by which LSS distinguishes nodes without an id."""
     return os.getpid() if node_id == UNCONFIGURED else node_id
 
 
@@ -355,7 +355,7 @@ def _node(
     world: World,
     file: ParameterFile | None,
 ) -> VirtualNode:
-    """Make a node of a world; `ways` are its faults, its quirks and its personality."""
+    """Create a node of a world with its faults, quirks and personality."""
     active = node_id if file is None else file.node_id(node_id)
     faults, quirks, like = ways
     plant = partial(world.plant, node_id)

@@ -1,4 +1,4 @@
-"""What faults do to the device itself, at the seams that its services declare.
+"""Effects of faults on the device, at the injection points of its services.
 
 A function is called when the fault is switched, and does with `on` False exactly what makes the device healthy again.
 None of them knows its name or its row: those are in `fault_table`.
@@ -29,7 +29,7 @@ _S = 1_000_000_000
 
 
 def _each(action: Callable[[VirtualDrive, bool, int], None]) -> Switch:
-    """Make an action on every axis one on the node."""
+    """Return a switch that acts on every axis of the node."""
 
     def turn(node: VirtualNode, on: bool, now: int) -> None:
         for drive in node.drives.values():
@@ -41,7 +41,7 @@ def _each(action: Callable[[VirtualDrive, bool, int], None]) -> Switch:
 
 
 def _breaks(seam: Callable[[VirtualDrive], InjectionPoint[T]], value: T) -> Switch:
-    """Make a turn that acts at a seam of every axis."""
+    """Return a switch for an injection point of every axis."""
 
     def action(drive: VirtualDrive, on: bool, _now: int) -> None:
         seam(drive).switch(on, value)
@@ -50,7 +50,7 @@ def _breaks(seam: Callable[[VirtualDrive], InjectionPoint[T]], value: T) -> Swit
 
 
 def boot_after(delay_ns: int | None) -> Switch:
-    """Make a turn that sets the time from a reset to the boot-up; None: never."""
+    """Return a switch that sets the time from a reset to the boot-up; None: never."""
 
     def turn(node: VirtualNode, on: bool, now: int) -> None:
         node.set_reset_delay(delay_ns if on else 0, now)
@@ -76,12 +76,12 @@ def start_by_itself(node: VirtualNode, on: bool, now: int) -> None:
 
 
 def short_emcy(node: VirtualNode, _on: bool, _now: int) -> None:
-    """Send an EMCY of four bytes with a code nobody knows."""
+    """Send an EMCY of four bytes with an unknown code."""
     node.outbox.send(CanFrame(node.emcy.cob_id, bytes.fromhex("CDAB8107")))
 
 
 def partial_reset(node: VirtualNode, _on: bool, _now: int) -> None:
-    """Say error reset while the register still shows a temperature error."""
+    """Send error reset while the register still shows a temperature error."""
     register = ErrorRegister.GENERIC | ErrorRegister.TEMPERATURE
     node.outbox.send(EmcyMessage(node.node_id, 0, register).encode(node.emcy.cob_id))
 
@@ -93,7 +93,7 @@ def flood(node: VirtualNode, now: int) -> None:
 
 
 def lasting_fault(code: int, register: int) -> Switch:
-    """Make a turn into FAULT whose cause lasts while it is on."""
+    """Return a switch into FAULT with a cause that persists while it is on."""
     return _each(lambda drive, on, now: _last(drive, on, now, code, register))
 
 
@@ -127,7 +127,7 @@ def undervoltage(drive: VirtualDrive, on: bool, now: int) -> None:
 
 
 def hand_moved(drive: VirtualDrive, _on: bool, now: int) -> None:
-    """Switch the shaft by hand; a powered motor springs back, its demand goes on from there."""
+    """Turn the shaft by hand; a powered motor returns to its demand."""
     drive.mover.displace(500.0, now)
 
 
@@ -152,27 +152,27 @@ def switch_hit(drive: VirtualDrive, on: bool, now: int) -> None:
 
 
 def no_switches(drive: VirtualDrive, on: bool, _now: int) -> None:
-    """Take the switches out of homing's way."""
+    """Move the limit switches out of reach of homing."""
     drive.mover.switches.place(reachable=not on)
 
 
 def clock_off_by(ppm: float) -> Switch:
-    """Make a turn that lets the node's clock run fast, or slow where `ppm` is negative."""
+    """Return a switch that makes the node's clock fast, or slow with a negative `ppm`."""
     return lambda node, on, _now: node.set_clock_drift(ppm if on else 0.0)
 
 
 def rpdos_late(delay_ns: int) -> Switch:
-    """Make a turn that lets every RPDO arrive late."""
+    """Return a switch that delays every RPDO."""
     return lambda node, on, _now: node.pdos.input.delay_ns.switch(on, delay_ns)
 
 
 def rpdos_lost(one_of: int) -> Switch:
-    """Make a turn that loses one RPDO of so many."""
+    """Return a switch that loses one of N RPDOs."""
     return lambda node, on, _now: node.pdos.input.lost.switch(on, one_of)
 
 
 def wrong_entry(index: int, subindex: int, off: int) -> Switch:
-    """Make a turn that shows another value of an identity object."""
+    """Return a switch that changes an identity object."""
 
     def turn(node: VirtualNode, on: bool, _now: int) -> None:
         step = off if on else -off
@@ -182,7 +182,7 @@ def wrong_entry(index: int, subindex: int, off: int) -> Switch:
 
 
 def clamped(node: VirtualNode, on: bool, _now: int) -> None:
-    """Take at most 1000 for a profile acceleration, silently."""
+    """Clamp a profile acceleration to 1000 without an error."""
     node.store.ceilings.switch(on, {o.PROFILE_ACCELERATION: 1000})
 
 
@@ -198,7 +198,7 @@ def no_state(drive: VirtualDrive, on: bool, _now: int) -> None:
 
 
 def inputs(kind: str) -> Switch:
-    """Make a turn that breaks the inputs of a device that is no drive."""
+    """Return a switch that fails inputs of a device other than a drive."""
 
     def turn(node: VirtualNode, on: bool, now: int) -> None:
         if node.function is not None:
@@ -216,7 +216,7 @@ def hardware_error(node: VirtualNode, on: bool, _now: int) -> None:
 
 
 def output_overload(node: VirtualNode, on: bool, _now: int) -> None:
-    """Let the outputs of a device be off at the terminals, by its own protection, while it is on; CiA 401's EMCY."""
+    """Switch the outputs off at the terminals as overload protection does, with an EMCY of CiA 401."""
     if node.function is not None:
         node.function.overloaded = on
     if on:
@@ -237,7 +237,7 @@ def program_lost(node: VirtualNode, on: bool, now: int) -> None:
 
 
 def _breaks_program(seam: Callable[[ProgramArea], InjectionPoint[T]], value: T) -> Switch:
-    """Make a turn that acts at a seam of the program area."""
+    """Return a switch for an injection point of the program area."""
 
     def turn(node: VirtualNode, on: bool, _now: int) -> None:
         if node.program is not None:
@@ -284,6 +284,6 @@ def error_passive(node: VirtualNode, on: bool, _now: int) -> None:
 
 
 def recovered_from_bus_off(node: VirtualNode, on: bool, _now: int) -> None:
-    """Be off the bus while on; back on it, say so."""
+    """Go bus off while on, and report the recovery."""
     if not on:
         node.error_control.report_recovery()

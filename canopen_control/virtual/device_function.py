@@ -1,4 +1,4 @@
-"""What a virtual device does that is no drive: its inputs come from outside, its outputs go there (CiA 401 to 419).
+"""Functions of virtual devices other than drives: inputs and outputs at their terminals (CiA 401 to 419).
 
 The dictionary decides which function a node has; a drive, and a device of an unknown profile, has none and is a plain
 node. Inputs are set in the units of their signals by name, such as `di3` or `position`.
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 
 class DeviceFunction(Protocol):
-    """The function of one device. The gate of its event-driven TPDOs too: who maps inputs asks whether to send."""
+    """Function of one device, and gate of its event-driven TPDOs."""
 
     overloaded: bool
     """Whether its protection has switched its outputs off, at the terminals."""
 
     def power_on(self, now: int) -> None:
-        """Begin anew, after a reset of the node."""
+        """Reset after a reset of the node."""
 
     def connection_lost(self, now: int) -> None:
         """React to a lost heartbeat or guarding."""
@@ -37,10 +37,10 @@ class DeviceFunction(Protocol):
         """React to NMT STOPPED or a reset of the communication."""
 
     def tick(self, now: int) -> None:
-        """Let time pass."""
+        """Advance to a time."""
 
     def next_deadline(self) -> int | None:
-        """Return when something happens by itself, None: nothing will."""
+        """Return the time of the next event of its own, None without one."""
 
     def starts(self, mapped: Collection[Address]) -> bool:
         """Whether a TPDO with these objects is sent when the node becomes OPERATIONAL."""
@@ -49,13 +49,13 @@ class DeviceFunction(Protocol):
         """Whether changes of these objects are an event that is to be sent."""
 
     def told(self) -> None:
-        """Take that all TPDOs have been asked."""
+        """Process the end of a check of all TPDOs."""
 
     def set_signals(self, values: Mapping[str, float], now: int) -> None:
-        """Set inputs by name, all or none; ConfigError for what is no input of the device."""
+        """Set inputs by name, all or none; ConfigError for an unknown input."""
 
     def describe(self) -> tuple[SignalState, ...]:
-        """Return what every signal is, outputs as they are at the terminals."""
+        """Return the state of every signal, outputs as at the terminals."""
 
     def break_inputs(self, kind: str, *, on: bool, now: int) -> None:
         """Switch a fault of the inputs: stuck, noise or jump."""
@@ -66,13 +66,13 @@ class ShaftFollower(Protocol):
     """A function that can be moved by a shaft."""
 
     def follow(self, shaft: Callable[[], float | None]) -> None:
-        """Be where the shaft is from now on, in rad (m); None: it is not known."""
+        """Set the shaft position in rad (m); None if unknown."""
 
 
 def make_function(
     od: ObjectDictionary, store: VirtualStore, outbox: NodeOutbox, clock: NodeClock
 ) -> DeviceFunction | None:
-    """Return the function of a device by its dictionary; None: it has none that is known."""
+    """Return the function of a device by its dictionary; None if unknown."""
     profile = profile_of(od)
     kind = _KINDS.get(profile)
     if kind is None:

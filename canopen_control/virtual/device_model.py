@@ -1,4 +1,4 @@
-"""What one model of drive does differently from another, as data.
+"""Device models: differences between models of drives, as data.
 
 The profile's behaviour is the code's, a device's own way is a field here. `GENERIC` is a drive that takes whatever its
 EDS offers; devices we know have a file of their own that makes another instance. `VENDOR_MODELS` are drives of which
@@ -30,7 +30,7 @@ class Limit:
 
 @dataclass(frozen=True, slots=True)
 class MissingSetPoint:
-    """What a cyclic mode does when the next set-point does not come; without anything it stands at the last one.
+    """Reaction of a cyclic mode to a missing set-point; the default is to hold the last one.
 
     It goes on with its velocity for `cycles` interpolation periods (0x60C2), those of `cycles_object` where the
     dictionary has it; then it stands, or with a `fault` code that is its EMCY and fault.
@@ -100,7 +100,7 @@ VENDOR_MODELS: Final[Mapping[int, DeviceModel]] = MappingProxyType({0x9A: ELMO, 
 
 
 def vendor_model(od: ObjectDictionary) -> DeviceModel | None:
-    """Return the model of a dictionary's vendor, None where nothing is known of it."""
+    """Return the model of a dictionary's vendor, None if unknown."""
     entry = od.get(0x1018, 1)
     vendor = None if entry is None else entry.value
     return VENDOR_MODELS.get(vendor) if isinstance(vendor, int) else None

@@ -38,7 +38,7 @@ _NEEDED: Final[dict[int, tuple[int, int]]] = {**TARGET_OBJECTS, OperationMode.HM
 
 
 def possible_modes(objects: AxisObjects) -> int:
-    """Return 0x6502 for a drive whose file does not tell it: every mode whose object its dictionary has."""
+    """Return the default 0x6502: every mode whose objects are in the dictionary."""
     return sum(1 << (mode - 1) for mode, address in _NEEDED.items() if objects.has(*address))
 
 
@@ -66,15 +66,15 @@ class DriveModes:
         self.gate: ModeGate | None = None
 
     def add(self, number: int, like: int) -> None:
-        """Have a further mode, a manufacturer's, that moves as another one does."""
+        """Add a manufacturer-specific mode that moves like another one."""
         self._all[number] = MODES[like](self._axis)
 
     def remove(self, number: int) -> None:
-        """Have a manufacturer's mode no more."""
+        """Remove a manufacturer-specific mode."""
         self._all.pop(number, None)
 
     def set_gate(self, gate: ModeGate | None) -> None:
-        """Put a gate before every mode; None: as it was."""
+        """Set a gate before every mode; None removes it."""
         self.gate = gate
         for number, mode in self._all.items():
             inner = mode.inner if isinstance(mode, GatedMode) else mode
@@ -88,16 +88,16 @@ class DriveModes:
             mode.set_model(model)
 
     def clear(self) -> None:
-        """Have no mode: power-on."""
+        """Clear the mode after power-on."""
         self.number, self.active = 0, self._none
 
     def reset(self) -> None:
-        """Let every mode forget what it remembers: the motor has no power."""
+        """Reset every mode, because the motor has no power."""
         for mode in self._all.values():
             mode.reset()
 
     def select(self, now: int) -> None:
-        """Take 0x6060: at once in every state; in operation the new mode goes on from the present motion."""
+        """Apply 0x6060, at once in every state; in operation the new mode starts from the present motion."""
         mover, delay = self._axis.mover, self.delay_ns.value
         if self.stuck.value or (self.conditions and not all(holds() for holds in self.conditions)):
             return

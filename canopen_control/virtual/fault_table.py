@@ -49,7 +49,7 @@ _ABORT, _SEGMENTS = 0x80, (0x00, 0x10)
 
 
 def is_heartbeat(node: VirtualNode, frame: CanFrame) -> bool:
-    """Whether it is the node's heartbeat or boot-up."""
+    """Whether the frame is the node's heartbeat or boot-up."""
     return frame.can_id == cob_id(Service.HEARTBEAT, node.node_id)
 
 
@@ -59,12 +59,12 @@ def is_sdo_answer(node: VirtualNode, frame: CanFrame) -> bool:
 
 
 def is_sdo_request(node: VirtualNode, frame: CanFrame) -> bool:
-    """Whether it is for the node's SDO server."""
+    """Whether the frame is a request to the node's SDO server."""
     return frame.can_id == node.sdo.request_cob_id and len(frame.data) == 8
 
 
 def is_tpdo(node: VirtualNode, frame: CanFrame) -> bool:
-    """Whether it is one of the node's TPDOs."""
+    """Whether the frame is a TPDO of the node."""
     ids = {tpdo.producer.parameters.cob_id for tpdo in node.pdos.tpdos.values() if tpdo.producer.parameters.enabled}
     return frame.can_id in ids
 
@@ -206,7 +206,7 @@ refuses_blocks: Incoming = refusing(AbortCode.UNKNOWN_COMMAND, lambda command, _
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One row; `acts` is ``wire``, ``node``, ``axis``, ``program``, ``input`` or ``output``; the last two of no drives.
+    """Row of the table; `acts` is ``wire``, ``node``, ``axis``, ``program``, ``input`` or ``output`` (not of drives).
 
     Those of a ``program`` are of nodes whose program can be loaded over CANopen.
     """
@@ -232,7 +232,7 @@ class Fault:
         return parts.get(self.acts, True)
 
     def listing(self, *, on: bool = False) -> FaultListing:
-        """Return what people are told of it."""
+        """Return the description of the fault for lists."""
         return FaultListing(
             name=self.name,
             row=self.row,
@@ -330,7 +330,7 @@ device model; 19 is 18 from the start.
 
 
 def find_fault(name: str) -> Fault:
-    """Return a fault by name; ConfigError with the nearest name where there is none."""
+    """Return a fault by name; ConfigError with the nearest name if it is unknown."""
     fault = FAULTS.get(name)
     if fault is None:
         near = difflib.get_close_matches(name, FAULTS, 1)
@@ -387,7 +387,7 @@ class FaultSwitches:
         return list(self._on)
 
     def schedule(self, text: str) -> None:
-        """Switch on ``name`` at the start, or ``name@seconds`` after it; ConfigError for what is neither."""
+        """Schedule a fault: ``name`` at start-up, ``name@seconds`` after it; ConfigError for anything else."""
         fault, delay_ns = parse_fault(text)
         self._require(fault)
         self._planned.append((delay_ns, fault.name))
@@ -403,7 +403,7 @@ class FaultSwitches:
             )
 
     def set_quirks(self, outgoing: tuple[Outgoing, ...], incoming: tuple[Incoming, ...]) -> None:
-        """Let quirks of the drive change its frames, these and no others."""
+        """Set the quirks that change the drive's frames."""
         self._outgoing, self._incoming = outgoing, incoming
         if outgoing or incoming:
             self._node.filter = self
@@ -411,7 +411,7 @@ class FaultSwitches:
             self._retire()
 
     def set(self, name: str, on: bool, now: int) -> None:
-        """Switch a fault; no-op where it is as wanted. ConfigError for a name that this node does not have."""
+        """Switch a fault; no-op if unchanged. ConfigError for a name this node does not have."""
         fault = find_fault(name)
         if on == (name in self._on):
             return
@@ -436,7 +436,7 @@ class FaultSwitches:
         self._retire()
 
     def incoming(self, frame: CanFrame, now: int) -> CanFrame | None:
-        """Return what the node hears."""
+        """Return the frames as the node receives them."""
         heard: CanFrame | None = frame
         if self._second is not None:
             self._second.receive(frame, now)
@@ -511,7 +511,7 @@ class FaultSwitches:
 
 
 def second_node(node: VirtualNode, now: int) -> VirtualNode:
-    """Return a second node with the same id, what a wrong DIP switch puts on the bus.
+    """Return a second node with the same id, as caused by a wrong DIP switch.
 
     The same device with another serial number; it was just plugged in and boots by itself.
     """

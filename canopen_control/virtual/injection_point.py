@@ -36,7 +36,7 @@ class InjectionPoint(Generic[T]):
 
 
 class NodeQuirks(Protocol):
-    """The quirks of a node: what it does differently from the standards as a healthy drive of its manufacturer."""
+    """Quirks of a node: differences from the standards of a healthy drive of its manufacturer."""
 
     @property
     def active(self) -> list[str]:

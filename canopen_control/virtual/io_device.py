@@ -60,7 +60,7 @@ class InputFaults:
         self._noise_at = now + _NOISE_NS
 
     def line(self, name: str, value: float) -> float:
-        """Return what a line shows that is `value` outside."""
+        """Return the level of a line whose outside value is `value`."""
         return value if "stuck" not in self._on else self._frozen.setdefault(name, value)
 
     def value(self, name: str, value: float, full_scale: float, now: int) -> float:
@@ -76,7 +76,7 @@ class InputFaults:
         return value
 
     def due(self, now: int) -> bool:
-        """Whether the noise has gone on."""
+        """Whether the next noise edge is due."""
         if "noise" not in self._on or now < self._noise_at:
             return False
         self._step += 1
@@ -84,7 +84,7 @@ class InputFaults:
         return True
 
     def next_deadline(self) -> int | None:
-        """Return when `due` says so next."""
+        """Return the time of the next noise edge."""
         return self._noise_at if "noise" in self._on else None
 
 
@@ -152,7 +152,7 @@ class IoDevice:
                 self._show(signal, now)
 
     def _show(self, signal: Signal, now: int) -> None:
-        """Let an object show what its line is outside, and judge whether that is an event."""
+        """Update an object from its line, and check whether the change is an event."""
         before = self._number(signal.address)
         outside = self._set.get(signal.name, 0.0)
         if signal.bit is not None:
@@ -172,7 +172,7 @@ class IoDevice:
         return value if isinstance(value, int | float) else 0
 
     def _bits(self, signal: Signal, before: float, line: float) -> int:
-        """Return the lines of an object with one of them as it is outside, polarity applied."""
+        """Return the bits of an object with one line updated, polarity applied."""
         mask = 1 << (signal.bit or 0)
         shown = bool(line) != bool(self._store.number(_IN_POLARITY, signal.subindex) & mask)
         return int(before) | mask if shown else int(before) & ~mask
@@ -274,7 +274,7 @@ _DIGITAL_OUTPUTS: Final = frozenset((0x6200, 0x6300, 0x6320))
 
 
 def take_error_values(store: VirtualStore, outputs: Iterable[Address]) -> None:
-    """Put objects of outputs to their error values where their error modes say so; others keep what they have."""
+    """Set outputs with error mode 1 to their error values; others keep theirs."""
     for address in dict.fromkeys(outputs):
         mode_index, value_index = ERROR_OBJECTS[address[0]]
         mode = store.number(mode_index, address[1], 0)
@@ -359,7 +359,7 @@ class SensorDevice:
         return value if isinstance(value, int | float) else default
 
     def gain(self, signal: Signal) -> float:
-        """Return units per raw number, as the device's objects say now."""
+        """Return units per raw number by the device's present objects."""
         return signal.gain(self.store.values)
 
     def raw_of(self, signal: Signal, value: float, gain: float) -> float:
@@ -372,7 +372,7 @@ class SensorDevice:
         return abs(self.gain(signal)) * (float(kind.maximum) if kind.is_integer else 100.0)
 
     def show_all(self, now: int) -> None:
-        """Let all objects show what is outside; the status of a value is shown with that."""
+        """Update all objects; the status of a value is updated with it."""
         for name, signal in self._inputs.items():
             if signal.address in self._statuses:
                 continue
@@ -398,7 +398,7 @@ class SensorDevice:
                 self._outbox.values_changed()
 
     def cut_off(self, signal: Signal, by: float) -> None:
-        """Take that an object holds its value, or that this is beyond the greatest (least) one `by` so much."""
+        """Mark a value as clamped at its maximum or minimum, by an excess of `by`."""
 
     def _scale_written(self, _entry: Entry, _value: Value) -> None:
         self.show_all(self.clock.now)
@@ -437,7 +437,7 @@ class SensorDevice:
         return (self._moved_at or 0) + self.step_ns if moving else None
 
     def _move(self, now: int) -> bool:
-        """Let what changes by time change until now."""
+        """Advance signals that change with time."""
         due = self._moves_at()
         if self._moved_at is not None and due is not None and now >= due:
             self.move((now - self._moved_at) / _NS)
@@ -474,7 +474,7 @@ class MeasuringDevice(SensorDevice):
     }  # fmt: skip
 
     def cut_off(self, signal: Signal, by: float) -> None:
-        """Set the bits of an overload beside those that are set from outside."""
+        """Set the overload bits in addition to those set from outside."""
         if signal.status is not None and signal.status in self.store.values:
             status = int(self.outside.get(f"status{signal.subindex - 1}", 0.0)) | (2 if by > 0 else 4 if by < 0 else 0)
             if self.store.values[signal.status] != status:
@@ -509,10 +509,10 @@ class BatteryDevice(SensorDevice):
 
 
 class Charger(SensorDevice):
-    """A battery charger (CiA 419), which charges by what it is told of the battery."""
+    """Battery charger (CiA 419), controlled by battery data it receives."""
 
     def _fail(self, _now: int) -> None:
-        """Request nothing of it: who asked for a current may be gone with the battery."""
+        """Request no current, because the battery may be gone."""
         requested = self.signals.get("charge_current_requested")
         if requested is not None and requested.output:
             self.store.set(*requested.address, 0)
@@ -535,7 +535,7 @@ _EVENT_TIMER: Final = (0x1800, 5)
 
 
 class Encoder(SensorDevice):
-    """One shaft or one length."""
+    """Encoder of one shaft or length."""
 
     moving: Mapping[str, str] = {"velocity": ""}
 
@@ -581,7 +581,7 @@ class Encoder(SensorDevice):
             self.show_all(self.clock.now)
 
     def _timer_written(self, _entry: Entry, value: Value) -> None:
-        """Take the cyclic timer as the event timer of TPDO 1, as encoders do that have both."""
+        """Apply the cyclic timer as event timer of TPDO 1, as encoders with both objects do."""
         timer = self.store.od.get(*_EVENT_TIMER)
         if timer is not None and self.store.number(*_EVENT_TIMER) != value:
             self.store.write(timer, value)
@@ -610,7 +610,7 @@ class Encoder(SensorDevice):
         self.outside["position"] += self.outside["velocity"] * seconds
 
     def passes(self, changed: Collection[Address]) -> bool:
-        """See `DeviceFunction`: what is sent by a timer is not sent for each step."""
+        """Suppress changes of a value that is sent by a timer; see `DeviceFunction`."""
         timed = self.number((_TIMER, 0)) or self.number(_EVENT_TIMER)
         return any(address[0] != _POSITION or not timed for address in changed)
 
@@ -644,7 +644,7 @@ class Inclinometer(SensorDevice):
         return raw + self.number((axis + 3, 0)) + self.number((axis + 4, 0)) if operation & self._SCALE else raw
 
     def _preset_written(self, entry: Entry, value: Value) -> None:
-        """Let the present angle be the preset: the offset is what makes it so."""
+        """Set the offset so that the present angle equals the preset."""
         axis = entry.index - 2
         signal = next((signal for signal in self.signals.values() if signal.index == axis), None)
         if signal is not None and isinstance(value, int):

@@ -45,7 +45,7 @@ class DriveOptions:
 def run_drives(
     node_ids: Sequence[int], eds: Path, channel: str, options: DriveOptions, report: Callable[[str], None]
 ) -> int:
-    """Run the virtual devices of an EDS until told to end; return the exit code.
+    """Run the virtual devices of an EDS until stopped; return the exit code.
 
     Raises EdsError and ConfigError for what cannot be started, BusError for the channel.
     """
@@ -82,7 +82,7 @@ def run_drives(
 
 
 def reopen(channel: str, label: str) -> Port | None:
-    """Open a channel that was gone, None where it is not back. A local bus is not started for it.
+    """Reopen a channel that was lost, None if it is not back. A local bus is not started for it.
 
     It joins, for a hub that dies is still there to who looks whether it is, and gone to who then opens.
     """

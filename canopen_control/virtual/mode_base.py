@@ -1,4 +1,4 @@
-"""A mode of operation of one axis, and what it sees of that axis: the base of all modes.
+"""Base of the modes of operation of one axis, and the parts of the axis that a mode uses.
 
 A mode acts only while the power state machine is `live`. `update` is called after every write that may matter and makes
 a new demand only where its inputs changed; `control` sees the controlword and its predecessor; `arrived` the end of a
@@ -52,13 +52,13 @@ class _Sums:
         self.clear()
 
     def clear(self) -> None:
-        """Begin anew."""
+        """Reset."""
         self.count = 0
         self.total = self.magnitudes = self.squares = 0.0
         self.low, self.high = math.inf, -math.inf
 
     def add(self, value: float, times: int = 1) -> None:
-        """Take a value."""
+        """Add a value."""
         self.count += times
         self.total += value * times
         self.magnitudes += abs(value) * times
@@ -70,7 +70,7 @@ class _Sums:
 
     @property
     def mean(self) -> float:
-        """The mean of what was taken."""
+        """Mean of the values."""
         return self.total / self.count
 
     @property
@@ -130,7 +130,7 @@ class SetpointStatistics:
         self._phases.add(after_sync_ns * 1e-3)
 
     def take(self, set_point: float | None, now: int) -> None:
-        """Count a set-point; a position is compared with the one before, None is not."""
+        """Count a set-point; a position is compared with the previous one, None is not."""
         self.taken += 1
         if set_point is None:
             return
@@ -148,7 +148,7 @@ class SetpointStatistics:
     # -- the demand
 
     def pause(self) -> None:
-        """End the motion that is measured: the next demand does not go on from it."""
+        """End the measured motion: the next demand starts a new one."""
         self._grid = self._points = self._resting = 0
         self._position = self._way = 0.0
 
@@ -170,7 +170,7 @@ class SetpointStatistics:
         self._grid = grid
 
     def _look(self, position: float) -> None:
-        """Take the demanded position at the next point of the grid."""
+        """Sample the demanded position at the next point of the grid."""
         way, self._position = position - self._position, position
         self._points += 1
         if self._points == 1:  # the first point has no way
@@ -187,7 +187,7 @@ class SetpointStatistics:
             self._accelerations.add(change)
 
     def _go_on_evenly(self, position: float, points: int) -> None:
-        """Take so many points up to a position, each with the way of the one before."""
+        """Sample several points up to a position, each at the same distance."""
         self._position = position
         self._points += points
         if self._way == 0.0:
@@ -208,7 +208,7 @@ class SetpointStatistics:
     # -- for people
 
     def quality(self, velocity_unit: float) -> SetPointQuality | None:
-        """Return what was found, in units of which one has `velocity_unit` counts; None: no cyclic mode so far."""
+        """Return the statistics in units of `velocity_unit` counts; None without a cyclic mode."""
         if not self.used:
             return None
         velocities, accelerations = self._velocities, self._accelerations
@@ -252,7 +252,7 @@ class AxisParts:
 
 
 class Mode:
-    """The base of all modes, and the mode without a motion: it stops and stands.
+    """Base of all modes, and the mode without a motion: it stops and stands still.
 
     `set_point` is the object whose RPDOs are its set-points, 0: they do not come in a stream.
     """
@@ -273,11 +273,11 @@ class Mode:
         """Forget everything: the axis is not in operation, or in another mode."""
 
     def start(self, now: int) -> None:
-        """Begin in operation, from the present motion; also after a halt."""
+        """Start in operation from the present motion; also after a halt."""
         self.stop(now, Reaction.SLOW_DOWN_RAMP)
 
     def stop(self, now: int, reaction: Reaction) -> None:
-        """Bring the motor to rest as `reaction` says."""
+        """Stop the motor by the reaction."""
         position, velocity = self.mover.state(now)
         deceleration = INFINITE
         if reaction is Reaction.SLOW_DOWN_RAMP:
@@ -287,23 +287,23 @@ class Mode:
         self.mover.run(ramp_to(now, position, velocity, 0.0, 0.0, deceleration), now)
 
     def update(self, now: int) -> None:
-        """Take set-points that may have changed."""
+        """Apply set-points that may have changed."""
 
     def take(self, now: int) -> None:
-        """Take the set-point that an RPDO brought, also where it is the one before."""
+        """Apply the set-point of an RPDO, also if it is unchanged."""
         self.update(now)
 
     def missed(self) -> None:
         """Note that a SYNC came without a set-point."""
 
     def control(self, word: int, previous: int, now: int) -> None:
-        """Take the mode's own bits of the controlword."""
+        """Process the mode-specific bits of the controlword."""
 
     def control_unpowered(self, word: int, previous: int, now: int) -> None:
-        """Take the mode's own bits of the controlword while the motor has no power."""
+        """Process the mode-specific bits of the controlword while the motor has no power."""
 
     def arrived(self, now: int) -> None:
-        """Go on at the end of a demand."""
+        """Continue after the end of a demand."""
 
     def bits(self) -> int:
         """Return the mode's own bits of the statusword; without a mode bit 10 at standstill."""
@@ -331,7 +331,7 @@ class Mode:
 
 
 class ModeGate:
-    """What all modes of one axis heed of its quirks: set-points count while `closed_by` names nothing.
+    """Gate before the modes of one axis: set-points are ignored while `closed_by` is not empty.
 
     `brake_ns` is the time after an enable in which the brake keeps it closed.
     Of the controlword only that is passed on which all of `takes` (word, previous word, time) let pass.
@@ -362,7 +362,7 @@ class GatedMode(Mode):
         self.inner.reset()
 
     def start(self, now: int) -> None:
-        """Begin, or stand while the gate is closed."""
+        """Start, or stand still while the gate is closed."""
         if self.gate.closed_by:
             super().start(now)
         else:
@@ -373,12 +373,12 @@ class GatedMode(Mode):
         self.inner.stop(now, reaction)
 
     def update(self, now: int) -> None:
-        """Take set-points."""
+        """Apply set-points."""
         if not self.gate.closed_by:
             self.inner.update(now)
 
     def take(self, now: int) -> None:
-        """Take the set-point that an RPDO brought."""
+        """Apply the set-point of an RPDO."""
         if not self.gate.closed_by:
             self.inner.take(now)
 
@@ -387,16 +387,16 @@ class GatedMode(Mode):
         self.inner.missed()
 
     def control(self, word: int, previous: int, now: int) -> None:
-        """Take the mode's own bits of the controlword."""
+        """Process the mode-specific bits of the controlword."""
         if not self.gate.closed_by and all(takes(word, previous, now) for takes in self.gate.takes):
             self.inner.control(word, previous, now)
 
     def control_unpowered(self, word: int, previous: int, now: int) -> None:
-        """Take the mode's own bits of the controlword while the motor has no power."""
+        """Process the mode-specific bits of the controlword while the motor has no power."""
         self.inner.control_unpowered(word, previous, now)
 
     def arrived(self, now: int) -> None:
-        """Go on at the end of a demand."""
+        """Continue after the end of a demand."""
         self.inner.arrived(now)
 
     def bits(self) -> int:
@@ -425,7 +425,7 @@ class GatedMode(Mode):
 
 
 class FollowingMode(Mode):
-    """A mode whose target is followed as it is, without a handshake: `update` acts when what it looks at changed."""
+    """Mode that follows its target without a handshake: `update` acts on changed inputs."""
 
     def reset(self) -> None:
         """Forget the last target."""
@@ -433,13 +433,13 @@ class FollowingMode(Mode):
         self._looked: tuple[int, float] | None = None  # at which version of the values, and with which zero
 
     def start(self, now: int) -> None:
-        """Go on to the target from the present motion."""
+        """Move to the target from the present motion."""
         self._inputs = None
         if self.power.live:
             self.update(now)
 
     def looks_anew(self) -> bool:
-        """Whether a value may be another one than when it was asked last; a limit switch may be anywhere."""
+        """Whether inputs may have changed since the last update; a limit switch may change at any time."""
         looked = None if self.mover.switches.wired else (self.objects.store.version, self.units.zero)
         before, self._looked = self._looked, looked
         return looked is None or looked != before or self._inputs is None

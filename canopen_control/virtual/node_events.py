@@ -1,4 +1,4 @@
-"""What happens to a virtual node: the events that `VirtualNode.events` gives, beside the NMT's `NmtStateChanged`.
+"""Events of a virtual node in `VirtualNode.events`, next to `NmtStateChanged`.
 
 `in_words` makes each the line of a log, in the standard's terms; what nobody needs to read has no words.
 """
@@ -37,7 +37,7 @@ class DriveFaulted:
 
 @dataclass(frozen=True, slots=True)
 class ControlwordIgnored:
-    """A controlword asks for a transition that the axis does not make, and why not."""
+    """Controlword with a transition that the axis refuses, and the reason."""
 
     axis: int
     controlword: int
@@ -62,7 +62,7 @@ class EmergencyRaised:
 
 @dataclass(frozen=True, slots=True)
 class HeartbeatMissed:
-    """A node watched by 0x1016 (0: the guarding master) is silent, or heard again."""
+    """Heartbeat of a node watched by 0x1016 (0: the guarding master) missing, or back."""
 
     node_id: int
     missed: bool
@@ -78,7 +78,7 @@ class FaultSwitched:
 
 @dataclass(frozen=True, slots=True)
 class QuirkSwitched:
-    """A quirk went on or off; `text` as it is written, with strength and axis."""
+    """Quirk switched on or off; `text` includes strength and axis."""
 
     text: str
     on: bool
@@ -100,7 +100,7 @@ class BitRateActivated:
 
 @dataclass(frozen=True, slots=True)
 class PdoLeftOff:
-    """A PDO that its record calls valid is not, for its COB-ID is none that it may have; `kind` is RPDO or TPDO."""
+    """PDO marked valid in its record but disabled for an invalid COB-ID; `kind` is RPDO or TPDO."""
 
     kind: str
     number: int

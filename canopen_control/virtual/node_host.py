@@ -1,4 +1,4 @@
-"""Runs virtual nodes on a port, in a reactor: many nodes in one process, each frame only to those who listen to it.
+"""Host of virtual nodes on one port: many nodes in one process, each frame routed to its receivers.
 
 A turn takes everything the port has, hands each frame to the nodes of its identifier, and sends what they answer in one
 go. One timer serves all nodes; an idle drive costs nothing but its heartbeat. Nodes of one host hear each other as on a
@@ -81,7 +81,7 @@ class NodeHost:
             self._writing = False
 
     def rejoin(self, port: Port) -> None:
-        """Go on with another port of the channel; no-op where the present one is good."""
+        """Continue on another port of the channel; no-op while the present one works."""
         if self._closed or not self._off:
             return
         self.port, self._off = port, False
@@ -90,7 +90,7 @@ class NodeHost:
         self._tell_all(BusEventKind.UP)
 
     def wake(self, node: VirtualNode) -> None:
-        """Serve a node that was changed from outside: send what it has to say, look at its deadline again."""
+        """Serve a node changed from outside: send its frames, update its timer."""
         if not self._closed:
             self._finish({node: None})
 
@@ -116,7 +116,7 @@ class NodeHost:
         self._deliver(frame, now, self._touched)
 
     def _take_run(self, records: bytes, start: int, now: int) -> int:
-        """Give the records at `start` to a node alone with their identifier, as many as it takes at once."""
+        """Pass a run of records from `start` to the only receiver of their identifier."""
         can_id = RECORD.unpack_from(records, start)[0]
         listeners = self._routes.get(can_id, ())
         if len(listeners) != 1 or can_id != listeners[0].sdo.request_cob_id:
@@ -144,7 +144,7 @@ class NodeHost:
         self._finish(dict.fromkeys(due))
 
     def _finish(self, touched: dict[VirtualNode, None]) -> None:
-        """Route what the nodes listen to now, send what they have to say, tell what happened to them, set the timer."""
+        """Update routes, send frames, report events and set the timer of the nodes."""
         for node in touched:
             if node.routing.version != self._versions[node]:
                 self._reroute()
@@ -161,7 +161,7 @@ class NodeHost:
         self._set_timer()
 
     def _collect(self, touched: dict[VirtualNode, None]) -> list[CanFrame]:
-        """Return what the nodes have to say; the others of them hear it, and may answer."""
+        """Return the frames of the nodes, delivered to each other."""
         outgoing: list[CanFrame] = []
         waiting = list(touched)
         echoes = 0

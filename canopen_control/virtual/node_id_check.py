@@ -50,7 +50,7 @@ class NodeIdCheck:
         port.send(pack_records([CanFrame(REQUEST_BASE + node_id, _DEVICE_TYPE) for node_id in node_ids]))
 
     def finish(self) -> None:
-        """Wait for what is left of the time; raise NodeIdTaken when somebody was heard."""
+        """Wait for the remaining time; raise NodeIdTaken if another node was heard."""
         self._reactor.add_reader(self._port, self._listen)
         self._reactor.run_until(lambda: self._taken is not None, max(0, self._until - self._reactor.now()))
         self._reactor.remove_reader(self._port)

@@ -1,4 +1,4 @@
-"""What all services of one node share: its clock, and the outbox for what they say, errors, events and frames.
+"""Clock and outbox of one node: frames, events and errors of its services.
 
 An error goes to the EMCY producer and to the events. `changed` says that values changed which nobody wrote; the node
 lets the event-driven PDOs look at them when the event under way is over.
@@ -90,7 +90,7 @@ _MOST_WAITING = 1000  # events, and frames of injected faults
 
 
 class NodeClock:
-    """The time the node was brought to, and that of the last SYNC (None: none came), in monotonic ns.
+    """Time of the node and of its last SYNC (None: none), in monotonic ns.
 
     `rhythm` is that of the SYNCs.
     Seam `drift_ppm`: how much faster than the master's it is.
@@ -106,7 +106,7 @@ class NodeClock:
 
 
 class NodeOutbox:
-    """Collects what the services of one node say; bounded where nobody fetches it.
+    """Collects frames and events of a node's services; its size is bounded.
 
     `happened` are the events that wait, for whoever only asks whether there are any.
     """

@@ -271,7 +271,7 @@ class PowerMachine:
         self._motor.released()
 
     def halt(self, on: bool, now: int) -> None:
-        """Controlword bit 8, as 0x605D says; the mode goes on where it was."""
+        """Controlword bit 8: stop by 0x605D; the mode continues when it is cleared."""
         if on == self.halted or (on and not self._motor.can_halt()):
             return
         self.halted = on
@@ -281,7 +281,7 @@ class PowerMachine:
             self._motor.start(now)
 
     def fault(self, code: int, now: int, *, register: int = ErrorRegister.GENERIC, data: bytes = b"") -> None:
-        """Transition 13: report `code`, stop as 0x605E says, then FAULT."""
+        """Transition 13: report `code`, stop by 0x605E, then FAULT."""
         self._outbox.emergency(code, register, data)
         self.enter_fault(code, now)
 
@@ -292,7 +292,7 @@ class PowerMachine:
             self._communication_causes.add(code)
 
     def drop_cause(self, code: int) -> None:
-        """Let a fault be reset."""
+        """Clear the cause, so that a fault can be reset."""
         self.causes.discard(code)
         self._communication_causes.discard(code)
 
@@ -301,7 +301,7 @@ class PowerMachine:
         self.causes -= self._communication_causes
 
     def enter_fault(self, code: int, now: int) -> None:
-        """Go to FAULT without an EMCY of its own; in a fault it only shows the newer code."""
+        """Enter FAULT without an EMCY; in FAULT only the code is updated."""
         self._mover.advance(now)
         self._objects.set(o.ERROR_CODE, code)
         if self.state in (State.FAULT_REACTION_ACTIVE, State.FAULT):
@@ -324,7 +324,7 @@ class PowerMachine:
         self._outbox.values_changed()
 
     def abort_connection(self, code: int, now: int) -> None:
-        """Do what 0x6007 says, in operation; an absent object is its default, a fault."""
+        """React by 0x6007 in operation; without the object by its default, a fault."""
         self._mover.advance(now)
         if self.state not in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE):
             return
@@ -379,7 +379,7 @@ class DriveLimits:
         return lowest, highest
 
     def velocity(self, target: float) -> float:
-        """Return `target` within 0x607F and what the drive can do."""
+        """Return `target` limited by 0x607F and the drive's capability."""
         objects = self._objects
         inputs = objects.store.version, objects.units.speed, objects.model
         if inputs != self._most_of:
@@ -459,7 +459,7 @@ class DriveLimits:
 
     @property
     def exceeded(self) -> bool:
-        """Whether the following error is outside its window; a window of 0 or 0xFFFFFFFF is none."""
+        """Whether the following error exceeds its window; 0 or 0xFFFFFFFF disables the window."""
         window = self._objects.number(o.FOLLOWING_ERROR_WINDOW)
         return 0 < window < 0xFFFFFFFF and abs(self.following_error) > window * self._objects.units.length
 

@@ -1,4 +1,4 @@
-"""Virtual drives as an operating system process of their own, which knows nothing of any master.
+"""Process of virtual drives, independent of any master.
 
 It prints a line for each bus when its nodes are on it, then what happens to them, in words. SIGTERM and SIGINT end it
 with exit code 0. When its parent dies (the lifeline breaks) it serves on until its drives stand still by their own
@@ -83,7 +83,7 @@ class ServedBus:
         self.error: BusClosed | None = None
 
     def open(self) -> None:
-        """Begin to serve; NodeIdTaken where somebody serves such a node already."""
+        """Start to serve; NodeIdTaken if another process serves such a node."""
         self._host = NodeHost(
             self._reactor,
             self.port,
@@ -102,7 +102,7 @@ class ServedBus:
                 self._log("another drive without a node id has the control socket; this one gets one with its node id")
 
     def close(self) -> None:
-        """Serve no more, and leave the bus."""
+        """Stop serving and leave the bus."""
         if self._host is not None:
             self._host.close()
         for control in self._controls.values():
@@ -110,7 +110,7 @@ class ServedBus:
         self.port.close()
 
     def play_timeline(self) -> None:
-        """Let what will happen begin now."""
+        """Start the timeline."""
         if self._bus.timeline:
             from canopen_control.virtual.scenario import Timeline  # with it comes YAML, which is slow to import
 
@@ -128,7 +128,7 @@ class ServedBus:
 
     @property
     def ready_line(self) -> str:
-        """Who is on which bus."""
+        """Nodes and buses in one line."""
         ids = [node.node_id for node in self.nodes]
         kind = "drive" if self.nodes[0].drives else "node"
         which = f"{kind} {ids[0]}" if len(ids) == 1 else f"{kind}s {', '.join(map(str, ids))}"
@@ -151,7 +151,7 @@ class ServedBus:
                 self._rename(self._host, node)
 
     def _rename(self, host: NodeHost, node: VirtualNode) -> None:
-        """Let the control socket bear the node's new id."""
+        """Rename the control socket after a change of the node id."""
         self._controls[node].close()
         try:
             self._controls[node] = NodeControl(host, node, self.world)
@@ -160,7 +160,7 @@ class ServedBus:
             self._log(f"node {node.node_id}: another virtual drive has this id; this one has no control socket")
 
     def _on_bus_event(self, event: BusEvent) -> None:
-        """Tell what the controller reports: the first of its kind at once, those of the next seconds in sum."""
+        """Report bus events: the first of a kind at once, those of the next seconds as a sum."""
         self._folded.report(event.kind, event.text, 1)
 
     def _on_closed(self, error: BusClosed) -> None:
@@ -170,7 +170,7 @@ class ServedBus:
         self._rejoin()
 
     def _rejoin(self) -> None:
-        """Open the channel again as soon as it is back; give it up when that takes too long."""
+        """Reopen the channel once it is back; give up after a timeout."""
         if self.error is None or self._host is None:
             return
         port = self._bus.reopen()
@@ -215,7 +215,7 @@ _LOOK_NS = 20 * _MS
 
 
 class DriveProcess:
-    """The nodes of one process on the opened ports of their buses; `say` takes the lines of the log."""
+    """Nodes of one process on the opened ports of their buses; `report` gets the lines of the log."""
 
     def __init__(self, reactor: Reactor, buses: Sequence[BusNodes], report: Callable[[str], None]) -> None:
         self._reactor, self._say = reactor, report
@@ -278,7 +278,7 @@ class DriveProcess:
             self._reactor.call_later(min(periods), self._keep_up)
 
     def _keep_up(self) -> None:
-        """Bring all axes to the present, for a world that wants to know them."""
+        """Advance all axes to the present, for a world that needs them."""
         self._advance()
         for world in self._worlds:
             if isinstance(world, ShaftWorld):
@@ -300,7 +300,7 @@ class DriveProcess:
             self._early.append(line)
 
     def _on_lost(self) -> None:
-        """End when the last bus is gone for good."""
+        """End after the last bus was lost."""
         errors = [bus.error for bus in self._buses]
         if all(error is not None for error in errors):
             self._lost = errors[0]

@@ -83,7 +83,7 @@ class HomingMode(Mode):
         self.fails: InjectionPoint[bool] = InjectionPoint(False)
 
     def reset(self) -> None:
-        """Forget the run; what it found stays in the drive."""
+        """Reset the run; the home position found stays in the drive."""
         self._legs: list[_Leg] = []
         self._running = False
         self._attained = False
@@ -91,7 +91,7 @@ class HomingMode(Mode):
         self._home = 0.0
 
     def start(self, now: int) -> None:
-        """Stand until bit 4 rises; after a halt go on with the leg that was interrupted."""
+        """Wait for bit 4; after a halt continue the interrupted leg."""
         if self._running and self._legs and self.power.live:
             self._run(now)
         else:
@@ -120,7 +120,7 @@ class HomingMode(Mode):
         return self.model.homing_halts
 
     def control_unpowered(self, word: int, previous: int, now: int) -> None:
-        """Take the present position for home, which needs no motion, where the device does that without power."""
+        """Set the present position as home (method 35, 37), if the device does that without power."""
         number = self.objects.number(o.HOMING_METHOD)
         if word & ~previous & NEW_SET_POINT and self.model.homes_without_power and number in _IN_PLACE:
             self._begin(now)
@@ -238,7 +238,7 @@ class ProfileVelocity(FollowingMode):
         self._reached_within = self._slow_within = 0.0
 
     def update(self, now: int) -> None:
-        """Take target and ramps; a position limit ahead is where the motion ends."""
+        """Apply target and ramps; a position limit ahead ends the motion."""
         if not self.looks_anew():
             return
         target = self.limits.target_velocity()
@@ -274,7 +274,7 @@ class VelocityMode(FollowingMode):
     _RUN = 0x70  # bits 4 (enable ramp), 5 (unlock ramp), 6 (reference ramp)
 
     def update(self, now: int) -> None:
-        """Take target and ramps."""
+        """Apply target and ramps."""
         word = self.power.controlword
         if not word & 0x20:  # locked: the ramp's output stands
             return
@@ -313,7 +313,7 @@ class VelocityMode(FollowingMode):
 
 
 class ProfilePosition(Mode):
-    """PP: set-points taken by the rising edge of bit 4, one under way and one waiting (bit 12 until it has room).
+    """PP: set-points at the rising edge of bit 4, one active and one waiting (bit 12 until there is room).
 
     Bit 10 needs the demand at its end and the position within 0x6067 for 0x6068 ms: it is never early.
     """
@@ -328,7 +328,7 @@ class ProfilePosition(Mode):
         self._acknowledged = False
 
     def start(self, now: int) -> None:
-        """Go on to the set-point that a halt interrupted, or stand."""
+        """Continue the set-point interrupted by a halt, or stand still."""
         if self._target is None or not self.power.live:
             super().start(now)
         else:
@@ -387,7 +387,7 @@ class ProfilePosition(Mode):
         self.mover.run(move_to(now, position, velocity, target, *self._profile, end=end), now)
 
     def arrived(self, now: int) -> None:
-        """Take the waiting set-point, or watch the window."""
+        """Start the waiting set-point, or check the window."""
         if self._target is None or not self._busy or self.mover.demand.final_position != self._target:
             return
         if self._next is not None:
@@ -421,7 +421,7 @@ class ProfilePosition(Mode):
         self.mover.at("window", due, lambda then: self._settle(then, since))
 
     def bits(self) -> int:
-        """Return bit 10 for the last set-point taken, bit 12 while one is acknowledged, bit 13: following error."""
+        """Return bit 10 for the last set-point, bit 12 while one is acknowledged, bit 13 for following error."""
         reached = self._reached and (self._target is not None or self.mover.at_standstill)
         return (
             (REACHED if reached else 0)

@@ -46,7 +46,7 @@ ERASE_NS, WRITE_NS = 400_000_000, 100_000_000
 
 
 class ProgramState(enum.IntEnum):
-    """What 0x1F51 reads as."""
+    """Values of 0x1F51."""
 
     STOPPED = 0
     RUNNING = 1
@@ -73,7 +73,7 @@ FACTORY_PROGRAM: Final = whole_program(b"canopen_control factory program")
 
 
 class ProgramArea:
-    """The one program of a node, at the first subindex of 0x1F51; `image` is what is in the flash, whole or not.
+    """Program of a node at the first subindex of 0x1F51; `image` is the content of the flash.
 
     `write_ns` is how long the flash is busy when it has been written. Seams: `erase_ns`, how long it takes to clear it;
     `fails_at`, bytes after which the flash fails; `damages`, whether what is written is changed on
@@ -115,12 +115,12 @@ class ProgramArea:
 
     @property
     def identification(self) -> int:
-        """The CRC-32 that the program ends in, 0 where there is none that is whole; over both it is always the same."""
+        """CRC-32 at the end of the program, 0 without a complete one."""
         return int.from_bytes(self.image[-_CRC_BYTES:], "little") if self.is_whole else 0
 
     @property
     def date(self) -> tuple[int, int]:
-        """Days since 1984-01-01 and milliseconds after midnight; zeros of a program that tells none."""
+        """Days since 1984-01-01 and milliseconds after midnight; zeros without a date."""
         end = len(self.image) - _CRC_BYTES
         if not self.is_whole or end < _DATE.size:
             return 0, 0
@@ -131,11 +131,11 @@ class ProgramArea:
         return self.date[part]
 
     def lose(self) -> None:
-        """Have no program any more; the boot-loader runs from the next reset on."""
+        """Erase the program; the boot-loader runs from the next reset on."""
         self.image, self.error = b"", FlashError.NO_PROGRAM
 
     def mend(self) -> None:
-        """Have the maker's program again where there is none that is whole; it runs from the next reset on."""
+        """Restore the manufacturer's program if none is complete; it runs from the next reset on."""
         if not self.is_whole:
             self.image, self.error = FACTORY_PROGRAM, FlashError.NONE
 
@@ -144,7 +144,7 @@ class ProgramArea:
         return self.reset_at
 
     def reset(self) -> None:
-        """Begin anew, with a reset of the node or its power: a whole program runs, unless the reset is to stop it."""
+        """Process a reset: a complete program runs, unless the reset is to stop it."""
         requested, self._next, self.reset_at, self._busy_until = self._next, None, None, 0
         stopped = requested is ProgramState.STOPPED
         self.state = ProgramState.RUNNING if self.is_whole and not stopped else ProgramState.STOPPED
@@ -183,7 +183,7 @@ class ProgramArea:
         self._busy_until = self._clock.now + self.erase_ns.value
 
     def _take(self, entry: Entry, value: Value) -> Value:
-        """Write the flash; what it fails at is in there in part, and its error is told by 0x1F57."""
+        """Write the flash; a failed write stays in part, and 0x1F57 shows the error."""
         if entry.subindex != self.number:
             raise SdoServerAbort(AbortCode.INVALID_VALUE)
         self._admit()
@@ -200,7 +200,7 @@ class ProgramArea:
         return b""  # it cannot be read, and is in the flash
 
     def _admit(self) -> None:
-        """Refuse data that nobody has cleared the flash for, before they are sent."""
+        """Refuse data for a flash that was not cleared, before the transfer."""
         if self.state is not ProgramState.CLEARED:
             self.error = FlashError.NOT_CLEARED
         self._require(self.state is ProgramState.CLEARED and not self._busy)
@@ -214,6 +214,6 @@ class ProgramArea:
 
 
 def _loader_od(od: ObjectDictionary) -> ObjectDictionary:
-    """Return what the boot-loader has of a dictionary."""
+    """Return the boot-loader's part of a dictionary."""
     entries = {address: entry for address, entry in od.entries.items() if address[0] in _LOADER_OBJECTS}
     return replace(od, entries=entries)

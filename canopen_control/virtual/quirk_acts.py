@@ -1,4 +1,4 @@
-"""What quirks change of a node, by hooks that can be undone.
+"""Effects of quirks on a node, as hooks that can be undone.
 
 An act is called once when its quirk is switched on, with the strength; what it hooked is undone when the quirk is
 switched off. None of them has its name or its source: those are in `quirks`. Without a quirk nothing of this file runs.
@@ -59,7 +59,7 @@ def _refuses(
     when: Callable[[VirtualNode, Entry, int, float], bool],
     indices: Callable[[VirtualNode], Iterable[int]],
 ) -> NodeAct:
-    """Make an act that refuses writes of values to objects of the node."""
+    """Return an act that refuses writes of values to objects of the node."""
 
     def act(hooks: QuirkHooks, strength: float) -> None:
         def judge(entry: Entry, value: Value, before: Guard) -> Value:
@@ -73,7 +73,7 @@ def _refuses(
 
 
 def _axis_refuses(code: AbortCode, index: int, when: Callable[[VirtualDrive, int, float], bool]) -> AxisAct:
-    """Make an act that refuses values of an object of the axis."""
+    """Return an act that refuses values of an object of the axis."""
 
     def act(hooks: QuirkHooks, drive: VirtualDrive, strength: float) -> None:
         def judge(entry: Entry, value: Value, before: Guard) -> Value:
@@ -87,32 +87,32 @@ def _axis_refuses(code: AbortCode, index: int, when: Callable[[VirtualDrive, int
 
 
 def _word(change: Callable[[VirtualDrive, int], int]) -> AxisAct:
-    """Make an act that changes the statusword."""
+    """Return an act that changes the statusword."""
     return lambda hooks, drive, _strength: hooks.word(drive, lambda word: change(drive, word))
 
 
 def _delays(number: int) -> AxisAct:
-    """Make an act by which a transition takes the strength, in s."""
+    """Return an act that delays a transition by the strength in s."""
     return lambda hooks, drive, strength: hooks.delay(drive, number, strength)
 
 
 def _point(seam: Callable[[VirtualDrive], InjectionPoint[Any]], value: Callable[[float], Any]) -> AxisAct:
-    """Make an act that changes what is healthy at a seam."""
+    """Return an act that changes the normal behaviour at an injection point."""
     return lambda hooks, drive, strength: hooks.healthy(seam(drive), value(strength))
 
 
 def _model(change: Callable[[float], dict[str, Any]]) -> AxisAct:
-    """Make an act that changes the device model."""
+    """Return an act that changes the device model."""
     return lambda hooks, drive, strength: hooks.model(drive, **change(strength))
 
 
 def _attribute(locate: Callable[[VirtualDrive], tuple[Any, str]]) -> AxisAct:
-    """Make an act that sets an attribute to the strength, a whole number."""
+    """Return an act that sets an attribute to the strength, an integer."""
     return lambda hooks, drive, strength: hooks.attribute(*locate(drive), int(strength))
 
 
 def _condition(holds: Callable[[VirtualDrive], bool]) -> AxisAct:
-    """Make an act by which the mode changes only while something holds."""
+    """Return an act that allows a change of mode only under a condition."""
 
     def act(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
         modes = drive.modes
@@ -122,7 +122,7 @@ def _condition(holds: Callable[[VirtualDrive], bool]) -> AxisAct:
 
 
 def _answers(change: Callable[[CanFrame], CanFrame]) -> NodeAct:
-    """Make an act that changes the answers of the SDO server."""
+    """Return an act that changes the answers of the SDO server."""
 
     def outgoing(node: VirtualNode, frame: CanFrame, _now: int) -> Sent:
         return [(0, change(frame) if is_sdo_answer(node, frame) else frame)]
@@ -131,7 +131,7 @@ def _answers(change: Callable[[CanFrame], CanFrame]) -> NodeAct:
 
 
 def _emergencies(change: Callable[[CanFrame], CanFrame]) -> NodeAct:
-    """Make an act that changes the EMCY messages."""
+    """Return an act that changes the EMCY messages."""
 
     def outgoing(node: VirtualNode, frame: CanFrame, _now: int) -> Sent:
         return [(0, change(frame) if frame.can_id == node.emcy.cob_id and len(frame.data) == 8 else frame)]
@@ -140,12 +140,12 @@ def _emergencies(change: Callable[[CanFrame], CanFrame]) -> NodeAct:
 
 
 def _lacks(*indices: int) -> NodeAct:
-    """Make an act by which the node lacks objects."""
+    """Return an act that removes objects from the node."""
     return lambda hooks, _strength: hooks.absent(*indices)
 
 
 def as_fault(name: str) -> NodeAct:
-    """Make an act that does what a fault does, of a drive whose healthy way that is."""
+    """Return an act with the effect of a fault, as normal behaviour of a drive."""
     fault = FAULTS[name]
 
     def act(hooks: QuirkHooks, _strength: float) -> None:
@@ -162,7 +162,7 @@ def as_fault(name: str) -> NodeAct:
 
 
 def booted(hooks: QuirkHooks) -> Callable[[], int]:
-    """Return what tells when the node sent its boot-up message, in ns; long ago before that."""
+    """Return a function for the time of the boot-up message in ns; long ago before it."""
     times = [-(1 << 62)]
 
     def outgoing(node: VirtualNode, frame: CanFrame, now: int) -> Sent:
@@ -184,7 +184,7 @@ def modes_listed_without(hooks: QuirkHooks, drive: VirtualDrive, mode: float) ->
 
 
 def further_mode(like: OperationMode) -> AxisAct:
-    """Make an act by which a mode has a manufacturer's number too."""
+    """Return an act that adds a manufacturer-specific number to a mode."""
 
     def act(hooks: QuirkHooks, drive: VirtualDrive, number: float) -> None:
         own = int(number)
@@ -241,7 +241,7 @@ def inputs_shifted(hooks: QuirkHooks, drive: VirtualDrive, bits: float) -> None:
 
 
 def set_points_after_brake(hooks: QuirkHooks, drive: VirtualDrive, seconds: float) -> None:
-    """Be enabled at once, and follow set-points a time later."""
+    """Enable at once, and follow set-points after a delay."""
     gate, wait = hooks.gate(drive), round(seconds * _S)
     gate.brake_ns = wait
 
@@ -297,7 +297,7 @@ def link_empty_after_fault(hooks: QuirkHooks, drive: VirtualDrive, seconds: floa
 
 
 def ends_in(state: State, end: State | None) -> AxisAct:
-    """Make an act by which the stop of a state leads to another one than CiA 402 says."""
+    """Return an act that ends the stop of a state in another state than in CiA 402."""
     return lambda hooks, drive, _strength: hooks.entry(drive.power.ends, state, end)
 
 
@@ -307,12 +307,12 @@ def quick_stop_off(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> 
 
 
 def quick_stop_at_once(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
-    """Take the power away on a quick stop, without a state of its own."""
+    """Remove the power on a quick stop, without the state QUICK STOP ACTIVE."""
     hooks.act(drive, 11, lambda _transition, now, _before: drive.power.enter(State.SWITCH_ON_DISABLED, now))
 
 
 def quick_stop_resumes(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
-    """Enable from QUICK STOP ACTIVE whatever 0x605A says."""
+    """Allow transition 16 from QUICK STOP ACTIVE with every value of 0x605A."""
     enabling = transition_of(State.SWITCHED_ON, Command.ENABLE_OPERATION)
     if enabling is not None:
         hooks.act(drive, 16, lambda _transition, now, _before: drive.power.act_of(4)(enabling, now))
@@ -433,7 +433,7 @@ def _reached_inverted(drive: VirtualDrive, word: int) -> int:
 
 
 def _takes(passes: Callable[[VirtualDrive, int, int], bool]) -> AxisAct:
-    """Make an act by which a new set-point of PP counts only under a condition."""
+    """Return an act that accepts a PP set-point only under a condition."""
 
     def act(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
         def takes(word: int, previous: int, now: int) -> bool:
@@ -492,7 +492,7 @@ def polarity_of_targets(hooks: QuirkHooks, drive: VirtualDrive, _strength: float
 
 
 def velocity_unit(hooks: QuirkHooks, drive: VirtualDrive, counts: float) -> None:
-    """Have a velocity unit of so many counts/s, which no object names."""
+    """Use a velocity unit in counts/s that no object shows."""
     units, objects = drive.objects.units, drive.objects
     hooks.later(lambda: units.update(objects))
     hooks.attribute(units, "own_speed", counts)
@@ -523,7 +523,7 @@ def consumer_rounded(hooks: QuirkHooks, seconds: float) -> None:
 
 
 def inhibit_at_least(hooks: QuirkHooks, seconds: float) -> None:
-    """Have an inhibit time of TPDOs that cannot be shorter."""
+    """Use a minimum inhibit time of TPDOs."""
     least = round(seconds * 10_000)
     for number in hooks.node.pdos.tpdos:
         if hooks.node.store.number(TPDO + number, 3) < least:
@@ -568,7 +568,7 @@ def period_rounded(hooks: QuirkHooks, drive: VirtualDrive, ms: float) -> None:
 
 
 def ceiling(hooks: QuirkHooks, most: float) -> None:
-    """Take at most so much for profile acceleration, silently."""
+    """Clamp a profile acceleration without an error."""
     hooks.healthy(hooks.node.store.ceilings, {o.PROFILE_ACCELERATION: int(most)})
 
 
@@ -576,7 +576,7 @@ def ceiling(hooks: QuirkHooks, most: float) -> None:
 
 
 def _sized(command: int) -> int:
-    """Return how many bytes an expedited upload of less than 4 bytes says that it has, 0: it is another answer."""
+    """Return the size in an expedited upload below 4 bytes, 0 for other answers."""
     return {0x4F: 1, 0x4B: 2, 0x47: 3}.get(command, 0)
 
 
@@ -684,7 +684,7 @@ def cob_ids_not_stored(hooks: QuirkHooks, _strength: float) -> None:
 
 
 def _after_boot(frames: Callable[[VirtualNode], list[tuple[int, CanFrame]]]) -> NodeAct:
-    """Make an act that sends frames after the boot-up message."""
+    """Return an act that sends frames after the boot-up message."""
 
     def outgoing(node: VirtualNode, frame: CanFrame, _now: int) -> Sent:
         boots = is_heartbeat(node, frame) and frame.data == b"\0"
@@ -730,14 +730,14 @@ def start_after_boot(hooks: QuirkHooks, seconds: float) -> None:
 
 
 def boots_after(hooks: QuirkHooks, seconds: float) -> None:
-    """Take a time from a reset to the boot-up message."""
+    """Delay the boot-up message after a reset."""
     node = hooks.node
     hooks.later(lambda: node.set_reset_delay(0, node.clock.now))
     node.set_reset_delay(round(seconds * _S), node.clock.now)
 
 
 def drifts_by(hooks: QuirkHooks, ppm: float) -> None:
-    """Have a clock that is fast, or slow."""
+    """Use a fast or slow clock."""
     hooks.later(lambda: hooks.node.set_clock_drift(0.0))
     hooks.node.set_clock_drift(ppm)
 
@@ -864,5 +864,5 @@ def heartbeat_default(hooks: QuirkHooks, seconds: float) -> None:
 
 
 def rpdos_late(hooks: QuirkHooks, seconds: float) -> None:
-    """Take RPDOs late."""
+    """Process RPDOs late."""
     hooks.healthy(hooks.node.pdos.input.delay_ns, round(seconds * _S))

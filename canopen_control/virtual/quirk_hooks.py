@@ -32,7 +32,7 @@ _S = 1_000_000_000
 
 
 class QuirkHooks:
-    """Changes of `node` that can be undone, in reverse order; `outgoing` and `incoming` are those of its frames."""
+    """Changes of `node` that can be undone, in reverse order; `outgoing` and `incoming` change its frames."""
 
     def __init__(self, node: VirtualNode) -> None:
         self.node = node
@@ -42,7 +42,7 @@ class QuirkHooks:
         self._gates: dict[int, ModeGate] = {}
 
     def undo(self) -> None:
-        """Make everything as it was."""
+        """Undo all changes."""
         self._undo.close()
         self.outgoing.clear()
         self.incoming.clear()
@@ -70,7 +70,7 @@ class QuirkHooks:
     # -- objects
 
     def guard(self, indices: Iterable[int], judge: Judge) -> None:
-        """Let `judge` judge writes to objects; its last argument is what judged them before."""
+        """Check writes by `judge`; its last argument is the previous check."""
         store = self.node.store
         for index in indices:
             if index not in {entry.index for entry in store.od}:
@@ -80,7 +80,7 @@ class QuirkHooks:
             store.set_guard(index, _judged(judge, present))
 
     def show(self, index: int, subindex: int, view: Callable[[Any], Value]) -> None:
-        """Let an entry show what `view` makes of its value."""
+        """Show an entry's value through `view`."""
         store = self.node.store
         if not store.has(index, subindex):
             return
@@ -118,12 +118,12 @@ class QuirkHooks:
         self.attribute(statusword, "changes", (*statusword.changes, change))
 
     def act(self, drive: VirtualDrive, number: int, act: Callable[[Transition, int, Plain], None]) -> None:
-        """Let `act` do a transition; its last argument is what did it before."""
+        """Execute a transition by `act`; its last argument is the previous one."""
         before = drive.power.act_of(number)
         self.entry(drive.power.acts, number, lambda transition, now: act(transition, now, before))
 
     def delay(self, drive: VirtualDrive, number: int, seconds: float) -> None:
-        """Let a transition take a time."""
+        """Delay a transition."""
         self.entry(drive.power.delays_ns, number, round(seconds * _S))
 
     def gate(self, drive: VirtualDrive) -> ModeGate:
@@ -135,7 +135,7 @@ class QuirkHooks:
         return self._gates[drive.axis]
 
     def model(self, drive: VirtualDrive, **changed: Any) -> None:  # noqa: ANN401 - the fields of a model
-        """Change what the device model says of an axis."""
+        """Change the device model of an axis."""
         self.later(partial(drive.set_model, drive.objects.model))
         drive.set_model(replace(drive.objects.model, **changed))
 

@@ -1,4 +1,4 @@
-"""The quirks of drives as they are sold, one table: each a documented way in which a healthy drive departs from CiA.
+"""Table of quirks of drives on the market: each a documented difference of a healthy drive from CiA 402.
 
 A fault is what breaks, a quirk is how a manufacturer's drive always is. A row says its name, what the drive does, the
 clause or object of the standard that it departs from ("" where the standard allows it), its source, and its strength
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Strength:
-    """How strong a quirk is: in which unit, by default, and between which bounds; `whole` numbers alone."""
+    """Strength of a quirk: unit, default and bounds; `whole` for integers."""
 
     unit: str
     default: float
@@ -45,7 +45,7 @@ def _n(unit: str, default: float, low: float, high: float) -> Strength:
 
 @dataclass(frozen=True, slots=True)
 class Quirk:
-    """One row: `axis` acts on an axis, `node` on the node as a whole; one of them is there."""
+    """Row of the table: `axis` acts on an axis, `node` on the node; exactly one of them is set."""
 
     name: str
     does: str

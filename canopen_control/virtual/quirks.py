@@ -30,7 +30,7 @@ class QuirkSetting:
 
     @property
     def text(self) -> str:
-        """How it is written."""
+        """Text form."""
         strength = "" if self.quirk.strength is None else f"={self.value:.10g}"
         return f"{self.quirk.name}{strength}{'' if self.axis is None else f'@{self.axis}'}"
 
@@ -40,7 +40,7 @@ class QuirkSetting:
 
 
 def parse_quirk(text: str) -> QuirkSetting:
-    """Return what ``NAME``, ``NAME=VALUE``, ``NAME@AXIS`` or ``NAME=VALUE@AXIS`` says; ConfigError in one sentence."""
+    """Parse ``NAME``, ``NAME=VALUE``, ``NAME@AXIS`` or ``NAME=VALUE@AXIS``; ConfigError in one sentence."""
     head, at, place = text.partition("@")
     name, equals, number = head.partition("=")
     quirk = QUIRKS.get(name)
@@ -87,7 +87,7 @@ def check_quirks(settings: Sequence[QuirkSetting]) -> None:
 
 
 def quirks_of(personality: Personality) -> list[str]:
-    """Return the quirks of a personality; ConfigError with the line of every one that is none, or excludes another."""
+    """Return the quirks of a personality; ConfigError with the line of each invalid or excluded one."""
     settings: list[QuirkSetting] = []
     wrong: list[str] = []
     for line in personality.quirks:
@@ -103,7 +103,7 @@ def quirks_of(personality: Personality) -> list[str]:
 
 
 class QuirkSwitches:
-    """The quirks of `node`; `active` are those that are on, as they are written.
+    """Quirks of `node`; `active` lists those that are on, as text.
 
     Each switching undoes all hooks, then hooks those that are active, in the order of the table.
     """
@@ -123,7 +123,7 @@ class QuirkSwitches:
         return [setting.text for setting in self._on if setting.quirk.name == name]
 
     def start_with(self, texts: Iterable[str]) -> None:
-        """Have quirks from the power-on; ConfigError for one that the node cannot have."""
+        """Switch quirks on at power-on; ConfigError for one that the node cannot have."""
         settings = [self._fitting(parse_quirk(text)) for text in texts]
         check_quirks(settings)
         self._hook(settings)

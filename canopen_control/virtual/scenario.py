@@ -99,7 +99,7 @@ def _list(numbers: Iterable[float]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class WorldEvent:
-    """The keys of a step; a joint that is to `block` may be let go again after a time."""
+    """Keys of a step that change the world; a blocked joint may be unblocked after a time."""
 
     payload: Payload | None = None
     push: Push | None = None
@@ -107,7 +107,7 @@ class WorldEvent:
     friction: float | None = setting(None, low=0.0, high=10.0)
 
     def acts(self) -> list[WorldAct]:
-        """Return what is to happen."""
+        """Return the disturbances of the step."""
         acts: list[WorldAct] = []
         if self.payload is not None:
             acts.append(AddPayload(mass=self.payload.mass, on=self.payload.on, position=self.payload.position))
@@ -127,7 +127,7 @@ _LONGEST_S: Final = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Switching:
-    """What happens `at_ns` after the start: a fault or quirk is switched, a plant gets numbers, or the world acts."""
+    """Event `at_ns` after the start: a fault or quirk is switched, a plant changed, or the world disturbed."""
 
     at_ns: int
     node_id: int
@@ -158,7 +158,7 @@ def nanoseconds_of(value: float | str) -> int:
 
 @dataclass(frozen=True)
 class ScenarioStep(WorldEvent):
-    """One step of a file; `do`, `target`, `name`, `values`, `times` and `when` are of a robot in virtual time."""
+    """Step of a file; `do`, `target`, `name`, `values`, `times` and `when` are for simulations of robots."""
 
     at: float | str
     do: str = ""
@@ -178,12 +178,12 @@ class ScenarioStep(WorldEvent):
 
     @property
     def at_ns(self) -> int:
-        """Its time; a mistake is reported."""
+        """Time of the step; an error is reported."""
         return nanoseconds_at(self.here, self.at)
 
     @property
     def for_ns(self) -> int | None:
-        """Its duration, None without; a mistake is reported."""
+        """Duration, None without one; an error is reported."""
         return None if self.length is None else nanoseconds_at(self.here, self.length)
 
     def check_name(self, fault: str | None, quirk: str | None) -> None:
@@ -252,7 +252,7 @@ def _switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switching]:
 
 
 def _world_switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switching]:
-    """Return what happens in the world that all nodes share; a joint that is blocked may be let go again."""
+    """Return the events of the shared world; a blocked joint may be unblocked after a time."""
     acts, at_ns, for_ns = step.acts(), step.at_ns, step.for_ns
     if len(acts) > 1 or step.fault or step.quirk or step.plant or step.node is not None:
         step.here.error("a step has one of payload, push, block and friction, and no node, fault, quirk or plant then")
@@ -281,7 +281,7 @@ class Timeline:
         self._start = reactor.now()
 
     def plan(self, switchings: Sequence[Switching]) -> None:
-        """Put all on the clock."""
+        """Schedule all events."""
         for switching in switchings:
             self._reactor.call_at(self._start + switching.at_ns, partial(self._play, switching))
 

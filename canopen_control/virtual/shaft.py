@@ -67,7 +67,7 @@ class DiffBase:
         self.time_ns = 0
 
     def report(self, wheel: int, points: Sequence[Point]) -> None:
-        """Take points of `wheel`, later than those before; others are ignored."""
+        """Add positions of `wheel` in order of time; older ones are ignored."""
         for time_ns, way in points:
             last = self._next[wheel][-1] if self._next[wheel] else self._last[wheel]
             if last is None:
@@ -77,7 +77,7 @@ class DiffBase:
         self._integrate()
 
     def pose(self) -> BasePose:
-        """Return the pose at the last time that is known of both wheels."""
+        """Return the pose at the last time known for both wheels."""
         return BasePose(self.x, self.y, self.heading, self.time_ns)
 
     def _integrate(self) -> None:
@@ -111,7 +111,7 @@ class DiffBase:
         return way - last[1]
 
     def _advance(self, remaining: float, right: float) -> None:
-        """Go along the arc that two constant wheel speeds make."""
+        """Advance along the arc of two constant wheel speeds."""
         way, turn = 0.5 * (remaining + right), (right - remaining) / self.separation
         half = 0.5 * turn
         chord = way * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
@@ -133,7 +133,7 @@ class DiffBase:
         }
 
     def load(self, content: _Record) -> None:
-        """Take what `dump` gave."""
+        """Load a state of `dump`."""
         self.x, self.y, self.heading = float(content["x"]), float(content["y"]), float(content["heading"])
         self.time_ns = int(content["time_ns"])
         self._last = [None if item is None else (int(item[0]), float(item[1])) for item in content["last"]]
@@ -153,7 +153,7 @@ class SharedBase:
         self._file: int | None = None
 
     def report(self, wheel: int, points: Sequence[Point]) -> None:
-        """Take points of `wheel`."""
+        """Add positions of `wheel`."""
         fd = self._open()
         fcntl.flock(fd, fcntl.LOCK_EX)
         try:
@@ -190,7 +190,7 @@ class SharedBase:
             self._base = DiffBase(self._base.separation)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
@@ -251,10 +251,10 @@ _BUNDLE = 4
 
 
 class WheelOdometry(Protocol):
-    """Who takes the points."""
+    """Receiver of wheel positions."""
 
     def report(self, wheel: int, points: Sequence[tuple[int, float]]) -> None:
-        """Take points of `wheel`: monotonic ns and metres."""
+        """Add positions of `wheel`: monotonic ns and metres."""
 
 
 class WheelPlant:
@@ -364,18 +364,18 @@ _AXES: Final = 8
 
 @runtime_checkable
 class ShaftWorld(World, Protocol):
-    """An engine that knows which encoders sit on which shafts."""
+    """World that knows the shafts of encoders."""
 
     def shaft(self, node_id: int) -> Callable[[], float | None] | None:
-        """Return what tells the place of a node's shaft, in rad (m); None: it sits on none. None in it: not known."""
+        """Return a function for a node's shaft position in rad (m), None if unknown; None without a shaft."""
 
     def publish(self) -> None:
-        """Tell other processes where the shafts are."""
+        """Publish the shaft positions to other processes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Coupling:
-    """How a motor turns the shaft of an encoder: counts for each motor turn, motor turns for each of the encoder's.
+    """Coupling of a motor to the shaft of an encoder: counts per motor turn, gear ratio.
 
     With a `lead` it is a way in m for each of these turns, of a linear encoder.
     """
@@ -405,7 +405,7 @@ class ShaftFile:
         self._file: int | None = None
 
     def put(self, node_id: int, axis: int, counts: float) -> None:
-        """Tell where a shaft is."""
+        """Publish a shaft position."""
         fd = self._open()
         fcntl.flock(fd, fcntl.LOCK_EX)
         try:
@@ -414,7 +414,7 @@ class ShaftFile:
             fcntl.flock(fd, fcntl.LOCK_UN)
 
     def get(self, node_id: int, axis: int) -> float | None:
-        """Return where a shaft is, None: nobody has told yet."""
+        """Return a shaft position, None if it was never published."""
         fd = self._open()
         fcntl.flock(fd, fcntl.LOCK_SH)
         try:
@@ -425,7 +425,7 @@ class ShaftFile:
         return float(counts) if content == 1 and math.isfinite(counts) else None
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         if self._file is not None:
             os.close(self._file)
             self._file = None

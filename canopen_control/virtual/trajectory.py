@@ -77,7 +77,7 @@ class DemandCurve:
         return self.final_position, self.final_velocity
 
     def steady_until(self, now: int) -> int | None:
-        """Return until when the velocity is what it is at `now`, None: for ever; `now` while it changes."""
+        """Return the time until which the velocity stays as at `now`, None for ever; `now` while it changes."""
         if now >= self.end_ns:
             return None
         seconds = (now - self.start_ns) * _NS
@@ -122,7 +122,7 @@ class DemandCurve:
 
 
 def _first_crossing(piece: Piece, way: float) -> float | None:
-    """Return the seconds after which a piece has gone `way`, or None."""
+    """Return the time in s at which a piece has covered `way`, or None."""
     if piece.acceleration == 0.0:
         roots = [way / piece.velocity] if piece.velocity else []
     else:
@@ -136,12 +136,12 @@ def _first_crossing(piece: Piece, way: float) -> float | None:
 
 
 def hold(now: int, position: float) -> DemandCurve:
-    """Stand still at `position`."""
+    """Hold `position`."""
     return DemandCurve(now, position, (), 0.0, position)
 
 
 def cruise(now: int, position: float, velocity: float) -> DemandCurve:
-    """Go on with `velocity`."""
+    """Continue at `velocity`."""
     return DemandCurve(now, position, (), velocity, position)
 
 
@@ -178,7 +178,7 @@ def move_to(
     deceleration: float,
     end: float = 0.0,
 ) -> DemandCurve:
-    """Go to `target` in the shortest time along ramps and stand there, or pass it with the speed `end`.
+    """Move to `target` in minimum time along ramps and stop there, or pass it at the speed `end`.
 
     Motion in the wrong direction, or too fast at the target, is braked to standstill first. Without a speed or an
     acceleration nothing starts: it stops where it is. An `end` that cannot be reached on the way is as fast as it gets.
@@ -231,7 +231,7 @@ def _peak(way: float, velocity: float, acceleration: float, deceleration: float,
 
 
 def linear_to(now: int, position: float, target: float, seconds: float, onward: float = 0.0) -> DemandCurve:
-    """Go to `target` with constant velocity within `seconds`, then stand: the set-point of an interpolated mode.
+    """Move to `target` at constant velocity within `seconds`, then hold: set-point of an interpolated mode.
 
     `onward` is for how many seconds more it goes on with that velocity: the extrapolation of a set-point that is late.
     """

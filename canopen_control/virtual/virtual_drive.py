@@ -1,4 +1,4 @@
-"""One axis as a drive of CiA 402: power, modes, limits and motion on an object store, and what a write to it does.
+"""Axis of a CiA 402 drive: power, modes, limits and motion on an object store.
 
 Objects are written first and acted on afterwards, in this order: mode, controlword, set-points; so a PDO counts whole
 before its controlword is looked at. Set-points are taken only in OPERATION_ENABLED while the node is OPERATIONAL.
@@ -187,14 +187,14 @@ _GAP_S: Final = 0.1  # between two looks, longer than any while it has power
 
 
 class OverloadGuard:
-    """The heat of one motor, looked at again and again; `heat` is what is above that of the rated torque, in s."""
+    """Thermal model of one motor; `heat` is the excess over rated torque, in s."""
 
     def __init__(self) -> None:
         self.heat = 0.0
         self._looked: int | None = None
 
     def exceeded(self, torque: float, now: int) -> bool:
-        """Whether it is too hot at `now`, in ns, having had `torque` since the last look; after a pause it had none."""
+        """Whether the motor is too hot at `now`, in ns, after `torque` since the last call."""
         seconds = 0.0 if self._looked is None else (now - self._looked) * 1e-9
         self._looked = now
         ratio = 0.0 if seconds > _GAP_S else torque / 1000.0
@@ -231,7 +231,7 @@ class TouchProbes:
         self._armed = 0
 
     def update(self, now: int) -> None:
-        """Take 0x60B8: what is switched on now is armed, what is switched off forgets what it caught."""
+        """Apply 0x60B8: arm the enabled probes, clear the disabled ones."""
         function = self._objects.number(o.TOUCH_PROBE_FUNCTION)
         if function == self._armed:
             return
@@ -245,7 +245,7 @@ class TouchProbes:
         self._mover.watch_index(now)
 
     def inputs_changed(self, before: int, after: int) -> None:
-        """Look at the edges of the probe inputs."""
+        """Check the probe inputs for edges."""
         position = self._mover.plant.position
         for probe, shift in enumerate(_SHIFTS):
             bit = 1 << _FIRST_INPUT + probe
@@ -253,7 +253,7 @@ class TouchProbes:
                 self._catch(probe, position, rising=bool(after & bit))
 
     def index_passed(self, place: float) -> None:
-        """Look at an index pulse, at `place` in plant counts."""
+        """Process an index pulse at `place` in plant counts."""
         for probe, shift in enumerate(_SHIFTS):
             if self._armed >> shift & _INDEX:
                 self._catch(probe, place, rising=True)
@@ -264,7 +264,7 @@ class TouchProbes:
         return any(self._armed >> shift & (_ENABLE | _INDEX) == _ENABLE | _INDEX for shift in _SHIFTS)
 
     def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
-        """Return when `demand` passes the next index pulse, and where; None: it does not, or nobody waits for it."""
+        """Return time and place of the next index pulse of `demand`; None without one, or if no probe waits for it."""
         if not self.wants_index:
             return None
         position = demand.at(now)[0]
@@ -340,7 +340,7 @@ class VirtualDrive:
         return self.readings.statusword.value()
 
     def describe(self) -> AxisState:
-        """Return what the axis is doing, and its motor."""
+        """Return the state of the axis and its motor."""
         plant = self.mover.plant
         return AxisState(
             axis=self.axis,
@@ -408,7 +408,7 @@ class VirtualDrive:
     # -- what is written, and what happens
 
     def power_on(self, now: int) -> None:
-        """Start as after power-on: transitions 0 and 1. The motor stands where it is, and that is position 0."""
+        """Power on: transitions 0 and 1. The present motor position becomes 0."""
         objects, power = self.objects, self.power
         self.mover.advance(now)
         self.mover.timers.clear()
@@ -449,7 +449,7 @@ class VirtualDrive:
 
     @property
     def set_point(self) -> int:
-        """The object whose RPDOs are set-points of the active mode, 0: none."""
+        """Object whose RPDOs are set-points of the active mode, 0 for none."""
         return self.modes.active.set_point
 
     def set_point_received(self, now: int, *, overwrites: bool) -> None:
@@ -466,7 +466,7 @@ class VirtualDrive:
             self.modes.active.missed()
 
     def _limit_torque(self) -> None:
-        """Let the loops have the torque that 0x6072 and 0x6073 allow; 0 is no limit."""
+        """Limit the torque of the loops by 0x6072 and 0x6073; 0 is no limit."""
         limits = [float(limit) for index in TORQUE_LIMITS if (limit := self.objects.number(index)) > 0]
         self.mover.torque_limit = min(limits, default=math.inf)
 
@@ -510,7 +510,7 @@ class VirtualDrive:
             self._outbox.values_changed()
 
     def fault(self, code: int, now: int, *, register: int = ErrorRegister.GENERIC, data: bytes = b"") -> None:
-        """Let a fault occur: EMCY `code`, the stop that 0x605E says, FAULT."""
+        """Raise a fault: EMCY `code`, stop by 0x605E, FAULT."""
         self.power.fault(code, now, register=register, data=data)
 
     def set_inputs(self, bits: int, now: int) -> None:
@@ -521,7 +521,7 @@ class VirtualDrive:
         self._outbox.values_changed()
 
     def connection_lost(self, now: int) -> None:
-        """React to a lost heartbeat or guarding as 0x6007 says; without it 0x1029:01 decides, where that exists."""
+        """React to a lost heartbeat or guarding by 0x6007; without it by 0x1029:01."""
         if self.objects.has(o.ABORT_CONNECTION_OPTION) or not self._store.has(0x1029, 1):
             self.power.abort_connection(0x8130, now)
 
@@ -536,13 +536,13 @@ class VirtualDrive:
         self.mover.advance(now)
 
     def next_deadline(self) -> int | None:
-        """Return when something happens by itself, None: nothing will."""
+        """Return the time of the next event of its own, None without one."""
         return self.mover.next_deadline()
 
     # -- the motor of the power state machine
 
     def start(self, now: int) -> None:
-        """Let the active mode begin, from the present motion."""
+        """Start the active mode from the present motion."""
         self.modes.active.start(now)
 
     def stop(self, now: int, reaction: Reaction) -> None:
@@ -561,7 +561,7 @@ class VirtualDrive:
     # -- the reactions to the motion
 
     def arrived(self, now: int) -> None:
-        """Go on at the end of a demand: into the state that a stop leads to, or as the mode says."""
+        """Continue after the end of a demand: the state after a stop, or the next step of the mode."""
         target = self.power.stop_target
         if target is not None:
             self.power.finish(target, now)
@@ -586,7 +586,7 @@ class VirtualDrive:
             self.fault(OVERLOAD, now, register=ErrorRegister.GENERIC | ErrorRegister.CURRENT)
 
     def sampled(self) -> None:
-        """Look at values that move with the motor."""
+        """Update values that move with the motor."""
         self._outbox.values_changed()
 
     def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
@@ -594,5 +594,5 @@ class VirtualDrive:
         return self.probes.next_index(demand, now)
 
     def index_passed(self, place: float) -> None:
-        """Let the touch probes catch an index pulse."""
+        """Pass an index pulse to the touch probes."""
         self.probes.index_passed(place)

@@ -92,7 +92,7 @@ class FrameRoutes:
         return self.table.get(self._sdo.request_cob_id) == self._on_sdo
 
     def begin(self) -> None:
-        """Leave LSS alone in the table: a node that initialises hears nothing else."""
+        """Reduce the table to LSS while the node initialises."""
         self.table = self._lss_routes()
         self.sync_rpdo_handlers = {}
         self.version += 1
@@ -124,7 +124,7 @@ class FrameRoutes:
         return {} if self._lss is None else {MASTER_COB_ID: self._lss.receive}
 
     def _sync_routes(self) -> list[tuple[int, Receiver]]:
-        """Return who takes SYNC; nobody where 0x1005 holds 0 or another identifier that is no SYNC's."""
+        """Return the receivers of SYNC; none if 0x1005 has no valid identifier."""
         can_id = self._sync.cob_id
         return [] if not can_id & EXTENDED_FLAG and is_restricted(can_id) else [(can_id, self._on_sync)]
 
@@ -154,7 +154,7 @@ class FrameRoutes:
 
 
 def merged(routes: Iterable[tuple[int, Receiver]]) -> dict[int, Receiver]:
-    """Return the table of routes; two receivers of one identifier both hear its frames, in the order of the routes."""
+    """Return the table of routes; an identifier with two receivers is passed to both, in the order of the routes."""
     table: dict[int, Receiver] = {}
     for can_id, receiver in routes:
         table[can_id] = _both(table[can_id], receiver) if can_id in table else receiver
@@ -210,7 +210,7 @@ class NodeLss:
                 self._outbox.publish(BitRateActivated(event.bitrate))
 
     def reset(self, *, power: bool) -> int:
-        """Take the pending node id (a reset), or the stored one (a power-on); return it."""
+        """Apply the pending node id (reset) or the stored one (power-on); return it."""
         if power:
             self.slave.pending_node_id, self.slave.pending_bitrate = self.stored_node_id, self.stored_bitrate
         self.slave.reset()
@@ -233,14 +233,14 @@ class Timed(Protocol):
     """A service that time moves."""
 
     def next_deadline(self) -> int | None:
-        """Return when it has something to do, None: nothing will happen by itself."""
+        """Return the time of the next act, None without one."""
 
     def tick(self, now: int) -> None:
-        """Let time pass."""
+        """Advance to a time."""
 
 
 class ParameterKeeper(Protocol):
-    """What keeps the parameters of nodes when they have no supply."""
+    """Keeper of the parameters of nodes without supply."""
 
     def keep(self, node: VirtualNode) -> bool:
         """Keep what 0x1010, 0x1011 or LSS has changed; return whether it is kept."""
@@ -261,7 +261,7 @@ def _with_device_type(od: ObjectDictionary) -> ObjectDictionary:
 
 
 class VirtualNode:
-    """One node; `serial` (default: the node id) fills 0x1018:04 where the file has none, `plant` makes an axis's plant.
+    """Virtual node; `serial` (default: the node id) fills an empty 0x1018:04, `plant` creates the plant of an axis.
 
     `filter` is the injected faults while one is on, `switches` those that can be; `quirks` switches
     those. Seam `starts_itself`: OPERATIONAL
@@ -413,7 +413,7 @@ class VirtualNode:
         self._settle(now)
 
     def next_deadline(self) -> int | None:
-        """Return when `tick` has something to do, None: nothing will happen by itself."""
+        """Return the time of the next `tick`, None without one."""
         first = self._boot_at
         for next_deadline in self._deadlines:
             deadline = next_deadline()
@@ -454,7 +454,7 @@ class VirtualNode:
 
     @property
     def name(self) -> str:
-        """What kind of device it is, for people."""
+        """Kind of device, for messages."""
         return self.model.name or self.od.device.product_name or "node"
 
     @property
@@ -467,7 +467,7 @@ class VirtualNode:
         return self.pdos.has_event_pdos and self.operational
 
     def get(self, index: int, subindex: int = 0) -> Value:
-        """Return the present value of an object; KeyError where there is none."""
+        """Return the present value of an object; KeyError if it does not exist."""
         return self.store.get(index, subindex)
 
     def _stored(self) -> bool:
@@ -485,7 +485,7 @@ class VirtualNode:
         return self.drives.values() if self.function is None else (self.function,)
 
     def follow(self, now: int) -> None:
-        """Follow up what was done to the node from outside: send what changed, tick what is due."""
+        """Process changes from outside: send changed objects, run due timers."""
         if not self._settling:
             self.tick(now)
 
@@ -503,7 +503,7 @@ class VirtualNode:
         self._settle(now)
 
     def power_on(self, now: int) -> None:
-        """Switch on, or off and on again (brown-out): everything not stored is gone."""
+        """Switch on, or off and on again (brown-out); values that are not stored are lost."""
         self._advance(now)
         if self.lss is not None:
             self.lss.reset(power=True)
@@ -519,7 +519,7 @@ class VirtualNode:
             self._boot_at = None if delay_ns is None else now + delay_ns
 
     def set_clock_drift(self, ppm: float) -> None:
-        """Let the clock run fast, or slow where `ppm` is negative."""
+        """Set the clock drift; negative `ppm` is slow."""
         self.clock.drift_ppm.inject(ppm)
         self.communication.apply()
 
@@ -536,7 +536,7 @@ class VirtualNode:
             clock.now = now
 
     def _settle(self, now: int) -> None:
-        """Follow up what the services said until they say nothing more."""
+        """Process events of the services until there are none."""
         if self._settling:
             return
         self._settling = True

@@ -1,4 +1,4 @@
-"""How a socket's methods are declared: a request is a structure that names the type of its answer.
+"""Declaration of a socket's methods: a request is a structure with the type of its answer.
 
     STORE: Api[Hello, Changed] = Api("store", Hello, {"changed": Changed})
 

@@ -16,7 +16,7 @@ from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
 
 
 class WorldShape(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A thing in a world beside the robot: `kind` is "box", "cylinder" (along z), "ellipsoid", or "patch" of the floor.
+    """Object in a world: `kind` is "box", "cylinder" (along z), "ellipsoid", or "patch" of the floor.
 
     `size` are its lengths in m along its own axes; `position` of its middle in m and `rotation`, the quaternion w, x,
     y, z, are those in the world; it `moves` where it can be pushed. It is part of another `robot` where that is named;
@@ -78,7 +78,7 @@ class FaultListing(msgspec.Struct, frozen=True, kw_only=True):
 
 @DRIVE.method("faults", Effect.READS)
 class ListFaults(Request[tuple[FaultListing, ...]], frozen=True):
-    """Every fault that the node can show: those of inputs no drive, those of axes nothing else."""
+    """Faults available in the node; those of inputs and axes depend on its kind."""
 
 
 class ActiveFaults(msgspec.Struct, frozen=True):
@@ -120,11 +120,11 @@ class QuirkListing(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
 
 @DRIVE.method("quirks", Effect.READS)
 class ListQuirks(Request[tuple[QuirkListing, ...]], frozen=True):
-    """Every quirk that the node can have."""
+    """Quirks available in the node."""
 
 
 class ActiveQuirks(msgspec.Struct, frozen=True):
-    """The quirks that are on, as they are written."""
+    """Active quirks, as text."""
 
     active: list[str]
 
@@ -141,7 +141,7 @@ class SwitchQuirk(Request[ActiveQuirks], frozen=True, kw_only=True):
 
 
 class PlantState(msgspec.Struct, frozen=True):
-    """The motor as it is: `position` in counts, `velocity` in counts/s, `torque` in per mille of the rated torque."""
+    """Motor: `position` in counts, `velocity` in counts/s, `torque` in per mille of the rated torque."""
 
     position: float = 0.0
     velocity: float = 0.0
@@ -157,7 +157,7 @@ class Spread(msgspec.Struct, frozen=True):
 
 
 class SetPointQuality(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """How evenly set-points of a cyclic mode came and moved an axis, since it was enabled in it or `restart_quality`.
+    """Timing and evenness of set-points in a cyclic mode since the axis was enabled or `restart_quality`.
 
     `taken` set-points of RPDOs that counted; `missed`: periods in which none counted; `doubled`: set-points that
     repeated the one before in the middle of a motion; `overwritten`: those that the next one replaced before they
@@ -180,7 +180,7 @@ class SetPointQuality(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=T
 
 
 class AxisState(msgspec.Struct, frozen=True, kw_only=True):
-    """State of an axis: `state` is that of CiA 402, such as "SWITCHED_ON", `mode` such as "PV".
+    """State of an axis: `state` as in CiA 402, such as "SWITCHED_ON", `mode` such as "PV".
 
     `statusword` is 0x6041, `controlword` 0x6040, `position` 0x6064 and `velocity` 0x606C in the units of the drive;
     `set_points` exists after the axis was enabled in a cyclic mode (CSP, CSV, CST, interpolated position).
@@ -214,7 +214,7 @@ class BasePose(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class WorldState(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What the axes do together: the `base` that they move, and what the `sensors` of the world measure, by name.
+    """Common world of the axes: the `base` they move, and its `sensors` by name.
 
     An IMU has its quaternion (w, x, y, z), the angular velocities in rad/s and the accelerations in m/s2, ten numbers;
     a range finder one in m, negative for nothing in reach; a force-torque sensor forces in N and torques in Nm, six.
@@ -229,7 +229,7 @@ class WorldState(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class SignalState(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A signal of a device that is no drive, such as "di3": an input as it is outside, an `output` at its terminal."""
+    """Signal of a device other than a drive, such as "di3": an input as applied, an `output` at its terminal."""
 
     name: str
     value: float
@@ -238,7 +238,7 @@ class SignalState(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class DriveState(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A node: its NMT state, such as "OPERATIONAL", and what is wrong with it; `world` where its axes are part of one.
+    """State of a node: NMT state such as "OPERATIONAL" and errors; `world` if its axes are part of one.
 
     `error_register` is 0x1001, `errors` are the EMCY codes that are active, `faults` those that are switched on,
     `quirks` too, as they are written. `signals` are those of a device that is no drive.
@@ -258,7 +258,7 @@ class DriveState(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 @DRIVE.method("state", Effect.READS)
 class GetDriveState(Request[DriveState], frozen=True):
-    """What the node is doing, its motors and what they move."""
+    """State of the node, its motors and their mechanics."""
 
 
 # -- what acts on it from outside
@@ -296,7 +296,7 @@ class SetPlant(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("restart_quality", Effect.CHANGES)
 class RestartQuality(Request[Done], frozen=True, kw_only=True):
-    """Begin to count and measure the set-points of an axis anew."""
+    """Restart the set-point statistics of an axis."""
 
     axis: int = 0
 
@@ -306,7 +306,7 @@ class RestartQuality(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("payload", Effect.CHANGES)
 class AddPayload(Request[Done], frozen=True, kw_only=True):
-    """Put `mass` kg on a link at once, or take them off where it is negative.
+    """Add `mass` kg to a link at once; a negative mass removes it.
 
     `on` is the link, "" the heaviest one; `position` in m in its frame.
     """
@@ -327,7 +327,7 @@ class PushRobot(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("block", Effect.CHANGES)
 class BlockJoint(Request[Done], frozen=True, kw_only=True):
-    """Block a joint that a drive moves, or let it go again."""
+    """Block a joint moved by a drive, or unblock it."""
 
     joint: str
     on: bool = True
@@ -335,7 +335,7 @@ class BlockJoint(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("grip", Effect.CHANGES)
 class SetGrip(Request[Done], frozen=True, kw_only=True):
-    """Change the sliding friction of wheels on the floor, that of patches excepted."""
+    """Change the sliding friction of wheels on the floor, except on patches."""
 
     friction: Annotated[float, msgspec.Meta(ge=0)]
 
@@ -349,9 +349,9 @@ WorldAct = AddPayload | PushRobot | BlockJoint | SetGrip
 
 @DRIVE.method("world", Effect.READS)
 class GetWorld(Request[WorldState], frozen=True):
-    """The true pose of the world: where the base is that the node's axes move, as every node of that world says it."""
+    """True pose of the base moved by the node's axes; the same for every node of that world."""
 
 
 @DRIVE.method("shapes", Effect.READS)
 class GetWorldShapes(Request[tuple[WorldShape, ...]], frozen=True):
-    """What is in the world beside the robot: patches, boxes, ramps, walls and other robots, where they are now."""
+    """Present objects of the world other than the robot: patches, boxes, ramps, walls, other robots."""

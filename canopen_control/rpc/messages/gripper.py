@@ -15,7 +15,7 @@ A = TypeVar("A")
 
 
 class GripperVerdict(msgspec.Struct, frozen=True, kw_only=True):
-    """Whether a goal was accepted, and if not, why; `feedback_rate` in Hz is how often the client is told of it.
+    """Acceptance of a goal, or the reason of its refusal; `feedback_rate` in Hz is the rate of feedback.
 
     `outlives_client` is false: no gripper goes on without who sent the goal.
     """
@@ -27,7 +27,7 @@ class GripperVerdict(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class GripperResult(msgspec.Struct, frozen=True, kw_only=True):
-    """How a goal ended: "succeeded", "canceled" or "aborted", where the gripper was then, and why."""
+    """Result of a goal: "succeeded", "canceled" or "aborted", with position and reason."""
 
     state: str
     text: str
@@ -57,7 +57,7 @@ class MoveGripper(_Goal[GripperResult], frozen=True, kw_only=True):
 
 
 class SendGripper(_Goal[GripperVerdict], frozen=True, kw_only=True):
-    """The same, answered at once, also where it is refused; `gripper_end` tells of its end."""
+    """Send a gripper goal, answered at once even if refused; `gripper_end` waits for its end."""
 
 
 class GripperEnd(Request[GripperResult], frozen=True, kw_only=True):
@@ -65,7 +65,7 @@ class GripperEnd(Request[GripperResult], frozen=True, kw_only=True):
 
 
 class CancelGripper(Request[Done], frozen=True, kw_only=True):
-    """End the goal that a gripper controller executes, whoever sent it: the joint is held.
+    """Cancel the goal of a gripper controller, of any client; the joint is held.
 
     `own` true: only if it is this connection's. `why` is put into its result.
     """

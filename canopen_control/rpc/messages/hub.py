@@ -1,4 +1,4 @@
-"""The control socket of a ``local:`` bus: who is on it, and the faults of its wires.
+"""Control socket of a ``local:`` bus: its members and the faults of its wires.
 
 A label is what a member of the bus is called, such as ``drive 3``; where it may be left out, "" is everybody. An
 error's kind is a class of errors.py: ConfigError where nobody has the label that was given.
@@ -21,7 +21,7 @@ Count = Annotated[int, msgspec.Meta(ge=1, le=1 << 31)]
 
 
 class HubHello(msgspec.Struct, frozen=True):
-    """How a hub greets; `pid` is its process."""
+    """Greeting of a hub; `pid` is its process."""
 
     bus: str
     protocol: int = 0
@@ -35,7 +35,7 @@ HUB: Final[Api[HubHello, NoReturn]] = Api("hub", HubHello, {})  # it sends nothi
 
 
 class Member(msgspec.Struct, frozen=True):
-    """One opened end of the bus; frames that it received, sent and lost, and that wait for it to read."""
+    """Open end of the bus; frames received, sent, lost, and waiting to be read."""
 
     label: str
     pid: int
@@ -75,7 +75,7 @@ class HubStatus(msgspec.Struct, frozen=True):
 
 @HUB.method("status", Effect.READS)
 class GetHubStatus(Request[HubStatus], frozen=True):
-    """Who is there, what is wrong and how much goes over the bus."""
+    """Members, faults and traffic of the bus."""
 
 
 # -- faults
@@ -83,7 +83,7 @@ class GetHubStatus(Request[HubStatus], frozen=True):
 
 @HUB.method("cut", Effect.CHANGES)
 class Cut(Request[Done], frozen=True):
-    """Cut the cable of a label: nothing from it, nothing to it, and nobody is told."""
+    """Cut the cable of a label: frames are lost in both directions without an error."""
 
     label: str
 
@@ -97,7 +97,7 @@ class Uncut(Request[Done], frozen=True):
 
 @HUB.method("bus_off", Effect.CHANGES)
 class ForceBusOff(Request[Done], frozen=True):
-    """Send the controller of a label off the bus; an error frame tells it."""
+    """Set the controller of a label to bus off; an error frame reports it."""
 
     label: str
 
@@ -111,7 +111,7 @@ class Restart(Request[Done], frozen=True):
 
 @HUB.method("error_frame", Effect.CHANGES)
 class SendErrorFrame(Request[Done], frozen=True, kw_only=True):
-    """Let the controller of a label, or all, report an error."""
+    """Make the controller of a label, or all, report an error frame."""
 
     kind: ErrorKind = "bus-error"
     label: str = ""
@@ -129,7 +129,7 @@ class DropFrames(Request[Done], frozen=True, kw_only=True):
 
 @HUB.method("delay", Effect.CHANGES)
 class DelayFrames(Request[Done], frozen=True, kw_only=True):
-    """Deliver what a label, or anybody, sends that many milliseconds later; 0 ends it."""
+    """Delay the frames of a label, or of all, by milliseconds; 0 ends it."""
 
     ms: Annotated[int, msgspec.Meta(ge=0, le=_MAX_DELAY)]
     label: str = ""
@@ -137,7 +137,7 @@ class DelayFrames(Request[Done], frozen=True, kw_only=True):
 
 @HUB.method("bitrate", Effect.CHANGES)
 class SetBitrate(Request[Done], frozen=True):
-    """Let frames take their time at a bit rate in bit/s, with arbitration; null or 0 ends that."""
+    """Simulate a bit rate in bit/s with arbitration; null or 0 ends it."""
 
     bitrate: Annotated[int, msgspec.Meta(ge=0, le=_MAX_BITRATE)] | None = None
 

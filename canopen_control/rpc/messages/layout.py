@@ -28,7 +28,7 @@ class MappedEntry(msgspec.Struct, frozen=True):
 
 
 class PdoLayout(msgspec.Struct, frozen=True):
-    """Active PDO; `direction` is that of the device, "rpdo" or "tpdo", `cob_id` has the flag of a 29-bit identifier."""
+    """Active PDO; `direction` as seen by the device, "rpdo" or "tpdo"; `cob_id` includes the 29-bit flag."""
 
     cob_id: Identifier
     direction: Direction

@@ -1,4 +1,4 @@
-"""The socket of a running robot, for every process that is not the robot itself: its methods and what it pushes.
+"""Socket of a running robot for all other processes: methods and pushed messages.
 
 Answers may come in another order than the requests. An error's kind is a class of errors.py: UnknownName where there is
 nothing of a name that was given. SI units; times are Unix seconds.
@@ -34,7 +34,7 @@ Seconds = Annotated[float, msgspec.Meta(gt=0, le=60)]
 
 
 class NodeIdentity(msgspec.Struct, frozen=True):
-    """What boot expects of 0x1000 and 0x1018; 0 where anything will do."""
+    """Expected values of 0x1000 and 0x1018 at boot; 0 accepts any value."""
 
     device_type: int = 0
     vendor_id: int = 0
@@ -45,7 +45,7 @@ class NodeIdentity(msgspec.Struct, frozen=True):
 
 
 class NodePlace(msgspec.Struct, frozen=True, kw_only=True):
-    """A node: where it is, the path of its EDS, and what bus.yml says of it.
+    """Node: its bus, the path of its EDS, and its section of bus.yml.
 
     `axes` counts those of CiA 402 that its EDS has, `joints` are what it moves: none for a proxy.
     """
@@ -78,7 +78,7 @@ class NodeListing(msgspec.Struct, frozen=True):
 
 
 class GetNodes(Request[NodeListing], frozen=True):
-    """Where each node is and which EDS describes it."""
+    """Bus and EDS of each node."""
 
 
 class NmtRequest(Request[Done], frozen=True, kw_only=True):
@@ -101,7 +101,7 @@ class SdoData(msgspec.Struct, frozen=True):
 
 
 class SdoRead(Request[SdoData], frozen=True, kw_only=True):
-    """Upload an object; `timeout` in seconds for each answer (null: the node's), `block` asks for block transfer."""
+    """Upload an object; `timeout` in s per answer (null: the node's), `block` requests block transfer."""
 
     node: NodeName
     index: Index
@@ -111,7 +111,7 @@ class SdoRead(Request[SdoData], frozen=True, kw_only=True):
 
 
 class SdoWrite(Request[Done], frozen=True, kw_only=True):
-    """Download an object; what moves an axis is refused while a stop is latched. The robot's events say who did it.
+    """Download an object; writes that move an axis are refused while a stop is latched. Events name the client.
 
     `source` is by whose name, that of the client's program without one.
     """
@@ -125,14 +125,14 @@ class SdoWrite(Request[Done], frozen=True, kw_only=True):
 
 
 class SdoProgress(msgspec.Struct, frozen=True):
-    """How many bytes of a transfer are over, and of how many; 0 and null while there is none, or nobody knows."""
+    """Progress of a transfer in bytes, done and total; 0 and null if unknown."""
 
     done: Count = 0
     total: Count | None = None
 
 
 class GetSdoProgress(Request[SdoProgress], frozen=True, kw_only=True):
-    """How far the SDO transfer is that is under way with a node, whoever asked for it."""
+    """Progress of the present SDO transfer with a node, of any client."""
 
     node: NodeName
 
@@ -153,7 +153,7 @@ class PdoWrite(Request[Done], frozen=True, kw_only=True):
 
 
 class TouchProbe(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The touch probe objects of an axis (0x60B8 to 0x60BD) in device units; what the drive lacks is left out."""
+    """Touch probe objects of an axis (0x60B8 to 0x60BD) in device units; missing objects are omitted."""
 
     function: int | None = None
     status: int | None = None
@@ -164,7 +164,7 @@ class TouchProbe(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class ReadTouchProbe(Request[TouchProbe], frozen=True, kw_only=True):
-    """What the touch probes of a node caught."""
+    """Captured positions of a node's touch probes."""
 
     node: NodeName
 
@@ -188,7 +188,7 @@ Rate = Annotated[float, msgspec.Meta(gt=0, le=MAX_RATE)]
 
 
 class RobotHello(msgspec.Struct, frozen=True):
-    """How a robot greets; `pid` is its process."""
+    """Greeting of a robot; `pid` is its process."""
 
     robot: str
     version: str = ""
@@ -205,14 +205,14 @@ class MappedValue(msgspec.Struct, frozen=True, array_like=True):
 
 
 class ProcessData(msgspec.Struct, frozen=True):
-    """What TPDOs carry, by node: first everything, then after each cycle what has changed."""
+    """Contents of TPDOs by node: first all, then the changes of each cycle."""
 
     time: float
     nodes: dict[str, list[MappedValue]]
 
 
 class RequestSeen(msgspec.Struct, frozen=True):
-    """A request of a client that was not refused at once, with what it said; those that only read are left out."""
+    """Request of a client that was accepted, with its parameters; read-only requests are omitted."""
 
     time: float
     method: str
@@ -230,12 +230,12 @@ ROBOT: Final[Api[RobotHello, RobotPush]] = Api(
 
 @ROBOT.method("status", Effect.READS)
 class GetStatus(Request[Status], frozen=True):
-    """Everything at once, as `status --json` prints it."""
+    """Status, as `status --json` prints it."""
 
 
 @ROBOT.method("subscribe", Effect.READS)
 class Subscribe(Request[Done], frozen=True, kw_only=True):
-    """Have samples of the state pushed at `state_rate` in Hz (null: none), events, what TPDOs carry, and requests."""
+    """Subscribe to state samples at `state_rate` in Hz (null: none), events, TPDO contents and requests."""
 
     state_rate: Rate | None = None
     events: bool = False
@@ -245,7 +245,7 @@ class Subscribe(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("tell", Effect.CHANGES)
 class PublishEvent(Request[Done], frozen=True, kw_only=True):
-    """An event for all who watch: what a client has to say; `kind` is one word, `level` "info" or "warning"."""
+    """Publish an event to all subscribers; `kind` is one word, `level` "info" or "warning"."""
 
     kind: str
     text: str
@@ -257,7 +257,7 @@ class PublishEvent(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("command", Effect.MOVES)
 class CommandController(Request[Done], frozen=True, kw_only=True):
-    """A controller's command; `dead_man` true: it ends with this connection, whatever ends that.
+    """Command a controller; with `dead_man` the command ends when this connection closes.
 
     Refused as NotEnabled while a drive of the controller is off, as NotYetEnabled while it comes up. `interface` is
     what the sender takes the values for; refused where they are something else now, as a target in another mode.
@@ -285,7 +285,7 @@ class CommandByName(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("twist", Effect.MOVES)
 class TwistController(Request[Done], frozen=True, kw_only=True):
-    """The same as velocities of a base: forward and, where it can, `lateral` to the left in m/s, `angular` in rad/s.
+    """Command a base: forward and, if holonomic, `lateral` to the left in m/s, `angular` in rad/s.
 
     `stamp` is when it was made.
     """
@@ -316,7 +316,7 @@ class Stop(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("release", Effect.CHANGES)
 class Release(Request[Done], frozen=True, kw_only=True):
-    """Let go of a latched stop; the drives stay disabled."""
+    """Release a latched stop; the drives stay disabled."""
 
     source: str | None = None
 
@@ -328,7 +328,7 @@ class Shutdown(Request[Done], frozen=True):
 
 @ROBOT.method("set_odometry", Effect.CHANGES)
 class SetOdometry(Request[Done], frozen=True, kw_only=True):
-    """Where a base controller's odometry goes on from, in m and rad."""
+    """Set the odometry of a base controller, in m and rad."""
 
     controller: str
     x: float
@@ -346,14 +346,14 @@ class SetFeedForward(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("set_measured_states", Effect.MOVES)
 class SetMeasuredStates(Request[Done], frozen=True, kw_only=True):
-    """What others measured of each degree of freedom of a PID controller, then the derivatives (`~/measured_state`)."""
+    """Set the measured state of each degree of freedom of a PID controller, then derivatives (`~/measured_state`)."""
 
     controller: str
     values: list[float]
 
 
 class AxisDone(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What was done: `text` where it was to more axes, those that a base controller holds together."""
+    """Result of an axis request: `text` if it affected more axes, those of a base controller."""
 
     text: str = ""
 
@@ -440,7 +440,7 @@ class InterfaceReading(msgspec.Struct, frozen=True):
 
 
 class HardwareReading(msgspec.Struct, frozen=True, kw_only=True):
-    """A hardware component as `list_hardware_components` tells it; `rate` in Hz."""
+    """Hardware component as in `list_hardware_components`; `rate` in Hz."""
 
     name: str
     type: str
@@ -477,7 +477,7 @@ ROBOT.declare(NODE_METHODS)
 
 @ROBOT.method("layout", Effect.READS)
 class GetLayout(Request[Layout], frozen=True):
-    """What the PDOs of each bus carry."""
+    """PDO mappings of each bus."""
 
 
 class Description(msgspec.Struct, frozen=True, omit_defaults=True):

@@ -70,7 +70,7 @@ class MecanumSample(OdometrySample, frozen=True, kw_only=True, tag="mecanum"):
 
 
 class JointStatesSample(Sample, frozen=True, kw_only=True, tag="joint_states"):
-    """What a joint state broadcaster tells: values by joint and name; `names` are the joints of a JointState in order.
+    """Sample of a joint state broadcaster: values by joint and name; `names` is the order of a JointState.
 
     "position", "velocity" and "effort" are what its parameters map to these, an extra joint's are 0.0.
     """
@@ -86,7 +86,7 @@ class GpioSample(Sample, frozen=True, kw_only=True, tag="gpio"):
 
 
 class JointDiagnosis(msgspec.Struct, frozen=True):
-    """How a diagnostics broadcaster judges a joint: `level` as in diagnostic_msgs, `values` what it was judged by."""
+    """Diagnosis of a joint: `level` as in diagnostic_msgs, `values` it is based on."""
 
     name: str
     level: int
@@ -95,13 +95,13 @@ class JointDiagnosis(msgspec.Struct, frozen=True):
 
 
 class DiagnosticsSample(Sample, frozen=True, kw_only=True, tag="diagnostics"):
-    """How the drives behind the joints are."""
+    """Diagnosis of the drives of the joints."""
 
     joints: list[JointDiagnosis]
 
 
 class TrajectoryPoint(msgspec.Struct, frozen=True, kw_only=True):
-    """A point of a trajectory: one value for each joint, or none at all where nothing is said; `time_from_start` in s.
+    """Trajectory point: one value per joint, or none; `time_from_start` in s.
 
     Positions in rad (m), velocities in rad/s, accelerations in rad/s^2, effort in Nm (N).
     """
@@ -114,7 +114,7 @@ class TrajectoryPoint(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TrajectorySample(Sample, frozen=True, kw_only=True, tag="trajectory"):
-    """Where the joints of a trajectory were to be, where they were, and by how much they were off.
+    """Desired and actual state of a trajectory's joints, and the error.
 
     `executing` says that a goal is under way, `holding` that the joints are held.
     """
@@ -130,7 +130,7 @@ class TrajectorySample(Sample, frozen=True, kw_only=True, tag="trajectory"):
 
 
 class DofReading(msgspec.Struct, frozen=True, kw_only=True):
-    """One degree of freedom under a PID (control_msgs/SingleDOFState): SI units, `time_step` in s, null is unknown."""
+    """Degree of freedom of a PID (control_msgs/SingleDOFState): SI units, `time_step` in s, null for unknown."""
 
     name: str
     reference: float | None
@@ -143,13 +143,13 @@ class DofReading(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PidSample(Sample, frozen=True, kw_only=True, tag="pid"):
-    """What a PID controller keeps at its references (control_msgs/MultiDOFStateStamped)."""
+    """References and errors of a PID controller (control_msgs/MultiDOFStateStamped)."""
 
     dofs: list[DofReading]
 
 
 class GripperSample(Sample, frozen=True, kw_only=True, tag="gripper"):
-    """Where a gripper is and was to be: rad or m, rad/s or m/s, Nm or N; `target` is None where it holds by itself."""
+    """Position and target of a gripper: rad or m, rad/s or m/s, Nm or N; `target` None while it holds."""
 
     joint: str
     position: float | None
@@ -162,7 +162,7 @@ class GripperSample(Sample, frozen=True, kw_only=True, tag="gripper"):
 
 
 class ImuSample(Sample, frozen=True, kw_only=True, tag="imu"):
-    """What an IMU measures: `orientation` as (x, y, z, w), rad/s and m/s^2; covariances row by row about x, y, z."""
+    """IMU measurement: `orientation` as (x, y, z, w), rad/s and m/s^2; covariances row by row about x, y, z."""
 
     frame_id: str
     orientation: tuple[float | None, ...]
@@ -194,7 +194,7 @@ class WrenchSample(Sample, frozen=True, kw_only=True, tag="wrench"):
 
 
 class PoseSample(Sample, frozen=True, kw_only=True, tag="pose"):
-    """Where something is: `position` in m, `orientation` as (x, y, z, w).
+    """Pose: `position` in m, `orientation` as (x, y, z, w).
 
     `child_frame_id` is the frame whose transform that is, None where it is none.
     """
@@ -206,7 +206,7 @@ class PoseSample(Sample, frozen=True, kw_only=True, tag="pose"):
 
 
 class BatteryReading(msgspec.Struct, frozen=True, kw_only=True):
-    """What is known of a battery: V, degC, A (negative while it is discharged), Ah; `percentage` from 0 to 1.
+    """Battery state: V, degC, A (negative while discharging), Ah; `percentage` from 0 to 1.
 
     The enums are those of sensor_msgs/BatteryState, 0 is unknown. `name` is empty for all of them as one.
     """
@@ -254,7 +254,7 @@ ControllerSample: TypeAlias = (
 
 
 def grown(kind: type[S], sample: Sample, **more: Any) -> S:  # noqa: ANN401 - fields of any type
-    """Return a sample of a derived kind with all fields of another one, and `more`."""
+    """Return a sample of a derived kind with the fields of another one and `more`."""
     return kind(**(msgspec.structs.asdict(sample) | more))
 
 

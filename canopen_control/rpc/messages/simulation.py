@@ -1,4 +1,4 @@
-"""What a running robot may be asked of its simulation, where a plugin of ros2_control simulates it without drives.
+"""Requests about the simulation of a robot whose ros2_control plugin simulates it without drives.
 
 Its time goes on by the robot's cycles; real and virtual drives have a time of their own, so that a robot on a bus
 refuses all of these, and what happens in its world is asked of its virtual drives (`drive`). Refused in a sentence,
@@ -18,7 +18,7 @@ MAX_STEPS: Final = 1_000_000
 
 
 class Simulation(msgspec.Struct, frozen=True, kw_only=True):
-    """How a simulation goes: `seconds` simulated, whether it is paused, and the `period` of a cycle in s.
+    """State of a simulation: `seconds` simulated, whether it is paused, the `period` of a cycle in s.
 
     In one that is `changeable`, by physics, payloads, pushes, blocked joints and another grip may be asked for.
     """
@@ -30,7 +30,7 @@ class Simulation(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LaserScanReading(msgspec.Struct, frozen=True, kw_only=True):
-    """What a lidar sees, `seconds` into the simulation: rad and m, as sensor_msgs/LaserScan has it; -1 for nothing.
+    """Scan of a lidar `seconds` into the simulation: rad and m as in sensor_msgs/LaserScan; -1 for no echo.
 
     `topic` is where ROS gets it, `scan_time` in s how often.
     """
@@ -49,15 +49,15 @@ class LaserScanReading(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class GetSimulation(Request[Simulation], frozen=True):
-    """How the simulation goes."""
+    """State of the simulation."""
 
 
 class GetLaserScans(Request[tuple[LaserScanReading, ...]], frozen=True):
-    """What the lidars of a robot in physics see now; none where it has none."""
+    """Present scans of the lidars of a robot in physics; empty without lidars."""
 
 
 class PauseSimulation(Request[Simulation], frozen=True, kw_only=True):
-    """Pause the simulation, or let it go on.
+    """Pause or resume the simulation.
 
     While it is paused no command runs out. Commands that are in force when it goes on are forgotten: nothing moves
     before a newer one.

@@ -1,4 +1,4 @@
-"""What a robot tells of itself: `status --json`, the stream of its state, its events, its controllers.
+"""State of a robot: `status --json`, the state stream, events, controllers.
 
 SI units, None where nothing is known (JSON has no nan), times in Unix seconds, and the same names as in bus.yml and the
 description. On the wire keys may be added, never renamed.
@@ -29,7 +29,7 @@ class SdoCounts(msgspec.Struct, frozen=True):
 
 
 class AxisReading(msgspec.Struct, frozen=True, rename={"state": "cia402_state"}):
-    """An axis of a drive: `state` is that of CiA 402, such as "SWITCHED_ON", `mode` such as "PV"."""
+    """Axis of a drive: `state` as in CiA 402, such as "SWITCHED_ON", `mode` such as "PV"."""
 
     joint: str
     axis: int = 0
@@ -45,7 +45,7 @@ class AxisReading(msgspec.Struct, frozen=True, rename={"state": "cia402_state"})
 
 
 class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age_s"}):
-    """A node: its NMT state, such as "OPERATIONAL", `age` in seconds since it was heard, and what is wrong with it.
+    """Node: NMT state such as "OPERATIONAL", `age` of its last frame in s, errors.
 
     `taken_out`: an NMT command has taken it out of the robot, which leaves it alone until another one starts it.
     `void_outputs` were commanded when it was lost, and by nobody since: they are as the device has them.
@@ -68,7 +68,7 @@ class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age
 
 
 class TrackingReading(msgspec.Struct, frozen=True):
-    """How well a joint follows what is commanded: errors in rad or rad/s (m, m/s), by the bus' own dead time put right.
+    """Tracking of a joint: errors in rad or rad/s (m, m/s), corrected for the dead time of the bus.
 
     `interface` is what is compared, "position" or "velocity"; `error_max` and `error_rms` are of the last `window_s`,
     5 to 10 s. `repeated` counts positions that were sent again while the joint moved, `skipped` set-points that were
@@ -111,12 +111,12 @@ class JointReading(msgspec.Struct, frozen=True):
 
     @property
     def values(self) -> Values:
-        """All its state interfaces by name."""
+        """Values of all state interfaces by name."""
         return {"position": self.position, "velocity": self.velocity, "effort": self.effort, **self.others}
 
 
 class CycleTimes(msgspec.Struct, frozen=True):
-    """How the cycle keeps time; `late_counts[i]` are the cycles that were at most `late_edges_s[i]` late."""
+    """Timing of the cycle; `late_counts[i]` are the cycles that were at most `late_edges_s[i]` late."""
 
     period_s: float = 0.0
     count: Count = 0
@@ -128,7 +128,7 @@ class CycleTimes(msgspec.Struct, frozen=True):
 
 
 class EventDetails(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What programs need not read out of an event's text: of an emergency its parts, `data` hexadecimal."""
+    """Fields of an event for programs: parts of an emergency, `data` hexadecimal."""
 
     error_code: int | None = None
     error_register: int | None = None
@@ -161,7 +161,7 @@ class RobotEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Where the base of a simulated robot truly is at `time`: m and rad in the frame of its world.
+    """True pose of a simulated base at `time`: m and rad in the frame of its world.
 
     `heading` is not wrapped, `z`, `roll` and `pitch` are as the drives' BasePose has them. `odom` is where the frame of
     odometry is in the world: there the two agreed when both were known first, or odometry was set. `error` is the true
@@ -180,7 +180,7 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def in_odometry(self) -> Planar | None:
-        """The true pose in the frame of odometry, None where that is not known."""
+        """True pose in the frame of odometry, None if unknown."""
         if self.odom is None:
             return None
         x, y, turn = self.odom
@@ -190,12 +190,12 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def rpy(self) -> Planar | None:
-        """Its roll, pitch and yaw in the frame of odometry, in rad; None where that is not known."""
+        """Roll, pitch and yaw in the frame of odometry, in rad; None if unknown."""
         return None if self.odom is None else (self.roll, self.pitch, self.heading - self.odom[2])
 
     @property
     def words(self) -> str:
-        """Where the base truly is and by how much odometry errs, as people read it."""
+        """True pose of the base and error of its odometry, in words."""
         place = f"true pose {self.x:.3f}, {self.y:.3f} m, {math.degrees(self.heading):.1f} deg"
         if self.error is None:
             return place
@@ -203,7 +203,7 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return f"{place}; odometry is off by {1e3 * math.hypot(x, y):.1f} mm and {abs(math.degrees(turn)):.2f} deg"
 
     def beside(self, odometry: Planar) -> TruePose:
-        """Return the same with the error of what odometry said at that time."""
+        """Return it with the error of the odometry at that time."""
         pose = self.in_odometry
         if pose is None:
             return self
@@ -212,7 +212,7 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
-    """What a sample and the status have in common; `controllers` are their states by name.
+    """Common part of sample and status; `controllers` are their states by name.
 
     `hint` is what keeps the robot from moving and what to call, while it runs; `latched_by` who latched a stop;
     `true_pose` is there where a simulation moves its base.
@@ -235,13 +235,13 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TimedSnapshot(Snapshot, frozen=True, kw_only=True):
-    """A snapshot of `time`: what a recording is read for, whatever else a sample of its version has."""
+    """Snapshot at `time`: fields that recordings of every version have."""
 
     time: UnixTime
 
 
 class StateSample(TimedSnapshot, frozen=True, kw_only=True):
-    """One sample of the state stream; `load` of each bus from 0 to 1, `sim_time` in seconds where it is simulated.
+    """Sample of the state stream; `load` of each bus from 0 to 1, `sim_time` in s in a simulation.
 
     `sim_epoch` is when the simulation would have begun had its time never stood, by which times of `samples` are the
     simulation's. `samples` are what the active controllers have published last, by their names.
@@ -259,7 +259,7 @@ class StateSample(TimedSnapshot, frozen=True, kw_only=True):
 
 
 class BusTraffic(msgspec.Struct, frozen=True):
-    """What a bus has carried: frames, of which `unknown` fit nobody, and its load from 0 to 1.
+    """Traffic of a bus: frames, `unknown` ones, and its load from 0 to 1.
 
     `sync` says in words who sends SYNC, how often, and whether before or after the RPDOs.
     """
@@ -298,7 +298,7 @@ class Status(Snapshot, frozen=True, kw_only=True):
 
 
 class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"claims": "claimed_interfaces"}):
-    """A controller: `state` is "unloaded", "unconfigured", "inactive" or "active", `claims` what it holds.
+    """Controller: `state` is "unloaded", "unconfigured", "inactive" or "active", `claims` its interfaces.
 
     `topic` is where its commands come, None if it takes none, `twist_axes` what of a twist a base takes, empty if it is
     none, `update_rate` in Hz. `tells` is the kind of its samples,
@@ -330,7 +330,7 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
 
     @property
     def active(self) -> bool:
-        """Whether it runs."""
+        """Whether the controller is active."""
         return self.state == "active"
 
     @property
@@ -340,12 +340,12 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
 
     @property
     def is_base(self) -> bool:
-        """Whether it is driven by twists."""
+        """Whether twists command the controller."""
         return bool(self.twist_axes) or self.topic == "cmd_vel"
 
     @property
     def odometry_topic(self) -> str:
-        """The last word of the topic of a base's odometry, which goes with that of its twists."""
+        """Last part of the name of the odometry topic of a base, which matches its twist topic."""
         return "odometry" if self.topic == "reference" else "odom"
 
     @property
@@ -355,11 +355,11 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
 
     @property
     def width(self) -> int:
-        """How many values a command has, 0 where that is not known."""
+        """Number of values of a command, 0 if unknown."""
         return len(self.required_command_interfaces or self.claims)
 
     def published(self, kind: str) -> str | None:
-        """Return its topic whose last word is `kind`, None if it has none."""
+        """Return the topic with the last name `kind`, None without one."""
         return next((publish for publish in self.publishes if publish.rsplit("/", 1)[-1] == kind), None)
 
     def became(self, state: str) -> ControllerReading:

@@ -1,4 +1,4 @@
-"""What a running robot may be asked about the trajectories of a joint trajectory controller.
+"""Requests about the trajectories of a joint trajectory controller.
 
 A goal has an end that is told; a connection has one at a time, the one that it sent last. A trajectory that was set has
 none. SI units; times of points are seconds from the trajectory's start, stamps Unix seconds.
@@ -18,7 +18,7 @@ MAX_POINTS: Final = 20_000  # of a trajectory
 
 
 class TrajectoryTolerance(msgspec.Struct, frozen=True, kw_only=True):
-    """The largest errors of a joint (control_msgs/JointTolerance): 0 is that of the parameters, -1 none."""
+    """Tolerances of a joint (control_msgs/JointTolerance): 0 uses the parameters, -1 disables it."""
 
     joint: str
     position: float = 0.0
@@ -41,7 +41,7 @@ class TrajectoryVerdict(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TrajectoryResult(msgspec.Struct, frozen=True, kw_only=True):
-    """How a goal ended: "succeeded", "canceled" or "aborted", the code of FollowJointTrajectory, and why."""
+    """Result of a goal: "succeeded", "canceled" or "aborted", the code of FollowJointTrajectory, the reason."""
 
     state: str
     error_code: int
@@ -49,7 +49,7 @@ class TrajectoryResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TrajectoryAt(msgspec.Struct, frozen=True, kw_only=True):
-    """What a trajectory says at a time; where it says nothing, where the joints are, and why not."""
+    """State of a trajectory at a time; the present state and a reason if it has none."""
 
     known: bool
     text: str = ""
@@ -84,7 +84,7 @@ class FollowTrajectory(_Goal[TrajectoryResult], frozen=True, kw_only=True):
 
 
 class SendTrajectory(_Goal[TrajectoryVerdict], frozen=True, kw_only=True):
-    """The same, answered at once, also where it is refused; `trajectory_end` tells of its end."""
+    """Send a trajectory, answered at once even if refused; `trajectory_end` waits for its end."""
 
 
 class SetTrajectory(_Trajectory[Done], frozen=True, kw_only=True):
@@ -102,11 +102,11 @@ class TrajectoryEnd(Request[TrajectoryResult], frozen=True, kw_only=True):
 
 
 class TrajectoryHeartbeat(Request[Done], frozen=True, kw_only=True):
-    """That the sender of this connection's trajectory is still at work; for one that has a `heartbeat`."""
+    """Heartbeat of this connection's trajectory, for one sent with `heartbeat`."""
 
 
 class CancelTrajectory(Request[Done], frozen=True, kw_only=True):
-    """End the trajectory that a controller follows, whoever sent it: the joints brake and are held.
+    """Cancel the trajectory of a controller, of any client: the joints brake and are held.
 
     Refused where it follows none. `own` true: only a goal of this connection's. `why` is put into its result.
     """
@@ -117,14 +117,14 @@ class CancelTrajectory(Request[Done], frozen=True, kw_only=True):
 
 
 class QueryTrajectory(Request[TrajectoryAt], frozen=True, kw_only=True):
-    """What the trajectory that a controller follows says at a time, in Unix seconds."""
+    """State of a controller's trajectory at a time in Unix seconds."""
 
     controller: str
     time: float
 
 
 class ScaleTrajectory(Request[Done], frozen=True, kw_only=True):
-    """Let the time of a controller's trajectories run slower or faster: 1 is as planned, 0 stands still."""
+    """Scale the speed of a controller's trajectories: 1 as planned, 0 stands still."""
 
     controller: str
     factor: Annotated[float, msgspec.Meta(ge=0)]
