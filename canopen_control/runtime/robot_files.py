@@ -160,7 +160,7 @@ class RobotFiles:
         return (*self.buses.values(), self.controllers, self.description)
 
     def mappings(self, *, mock: bool = False) -> dict[str, str]:
-        """Mappings of xacro, with the mock hardware argument if the description declares it."""
+        """Return the mappings of xacro, with the mock hardware argument if the description declares it."""
         return {"use_mock_hardware?": "true"} | self.arguments if mock else self.arguments
 
     @property
