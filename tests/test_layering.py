@@ -87,7 +87,7 @@ MAY_IMPORT = {
     "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime", "check", "personality"}, STDLIB),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
     "gateway": ({"cia301", "host"}, STDLIB),
-    "conformance": ({"od", "bus", "host", "cia301", "cia402"}, STDLIB),
+    "conformance": ({"od", "bus", "host", "cia301", "cia402", "virtual"}, STDLIB),
     "calibration": ({"client", "controllers", "rpc", "yamlfile"}, STDLIB),
     "robot": ({"client", "rpc", "runtime", "od"}, STDLIB),  # the library: a client, of a runtime that it starts too
     "ros": ({"client", "host", "rpc", "urdf"}, None),

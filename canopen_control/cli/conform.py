@@ -7,12 +7,18 @@ With --configure they write parameters, and start, stop and reset the node; with
 the parameters that the EDS lists are compared and restored. A node of a running robot is refused, and with one of the
 three options a node that is OPERATIONAL.
 
+With --master a virtual device joins the bus and checks the master that boots it, ours or another one. It serves the
+master for 8 s, then goes through its faults, in 80 to 120 s: FAULT, loss of the power stage, PRE-OPERATIONAL, a flood
+of EMCY, resets with SDO answers that are missing, late or refused, a lost heartbeat, silence. Enable the drive by the
+master before, and again at most between two faults. Ctrl-C ends the run with its report.
+
 Exit codes: 0 no check that must pass has failed; 1 one has; 2 wrong usage, or nothing could be tested.
 """
 
 from __future__ import annotations
 
 import json
+import signal
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -26,8 +32,10 @@ from canopen_control.cli.support.target import LABEL, find_eds, parse_node_id, r
 from canopen_control.conformance.check import CheckTouch
 from canopen_control.conformance.checked_node import CheckedNode, MotionBounds, NotApplicable
 from canopen_control.conformance.html_report import html_page
+from canopen_control.conformance.master_run import DEFAULT_S, MasterRun
 from canopen_control.conformance.report import changed_verdicts, junit, report_lines
 from canopen_control.conformance.run import choose, run_checks
+from canopen_control.data_files import data_path
 from canopen_control.errors import BusError, ConfigError, RemoteProtocolError
 from canopen_control.frame import Service, service_of
 from canopen_control.host.reactor import Reactor
@@ -40,8 +48,10 @@ if TYPE_CHECKING:
 
 
 EXAMPLE = """canopen-control conform 5 --can can0 --eds drive.eds
-         canopen-control conform 5 --can can0 --eds drive.eds --configure --yes --html conform.html"""
+         canopen-control conform 5 --can can0 --eds drive.eds --configure --yes --html conform.html
+         canopen-control conform --master --can can0 --node-id 5 --eds drive.eds --html master.html"""
 
+_EDS = "TMCM-1270.eds"
 LEVELS = ("301", "302", "305", "306", "402", "all")
 _bound = whole_number("whole number above 0", range(1, 1 << 31))
 HEARTBEAT_S = 1.2  # a heartbeat of a second shows the NMT state
@@ -55,9 +65,20 @@ _QUESTIONS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("node", metavar="NODE", help="node id")
+    parser.add_argument("node", nargs="?", metavar="NODE", help="node id of the device to check")
     parser.add_argument("--can", required=True, metavar="CHANNEL", help="channel of the bus (can0, local:NAME, ...)")
-    parser.add_argument("--eds", metavar="FILE", help="EDS of the device; without one fewer checks are made")
+    parser.add_argument(
+        "--eds", metavar="FILE", help="EDS of the device; without one fewer checks are made (--master: TMCM-1270)"
+    )
+    parser.add_argument("--master", action="store_true", help="check the master on the bus, as a virtual device")
+    parser.add_argument("--node-id", metavar="N", help="with --master: node id of the virtual device")
+    parser.add_argument(
+        "--for",
+        dest="duration",
+        type=number("number of seconds above 0", lambda value: value > 0),
+        metavar="S",
+        help=f"with --master: time of the run in s (default: {DEFAULT_S:g}); faults that do not fit are left out",
+    )
     parser.add_argument("--level", choices=LEVELS, default="all", help="checks of one document (default: all)")
     parser.add_argument("--configure", action="store_true", help="write parameters and reset the node, too")
     parser.add_argument("--store", action="store_true", help="store parameters and restore defaults, too")
@@ -86,6 +107,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
+    _check_options(args)
+    if args.master:
+        return _run_master(args)
     node_id = parse_node_id(args.node)
     eds = None if args.eds is None else read_eds(find_eds(args.eds), node_id)
     old = None if args.against is None else _old_verdicts(Path(args.against).expanduser())
@@ -112,6 +136,52 @@ def run(args: argparse.Namespace) -> int:
             port.close()
     _write(args, report, old, [] if eds is None else [str(issue) for issue in eds.issues])
     return 1 if report.failed else 0
+
+
+def _check_options(args: argparse.Namespace) -> None:
+    """Refuse options of one half of the verb with the other."""
+    if not args.master:
+        if args.node is None:
+            raise ConfigError("give the node id of the device to check, or --master to check the master on the bus")
+        for name, value in (("--node-id", args.node_id), ("--for", args.duration)):
+            if value is not None:
+                raise ConfigError(f"{name} belongs to --master; give --master, or the node id alone")
+        return
+    if args.node is not None:
+        raise ConfigError(f"--master takes its node id from --node-id; write --node-id {args.node}")
+    if args.node_id is None:
+        raise ConfigError("--master needs --node-id: a node that the master boots and that is not on the bus")
+    for option in ("configure", "store", "motion"):
+        if getattr(args, option):
+            raise ConfigError(f"--{option} is about a device; leave it out with --master")
+
+
+def _run_master(args: argparse.Namespace) -> int:
+    from canopen_control.virtual.device import make_device
+    from canopen_control.virtual.node_id_check import NodeIdCheck
+
+    node_id = parse_node_id(args.node_id)
+    eds = read_eds(data_path("eds", _EDS) if args.eds is None else find_eds(args.eds), node_id)
+    old = None if args.against is None else _old_verdicts(Path(args.against).expanduser())
+    with Reactor() as reactor:
+        port = open_port(args.can, label=LABEL)
+        try:
+            NodeIdCheck(reactor, port, [node_id]).finish()
+            seconds = DEFAULT_S if args.duration is None else args.duration
+            run = MasterRun(reactor, port, make_device(eds.od, node_id), seconds, _say)
+            reactor.handle_signals({signal.SIGINT: run.stop})
+            with Progress(f"checking the master of node {node_id}", "s", rate=True) as progress:
+                report = run.run(progress.at)
+        except BusError as error:
+            raise ConfigError(f"nothing could be tested: {error}") from error
+        finally:
+            port.close()
+    _write(args, report, old, [str(issue) for issue in eds.issues])
+    return 1 if report.failed else 0
+
+
+def _say(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
 
 
 def _refuse_robot(channel: str, node_id: int) -> None:

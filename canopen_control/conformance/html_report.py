@@ -205,6 +205,17 @@ _MEANINGS = (
     ("6.3", "A master that enables the drive will wait longer than usual, or report a failed transition."),
     ("402", "A master that relies on this object of the profile will not get what it expects."),
 )
+_OF_MASTER = {  # by the first letters of the ids of the checks of a master
+    "MC": "A device may run with another configuration than the one that this master means.",
+    "MN": "A device may miss an NMT command of this master, or stay in another state than it assumes.",
+    "MT": "A device with a strict SDO server will refuse requests of this master, or get a wrong value.",
+    "MG": "A guarded device may count this master as lost.",
+    "MH": "A device that supervises this master by its heartbeat will stop, or will not notice its end.",
+    "MY": "A drive that interpolates between SYNCs will move unevenly, or not at all.",
+    "MP": "A device will ignore process data of this master, or report them as errors.",
+    "MW": "A drive may not be enabled, or be enabled when nobody expects it.",
+    "MF": "After a fault of a device this master will go on, or the drive will start again without a command.",
+}
 _STYLE = """body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:62em;padding:0 1em;color:#1b1b1b}
 table{border-collapse:collapse;width:100%}td,th{border:1px solid #bbb;padding:.25em .5em;text-align:left;
 vertical-align:top}th{background:#eee}pre{background:#f4f4f4;padding:.6em;overflow:auto}.passed{color:#176117}
@@ -215,7 +226,7 @@ _ORDER = (ERROR, FAILED, PASSED, SKIPPED)
 def html_page(report: ConformanceReport, does: Mapping[str, str], issues: Iterable[str] = ()) -> str:
     """Return the page; `does` has the text of each quirk by its name, `issues` are those of the EDS."""
     failures = [result for result in report.results if result.verdict in (FAILED, ERROR)]
-    title = f"Conformance of node {report.node_id}"
+    title = f"Conformance of {report.name}"
     identity = ", ".join(f"{name} 0x{value}" for name, value in report.identity.items())
     parts = (
         f"<h1>{title}</h1><p>{escape(identity)}</p>",
@@ -261,7 +272,9 @@ def _code(text: str) -> str:
 
 
 def meaning_of(result: CheckResult) -> str:
-    """Return what a failure means for a master."""
+    """Return what a failure means for a master, or what that of a master means for its devices."""
+    if result.id[:2] in _OF_MASTER:
+        return _OF_MASTER[result.id[:2]]
     names = {*clause_names(result.clause), result.group}
     for section, text in _MEANINGS:
         if any(name == section or name.startswith(section + ".") for name in names):

@@ -26,7 +26,7 @@ def report_lines(report: ConformanceReport) -> Iterator[str]:
         for note in result.notes:
             yield f"{result.id}: {note}"
     counts = ", ".join(f"{report.count(verdict)} {verdict}" for verdict in ("passed", FAILED, SKIPPED, ERROR))
-    yield f"node {report.node_id}: {len(report.results)} checks: {counts}"
+    yield f"{report.name}: {len(report.results)} checks: {counts}"
 
 
 def junit(report: ConformanceReport) -> bytes:
@@ -40,20 +40,24 @@ def junit(report: ConformanceReport) -> bytes:
         "time": f"{sum(result.seconds for result in report.results):.3f}",
     }
     root = Xml.Element("testsuites", counts)
-    suite = Xml.SubElement(root, "testsuite", {"name": f"canopen.node{report.node_id}", **counts})
+    suite = Xml.SubElement(root, "testsuite", {"name": _suite(report), **counts})
     properties = Xml.SubElement(suite, "properties")
     for name, value in report.identity.items():
         Xml.SubElement(properties, "property", {"name": name, "value": _legal(value)})
     for result in report.results:
-        _case(suite, report.node_id, result)
+        _case(suite, _suite(report), result)
     text: bytes = Xml.tostring(root, encoding="utf-8", xml_declaration=True)
     return text
 
 
-def _case(suite: Xml.Element, node_id: int, result: CheckResult) -> None:
+def _suite(report: ConformanceReport) -> str:
+    return f"canopen.node{report.node_id}" + ("" if report.subject == "device" else f".{report.subject}")
+
+
+def _case(suite: Xml.Element, suite_name: str, result: CheckResult) -> None:
     name = f"{result.id} {result.title}"
     attributes = {
-        "classname": f"canopen.node{node_id}.cia{result.group}",
+        "classname": f"{suite_name}.cia{result.group}",
         "name": name,
         "time": f"{result.seconds:.3f}",
     }

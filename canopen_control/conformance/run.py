@@ -77,11 +77,17 @@ class CheckResult:
 
 @dataclass(frozen=True, slots=True)
 class ConformanceReport:
-    """The results of a run."""
+    """The results of a run; `subject` is "device" or "master", `node_id` that of the device in both cases."""
 
     node_id: int
     identity: dict[str, str]
     results: list[CheckResult]
+    subject: str = "device"
+
+    @property
+    def name(self) -> str:
+        """Subject as reports name it: "node 5", "the master of node 5"."""
+        return f"node {self.node_id}" if self.subject == "device" else f"the {self.subject} of node {self.node_id}"
 
     @property
     def failed(self) -> bool:

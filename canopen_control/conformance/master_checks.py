@@ -1,0 +1,210 @@
+"""Checks of a master by the frames that a virtual device on its bus hears: their table, and the findings of a run.
+
+`MASTER_CHECKS` declares the checks. Observers (`master_sdo`, `master_network`, `master_drive`) hear each frame before
+the device does, and record in `MasterFindings` what a check found.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+from canopen_control.conformance.check import CheckLevel
+from canopen_control.conformance.checked_node import KEPT
+from canopen_control.conformance.run import FAILED, PASSED, SKIPPED, CheckResult
+
+if TYPE_CHECKING:
+    from canopen_control.frame import CanFrame
+    from canopen_control.virtual.virtual_node import VirtualNode
+
+
+MS = 1_000_000
+S = 1_000 * MS
+_MUST, _SHOULD = CheckLevel.MUST, CheckLevel.SHOULD
+
+
+class MasterCheck(NamedTuple):
+    """One check of a master: what is `due`, and the `occasion` without which it is not tested."""
+
+    id: str
+    group: str
+    clause: str
+    level: CheckLevel
+    title: str
+    due: str
+    occasion: str
+
+
+# ruff: noqa: E501 - one check is one line of the table
+_SDO, _PDO, _MAP, _NMT, _HB, _SYNC = "7.2.4.3", "7.2.2", "7.5.2.36 and 7.5.2.38", "7.2.8.3", "7.2.8.3.2.2", "7.2.5"
+_BOOT, _POWER = "302-2, boot NMT slave", "402-2, 6.3 (power state machine)"
+_CONTROL = "402-2, object 0x6040"
+# A restart without an intended command is forbidden by EN 60204-1, 9.2.3 (start) and 7.5 (restoration of the supply).
+_RESTART = "402-2, 6.3, with EN 60204-1, 9.2.3"
+
+MASTER_CHECKS: tuple[MasterCheck, ...] = (
+    # order of the configuration
+    MasterCheck("MC01", "301", "7.3.2.2.1", _SHOULD, "no request is sent to a device that has not sent its boot-up message", "the boot-up message first", "no reset of the device was seen"),
+    MasterCheck("MC02", "302", _BOOT, _SHOULD, "the device type (0x1000) is read before the first write", "an upload of 0x1000", "nothing was written by SDO"),
+    MasterCheck("MC03", "302", _BOOT, _SHOULD, "the identity (0x1018) is read before the first write", "an upload of 0x1018:01", "nothing was written by SDO"),
+    MasterCheck("MC04", "302", _BOOT, _SHOULD, "the configuration comes before NMT start", "no first write to 0x1005 to 0x1BFF after NMT start", "no configuration, or no NMT start, was seen"),
+    MasterCheck("MC05", "301", "7.2.8.3", _MUST, "the device is supervised by a heartbeat or by guarding", "0x1017 above 0, or remote frames of guarding", "NMT start was not seen"),
+    MasterCheck("MC06", "301", "7.5.2.19", _SHOULD, "the device supervises its master: heartbeat consumer (0x1016) or life guarding", "an entry of 0x1016, or 0x100C and 0x100D, before NMT start", "NMT start was not seen"),
+    MasterCheck("MC07", "301", _MAP, _MUST, "a PDO is disabled (bit 31) before its mapping is changed", "bit 31 of its COB-ID set first", "no mapping was written"),
+    MasterCheck("MC08", "301", _MAP, _MUST, "the number of mapped objects is 0 while entries are written", "0 written to subindex 0 first", "no mapping entry was written"),
+    MasterCheck("MC09", "301", _MAP, _MUST, "the number of mapped objects is written last, and is that of the entries", "the number of entries, after them", "no mapping was written"),
+    MasterCheck("MC10", "301", "7.5.2.35 and 7.5.2.37", _MUST, "the identifier of a PDO is changed only while it is disabled", "bit 31 set before another identifier", "no COB-ID of a PDO was written"),
+    MasterCheck("MC11", "301", "7.5.2.37", _MUST, "the inhibit time is changed only while the PDO is disabled", "bit 31 of its COB-ID set first", "no inhibit time was written"),
+    MasterCheck("MC12", "301", "7.5.2.36", _SHOULD, "mappings are written in PRE-OPERATIONAL", "PRE-OPERATIONAL", "no mapping was written"),
+    MasterCheck("MC13", "301", "7.3.5", _MUST, "no restricted CAN identifier is configured", "an identifier outside of table 42", "no COB-ID was written"),
+    MasterCheck("MC14", "302", _BOOT, _SHOULD, "a refused or unanswered write is repeated before NMT start", "the write again, or no start", "no write was refused or unanswered"),
+    MasterCheck("MC15", "301", "7.5.2.19", _MUST, "a heartbeat consumer entry names another node than the device", "the node id of the master", "0x1016 was not written"),
+    # NMT
+    MasterCheck("MN01", "301", _NMT, _MUST, "NMT commands have two bytes, a known command and a node id up to 127", "two bytes, command 1, 2, 80, 81 or 82", "no NMT command was seen"),
+    MasterCheck("MN02", "301", "7.3.2.2.1", _MUST, "NMT start is not sent to a device that has not booted", "the boot-up message first", "NMT start was not seen"),
+    MasterCheck("MN03", "301", _NMT, _SHOULD, "NMT commands to the device are not repeated without a pause", "at most 10 in a second", "no NMT command was seen"),
+    # SDO
+    MasterCheck("MT01", "301", _SDO, _MUST, "one SDO transfer at a time: a request waits for its answer", "no other request within 20 ms", "no SDO request was seen"),
+    MasterCheck("MT02", "301", _SDO, _MUST, "SDO requests have eight bytes", "eight bytes", "no SDO request was seen"),
+    MasterCheck("MT03", "301", "7.2.4.3.3 and 7.2.4.3.6", _MUST, "the toggle bit begins with 0 and alternates", "the other toggle bit", "no segment was seen"),
+    MasterCheck("MT04", "301", _SDO, _MUST, "the size of a download is that of the object", "the length of the data type", "nothing was written by SDO"),
+    MasterCheck("MT05", "301", "7.2.4.3.17", _SHOULD, "a transfer without an answer ends with an abort", "an abort before the next request", "every request was answered"),
+    MasterCheck("MT06", "301", _SDO, _MUST, "reserved bits and bytes of requests are 0", "zeros", "no SDO request was seen"),
+    MasterCheck("MT07", "301", "7.2.4.3.17", _MUST, "an aborted transfer is not continued", "a new initiation", "no transfer was aborted"),
+    MasterCheck("MT08", "301", _SDO, _SHOULD, "an unanswered request is followed by an abort, or by another request", "something within 10 s", "every request was answered"),
+    MasterCheck("MT09", "301", _SDO, _SHOULD, "a silent device is not flooded with requests", "at most 20 requests in a second", "every request was answered"),
+    MasterCheck("MT10", "301", _SDO, _MUST, "a late answer is not taken for that of another request", "waiting for the answer of the same object", "no answer came late"),
+    MasterCheck("MT11", "301", _SDO, _MUST, "command specifiers are known, and fit the transfer", "a command specifier of the transfer", "no SDO request was seen"),
+    MasterCheck("MT12", "301", "7.2.4.3.17", _MUST, "the device has to abort nothing for an error of the protocol", "no abort 0504 0001 to 0504 0004, 0503 0000", "no SDO request was seen"),
+    MasterCheck("MT13", "301", "7.2.4.3.17", _SHOULD, "no object is written that the device does not have, or that is read-only", "objects of the EDS", "nothing was written by SDO"),
+    # error control
+    MasterCheck("MG01", "301", "7.2.8.3.2.1", _MUST, "the device is not guarded while it sends heartbeats", "no remote frame while 0x1017 is above 0", "no remote frame of guarding was seen"),
+    MasterCheck("MG02", "301", "7.5.2.11 and 7.5.2.12", _MUST, "the device is guarded within its life time", "0x100C times 0x100D", "no guarding with a life time was seen"),
+    MasterCheck("MG03", "301", "7.5.2.11", _SHOULD, "remote frames come in the guard time (0x100C)", "0x100C, to 50 %", "no guarding with a guard time was seen"),
+    MasterCheck("MH01", "301", "7.5.2.19", _MUST, "the node that 0x1016 names sends heartbeats", "its heartbeat within the consumer time of NMT start", "0x1016 has no entry"),
+    MasterCheck("MH02", "301", _HB, _MUST, "heartbeats come within the time that 0x1016 announces", "the consumer time", "no heartbeat of a node in 0x1016 was seen"),
+    MasterCheck("MH03", "301", "7.5.2.19", _SHOULD, "the consumer time is above the period of the heartbeats by a half", "1.5 periods", "no heartbeat of a node in 0x1016 was seen"),
+    MasterCheck("MH04", "301", _HB, _MUST, "heartbeats have one byte with a known state", "00, 04, 05 or 7F", "no heartbeat of another node was seen"),
+    MasterCheck("MH05", "301", _HB, _MUST, "no other node sends heartbeats of the device", "a node id of its own", "no frame of another node was seen"),
+    # SYNC
+    MasterCheck("MY01", "301", "7.2.2.3 and 7.5.2.5", _MUST, "SYNC comes where synchronous PDOs are configured", "SYNC with the identifier of 0x1005", "no synchronous PDO was in operation"),
+    MasterCheck("MY02", "301", "7.5.2.22 (object 0x1019)", _MUST, "SYNC has the length that 0x1019 says", "no byte without a counter, one with it", "no SYNC was seen"),
+    MasterCheck("MY03", "301", "7.5.2.22 (object 0x1019)", _MUST, "the counter of SYNC goes from 1 to the overflow value", "the next number", "no SYNC with a counter was seen"),
+    MasterCheck("MY04", "301", "7.5.2.6 (object 0x1006)", _SHOULD, "SYNC comes in the period of 0x1006", "the period, to 1 %", "0x1006 is 0, or no SYNC was seen"),
+    MasterCheck("MY05", "402", "402-2, object 0x60C2", _SHOULD, "SYNC comes in the interpolation time of 0x60C2", "the interpolation time, to 1 %", "no cyclic mode, or no SYNC, was seen"),
+    MasterCheck("MY06", "301", "7.5.2.6 (object 0x1006)", _SHOULD, "99 % of the SYNCs come within a tenth of the period", "at most a tenth of the period", "no SYNC was seen"),
+    # PDO
+    MasterCheck("MP01", "301", "7.3.2.2.3", _SHOULD, "RPDOs are sent only while the device is OPERATIONAL", "no RPDO before NMT start", "no RPDO was seen"),
+    MasterCheck("MP02", "301", "7.2.2.5", _MUST, "RPDOs are as long as they are mapped", "the length of the mapping", "no RPDO was seen in OPERATIONAL"),
+    MasterCheck("MP03", "301", "7.2.2.3", _SHOULD, "a synchronous RPDO is sent once for each SYNC at most", "one for each SYNC", "no synchronous RPDO was seen"),
+    MasterCheck("MP04", "301", "7.5.2.37", _MUST, "no TPDO is requested that bit 30 protects from it", "no remote frame", "no TPDO was in operation"),
+    MasterCheck("MP05", "301", "7.5.2.35", _SHOULD, "an RPDO with an event timer comes within it", "the time of 0x1400:05", "no RPDO with an event timer was seen"),
+    # controlword
+    MasterCheck("MW01", "402", _POWER, _MUST, "switch on and enable are commanded in the order of the states", "0x06, then 0x07, then 0x0F, each when its state is shown", "the drive was not enabled"),
+    MasterCheck("MW02", "402", _RESTART, _MUST, "a fault reset is not chained to an enable", "no enable within 0.5 s of the reset", "no fault reset was seen"),
+    MasterCheck("MW03", "402", _POWER, _SHOULD, "bit 7 is 0 again after a fault reset", "bit 7 at 0 within 1 s", "no fault reset was seen"),
+    MasterCheck("MW04", "402", _POWER, _SHOULD, "a fault is reset only in FAULT", "FAULT", "no fault reset was seen"),
+    MasterCheck("MW05", "402", "402-2, 6.3", _SHOULD, "velocity and torque set-points are 0 before the drive is enabled", "0", "no velocity or torque set-point was seen before an enable"),
+    MasterCheck("MW06", "402", "402-2, object 0x607A", _MUST, "an enable in cyclic synchronous position commands no jump", "0x607A near 0x6064", "no enable in cyclic synchronous position was seen"),
+    MasterCheck("MW07", "402", "402-2, object 0x6060", _MUST, "modes are chosen that the drive has", "a mode of 0x6502", "no mode was chosen"),
+    MasterCheck("MW08", "402", "402-2, object 0x6061", _SHOULD, "the drive is enabled when 0x6061 shows the mode", "0x6061 equal to 0x6060, and not 0", "the drive was not enabled"),
+    MasterCheck("MW09", "402", _CONTROL, _MUST, "the reserved bit 10 of the controlword is 0", "0", "no controlword was seen"),
+    MasterCheck("MW10", "402", "402-2, 10.3", _MUST, "a new set-point (bit 4) waits until bit 12 of the statusword is 0", "bit 12 at 0", "no set-point in profile position was seen"),
+    # reaction to the faults of the device
+    MasterCheck("MF01", "402", _POWER, _MUST, "EMCY and FAULT: enable is not commanded any more", "another controlword than 0x0F", "no fault with a controlword after it"),
+    MasterCheck("MF02", "402", _POWER, _SHOULD, "EMCY and FAULT: set-points go on no more", "a set-point of 0, or one that stands", "no fault with set-points after it"),
+    MasterCheck("MF03", "402", _RESTART, _MUST, "OPERATION ENABLED left without a fault: the drive is not enabled again", "no enable without a command", "the drive was not enabled when it left the state"),
+    MasterCheck("MF04", "302", "302-2, error control", _SHOULD, "PRE-OPERATIONAL without a command is noticed", "NMT, SDO or another controlword within 3 s", "the device was not OPERATIONAL"),
+    MasterCheck("MF05", "402", _RESTART, _MUST, "PRE-OPERATIONAL without a command: the drive is not enabled again", "no enable without a command", "the drive was not enabled when it left the state"),
+    MasterCheck("MF06", "301", "7.2.7", _SHOULD, "a flood of EMCY does not disturb SYNC, heartbeat and PDOs", "no silence of 0.5 s", "nothing cyclic was seen before it"),
+    MasterCheck("MF07", "302", _BOOT, _MUST, "a device that has reset itself is configured before NMT start", "SDO requests between boot-up and start", "the device was not started after a reset"),
+    MasterCheck("MF08", "302", "302-2, error control", _SHOULD, "a device that has reset itself is noticed", "NMT or SDO within 5 s of its boot-up", "the device was not configured before"),
+    MasterCheck("MF09", "402", _RESTART, _MUST, "a device that has reset itself is not enabled again", "no enable without a command", "the drive was not enabled when it was reset"),
+    MasterCheck("MF10", "301", _HB, _SHOULD, "a lost heartbeat is noticed", "NMT, SDO or another controlword within 3 s", "the device sent no heartbeats"),
+    MasterCheck("MF11", "402", _RESTART, _MUST, "a lost heartbeat: the drive is not enabled again", "no enable without a command", "the drive was not enabled when its heartbeat was lost"),
+    MasterCheck("MF12", "302", "302-2, error control", _SHOULD, "a device that was silent is taken up again", "NMT or SDO within 6 s of its return", "the device was not configured before"),
+)  # fmt: skip
+
+
+@dataclass(slots=True)
+class _Finding:
+    occasions: int = 0
+    failures: int = 0
+    came: str = ""
+    seconds: float = 0.0
+    notes: list[str] = field(default_factory=list)
+    frames: list[str] = field(default_factory=list)
+
+
+class MasterFindings:
+    """What the checks have found; `log` has the last frames but SYNC and PDOs, in the form of `CheckedNode`."""
+
+    def __init__(self) -> None:
+        self.now = self.begin = 0
+        self.log: deque[str] = deque(maxlen=KEPT)
+        self.skipped: dict[str, str] = {}  # reasons that replace the occasion of the table
+        self._by_id = {check.id: _Finding() for check in MASTER_CHECKS}
+
+    def record(self, direction: str, frame: CanFrame) -> None:
+        """Add a frame to the log."""
+        seconds = self.now / 1e9
+        self.log.append(f"{seconds:.6f} {direction} {frame.can_id & 0x1FFFFFFF:03X} {frame.data.hex(' ').upper()}")
+
+    def expect(self, good: bool, check_id: str, came: str) -> None:
+        """Count an occasion of a check, and a failure unless `good`; the first failure keeps its frames."""
+        finding = self._by_id[check_id]
+        finding.occasions += 1
+        if good:
+            return
+        finding.failures += 1
+        if finding.failures == 1:
+            finding.came, finding.seconds = came, (self.now - self.begin) / 1e9
+            finding.frames = list(self.log)
+
+    def note(self, check_id: str, text: str) -> None:
+        """Add a figure, or a remark."""
+        self._by_id[check_id].notes.append(text)
+
+    def results(self) -> list[CheckResult]:
+        """Return the results in the order of the table."""
+        return [self._result(check) for check in MASTER_CHECKS]
+
+    def _result(self, check: MasterCheck) -> CheckResult:
+        finding = self._by_id[check.id]
+        of_check = check.id, check.group, check.clause, check.title, check.level.value
+        if not finding.occasions:
+            reason = self.skipped.get(check.id, check.occasion)
+            return CheckResult(*of_check, SKIPPED, f"not tested: {reason}", notes=finding.notes)
+        if not finding.failures:
+            return CheckResult(*of_check, PASSED, notes=finding.notes)
+        more = f"; {finding.failures} times in all" if finding.failures > 1 else ""
+        came = f"{finding.came}, at {finding.seconds:.3f} s{more}"
+        return CheckResult(
+            *of_check, FAILED, came, check.due, finding.seconds, notes=finding.notes, frames=finding.frames
+        )
+
+
+class MasterObserver:
+    """Observer of the frames between a master and `node`; it hears each before the device does, and changes nothing."""
+
+    def __init__(self, node: VirtualNode, findings: MasterFindings) -> None:
+        self.node, self.findings = node, findings
+
+    def receive(self, frame: CanFrame, now: int) -> None:
+        """Judge a frame from the bus."""
+
+    def sent(self, frame: CanFrame) -> None:
+        """Take note of a frame of the device."""
+
+    def tick(self, now: int) -> None:
+        """Judge what has not come in time."""
+
+    def finish(self) -> None:
+        """Judge what needs the whole run."""
+
+
+def present(node: VirtualNode, index: int) -> int:
+    """Return the present value of a number, 0 if the device has no such object."""
+    value = node.get(index) if node.store.has(index) else 0
+    return value if isinstance(value, int) else 0
