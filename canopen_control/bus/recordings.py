@@ -11,8 +11,6 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import gzip
-import logging
 import math
 import re
 import struct
@@ -464,6 +462,8 @@ class Recording:
         return self.path.open(encoding="utf-8", errors="replace") if self._format.is_text else self.path.open("rb")
 
     def _messages(self) -> Iterator[RecordedFrame | None]:
+        import logging  # python-can has it; a flight recorder needs none
+
         from canopen_control.bus.pythoncan import record_of
 
         for name in ("can.io.asc", "can.io.blf"):
@@ -491,6 +491,8 @@ class Recording:
 
 
 def _open_packed(path: Path, mode: str) -> TextIO:
+    import gzip  # few files are packed, and every start of a flight recorder imports this module
+
     file: Any = gzip.open(path, mode, encoding="utf-8", errors="replace")  # noqa: SIM115 - the caller closes it
     text: TextIO = file
     return text

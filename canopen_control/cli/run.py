@@ -8,8 +8,9 @@ Exit codes: 0 good; 1 the boot or the run failed; 2 wrong usage or configuration
 from __future__ import annotations
 
 import argparse
+import contextlib
+import gc
 import sys
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -21,7 +22,7 @@ from canopen_control.runtime.observer import RobotObserver
 from canopen_control.runtime.realtime import DEFAULT_PRIORITY, HIGHEST_PRIORITY
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from canopen_control.check.preflight_record import SlowReason
     from canopen_control.cli.support.output import Announcer
@@ -252,16 +253,57 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
     """Run a robot until it ends; 0 good, 1 failed."""
     if motion and args.real:
         raise ConfigError(f"--real: {_NO_DEMO}")
+    with _collector_off():
+        setup, options = _prepare(args, motion=motion, table=table)
+    from canopen_control.cli.support.output import Announcer
+    from canopen_control.host.fork import forbid_forks
+    from canopen_control.runtime.run_session import RunSession
+
+    unclear = _unclear(setup) if setup.reaches_real_drives and not args.full_speed else None
+    session = RunSession(setup, options)
+    announcer = Announcer(sys.stderr if table else sys.stdout)
+    session.reactor.call_soon(announcer.start)  # once the children are started: a process with threads is not forked
+    try:
+        prefix = f"{setup.name}: " if args.say_name else ""
+        session.robot.observers.append(_EventPrinter(announcer, session, table=table, prefix=prefix))
+        _warn(session)
+        if unclear is not None:
+            _slow_down(session, unclear)
+        if table:
+            session.supervisor.start_client(
+                TABLE, ["canopen_control", "status", "--watch", "--name", setup.name], inherit_stdout=True
+            )
+        failure = session.run()
+    finally:
+        session.close()
+        announcer.close()
+        forbid_forks()
+    if failure is not None:
+        raise (ConfigError if session.supervisor.refused else CanopenError)(failure)
+    return 0
+
+
+@contextlib.contextmanager
+def _collector_off() -> Iterator[None]:
+    """Keep the garbage collector from the modules and files of a start: next to nothing of them is garbage."""
+    gc.disable()
+    try:
+        yield
+        gc.freeze()
+    finally:
+        gc.enable()
+
+
+def _prepare(args: argparse.Namespace, *, motion: bool, table: bool) -> tuple[RobotSetup, RunOptions]:
+    """Read the files, and import what the run and its children need; ConfigError."""
     setup = read_setup(args)
     if motion and setup.reaches_real_drives:
         channels = setup.files.asked.real_word or ", ".join(setup.channels.values())
         raise ConfigError(f"{channels}: {_NO_DEMO}")
     _require_parts(args, setup)
-    from canopen_control.cli.support.output import Announcer
-
     with quick_dataclasses():
         from canopen_control.check import checker  # noqa: F401 - for the warnings
-        from canopen_control.runtime.run_session import RunOptions, RunSession
+        from canopen_control.runtime.run_session import RunOptions
 
     options = RunOptions(
         physics=args.physics,
@@ -280,34 +322,14 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
         realtime=args.realtime,
         cpu=args.cpu,
     )
-    unclear = _unclear(setup) if setup.reaches_real_drives and not args.full_speed else None
     if not args.spawn:
         _share_imports(options)
-    session = RunSession(setup, options)
-    announcer = Announcer(sys.stderr if table else sys.stdout)
-    session.reactor.call_soon(announcer.start)  # once the children are started: a process with threads is not forked
-    try:
-        prefix = f"{setup.name}: " if args.say_name else ""
-        session.robot.observers.append(_EventPrinter(announcer, session, table=table, prefix=prefix))
-        _warn(session)
-        if unclear is not None:
-            _slow_down(session, unclear)
-        if table:
-            session.supervisor.start_client(
-                TABLE, ["canopen_control", "status", "--watch", "--name", setup.name], inherit_stdout=True
-            )
-        failure = session.run()
-    finally:
-        session.close()
-        announcer.close()
-    if failure is not None:
-        raise (ConfigError if session.supervisor.refused else CanopenError)(failure)
-    return 0
+    return setup, options
 
 
 def _share_imports(options: RunOptions) -> None:
     """Import what drives, hub and recorder need, once, and let them be forks of this process."""
-    from canopen_control.host.fork import allow
+    from canopen_control.host.fork import allow_forks
 
     with quick_dataclasses():
         from canopen_control.bus import hub  # noqa: F401 - for the forks
@@ -315,7 +337,7 @@ def _share_imports(options: RunOptions) -> None:
         if options.drives:
             from canopen_control.cli import drive  # noqa: F401 - for the forks
             from canopen_control.virtual import device, launch, process  # noqa: F401 - for the forks
-    allow()
+    allow_forks()
 
 
 def _require_parts(args: argparse.Namespace, setup: RobotSetup) -> None:
@@ -433,7 +455,11 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
     if args.name is not None:
         check_name(args.name)
     mappings = files.mappings(mock=args.mock)
-    with nullcontext() if files.bus_alone else DescriptionReader(files.description, mappings=mappings) as reader:
+    with (
+        contextlib.nullcontext()
+        if files.bus_alone
+        else DescriptionReader(files.description, mappings=mappings) as reader
+    ):
         with quick_dataclasses():  # takes as long as xacro does, on another processor
             from canopen_control.runtime.setup import read_robot
         setup = read_robot(

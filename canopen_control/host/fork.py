@@ -1,10 +1,10 @@
 """Children that are forks of this process: they begin with every module that it has imported.
 
 A fork is for programs of our own that have one thread, before they own anything that two processes cannot share:
-`allow` declares that, and `can_fork` is False in every other process, as in a user's program. The child begins as a new
-interpreter would: default signals, the descriptors it was given and no others, its own environment and session, empty
-buffers, no exit functions, a collector with default settings. `ps` and /proc show the command line and environment
-that an interpreter of its own would have.
+`allow_forks` declares that, and `can_fork` is False in every other process, as in a user's program. The child begins
+as a new interpreter would: default signals, the descriptors it was given and no others, its own environment and
+session, empty buffers, no exit functions, a collector with default settings. `ps` and /proc show the command line and
+environment that an interpreter of its own would have.
 """
 
 from __future__ import annotations
@@ -36,10 +36,16 @@ _kept: list[object] = []  # of the parent: freeing it would close descriptors th
 Main: TypeAlias = "tuple[str, Sequence[str]]"
 
 
-def allow() -> None:
+def allow_forks() -> None:
     """Allow children of this process, and theirs, to be forks of it."""
     global _allowed
     _allowed = True
+
+
+def forbid_forks() -> None:
+    """Take `allow_forks` back."""
+    global _allowed
+    _allowed = False
 
 
 def can_fork() -> bool:

@@ -95,7 +95,7 @@ for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
     signal.signal(number, lambda *_: None)
 random.seed(3)
 os.environ["SETTING"] = "kept"
-fork.allow()
+fork.allow_forks()
 print("buffered", end="")
 first = start("report", name="first"); second = start("report", name="second")
 assert [each.wait() for each in (first, second)] == [7, 7]
@@ -135,11 +135,13 @@ def test_ps_shows_the_command_line_and_the_environment_of_the_child(parent, tmp_
     assert report["name"] == Path(sys.executable).name[:15]
 
 
-def test_a_command_line_longer_than_that_of_the_parent_is_one_string(parent, tmp_path):
-    parent("fork.allow(); start('report', argv=['python', '-m', 'x' * 2500]).wait()").communicate(timeout=60)
+def test_a_command_line_longer_than_that_of_the_parent_is_one_string(parent, tmp_path, monkeypatch):
+    monkeypatch.setenv("LONGEST", "y" * 5000)
+    parent("fork.allow_forks(); start('report', argv=['python', '-m', 'x' * 2500]).wait()").communicate(timeout=60)
     report = json.loads(said(tmp_path)[0])
     assert report["command"] == f"python -m {'x' * 2500}\0"
     assert "_ROS_WHEELS_BOOTSTRAP_COMPLETE=1" in report["shown"]
+    assert not any(variable.startswith("LONGEST=") for variable in report["shown"])
 
 
 @pytest.mark.parametrize(
@@ -152,7 +154,7 @@ def test_a_command_line_longer_than_that_of_the_parent_is_one_string(parent, tmp
     ],
 )
 def test_its_exit_code_is_that_of_its_main_and_its_exit_functions_run(parent, tmp_path, value, code, words):
-    out, _ = parent(f"fork.allow(); print(start('leave', {value!r}).wait())").communicate(timeout=60)
+    out, _ = parent(f"fork.allow_forks(); print(start('leave', {value!r}).wait())").communicate(timeout=60)
     assert out == f"{code}\n"
     lines = said(tmp_path)
     assert lines[-1] == "own exit function"
@@ -162,7 +164,7 @@ def test_its_exit_code_is_that_of_its_main_and_its_exit_functions_run(parent, tm
 def test_each_is_killed_alone_and_its_end_arrives(parent):
     code = """
 from canopen_control.host.reactor import Reactor
-fork.allow()
+fork.allow_forks()
 with Reactor() as loop:
     one, other = start("wait", name="one"), start("wait", name="other")
     seen = []
@@ -181,7 +183,7 @@ with Reactor() as loop:
 
 
 def test_the_lifeline_breaks_when_the_parent_is_killed(parent, tmp_path):
-    code = "fork.allow(); print(*[start('wait', name=name).pid for name in 'ab'], flush=True); time.sleep(60)"
+    code = "fork.allow_forks(); print(*[start('wait', name=name).pid for name in 'ab'], flush=True); time.sleep(60)"
     process = parent(code)
     pids = [int(word) for word in process.stdout.readline().split()]
     assert eventually(lambda: all(said(tmp_path, name) == ["here"] for name in "ab"))
@@ -200,7 +202,7 @@ def serve(arguments):
     time.sleep(60)
 
 fork_child.main = serve
-fork.allow()
+fork.allow_forks()
 spawn.spawn_detached([sys.executable, "-c", "1 / 0"], 20, name="hub", log_dir=logs, main=("fork_child", ["x"]))
 print(os.getpid(), os.getsid(0))
 """
@@ -218,7 +220,7 @@ print(os.getpid(), os.getsid(0))
 def test_nothing_is_forked_unless_that_is_allowed_and_while_there_are_threads(parent, tmp_path):
     code = """
 print(fork.can_fork(), start("report", name="spawned").wait())
-fork.allow()
+fork.allow_forks()
 over = threading.Event()
 thread = threading.Thread(target=over.wait)
 thread.start()
