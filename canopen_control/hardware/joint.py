@@ -366,7 +366,8 @@ class JointDrive(JointParts):
             self._brake(period)
         else:
             targets.hold()
-        if targets.has_outputs:
+        mode = self.axis.mode
+        if targets.has_outputs or (mode is not None and mode.value != self.machine.mode_request.sent):
             targets.write_outputs()
 
     def supervise(self) -> None:

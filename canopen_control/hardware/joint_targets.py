@@ -81,8 +81,7 @@ class JointTargets:
         self._outputs = self.commands.get(DIGITAL_OUTPUTS)
         if self._outputs is not None:
             self._outputs.lowest, self._outputs.highest = float(INT32_MIN), float(UINT32_MAX)
-        self.has_outputs = axis.mode is not None or self._outputs is not None
-        """Whether an RPDO carries the mode or digital outputs."""
+        self.has_outputs = self._outputs is not None
         self._command: CommandInterface | None = None
         self._held: int | None = None  # the position at which all targets are held; None: they are not
 

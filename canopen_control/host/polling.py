@@ -42,11 +42,12 @@ class MarkedSelector(selectors.BaseSelector):
     """In-process selector: returns numbers that were set ready, in that order, and never waits.
 
     Numbers come from `allocate` and stand for descriptors. Real descriptors may be registered too, and are never ready.
+    `marked` are the ready numbers, watched or not.
     """
 
     def __init__(self) -> None:
         self._keys: dict[int, selectors.SelectorKey] = {}
-        self._marked: dict[int, None] = {}
+        self.marked: dict[int, None] = {}
         self._next = _FIRST
 
     def allocate(self) -> int:
@@ -56,12 +57,12 @@ class MarkedSelector(selectors.BaseSelector):
 
     def set_ready(self, number: int) -> bool:
         """Make a number readable until `clear_ready`; return whether a reactor watches it and must be woken."""
-        self._marked[number] = None
+        self.marked[number] = None
         return number in self._keys
 
     def clear_ready(self, number: int) -> None:
         """Make a number unreadable; a no-op if it is."""
-        self._marked.pop(number, None)
+        self.marked.pop(number, None)
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:  # noqa: ANN401 - selectors' own types
         """Watch a number."""
@@ -77,13 +78,13 @@ class MarkedSelector(selectors.BaseSelector):
         keys = self._keys
         return [
             (key, selectors.EVENT_READ)
-            for number in self._marked
+            for number in self.marked
             if (key := keys.get(number)) is not None and key.events & selectors.EVENT_READ
         ]
 
     def poll(self, _timeout: float | None, _most: int) -> Sequence[tuple[int, int]]:
         """Return the ready numbers as epoll does, each as readable."""
-        marked, keys = self._marked, self._keys
+        marked, keys = self.marked, self._keys
         if not marked:
             return ()
         if len(marked) == 1:
@@ -98,4 +99,4 @@ class MarkedSelector(selectors.BaseSelector):
     def close(self) -> None:
         """Clear all registrations."""
         self._keys.clear()
-        self._marked.clear()
+        self.marked.clear()

@@ -22,7 +22,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Final, Protocol, TypeAlias, cast
 
 from canopen_control.errors import LocalProtocolError
-from canopen_control.host.polling import open_poller
+from canopen_control.host.polling import MarkedSelector, open_poller
 from canopen_control.host.timer import ManualClock, MonotonicClock, Timer, TimerQueue, TimeSource, open_alarm
 
 if TYPE_CHECKING:
@@ -100,6 +100,7 @@ class Reactor:
         self._from_threads: deque[Callable[[], object]] = deque()
         self._epoll = open_poller(self._selector)
         self._poll = self._select if self._epoll is None else self._epoll.poll
+        self._marked = selector.marked if isinstance(selector, MarkedSelector) else None
         self._turns = 0
         self._alarm = None if self.clock.is_manual else open_alarm()
         self._alarm_at: int | None = None
@@ -263,11 +264,12 @@ class Reactor:
 
     def serve(self) -> int | None:
         """Serve everything ready and due now and return the time of the next timer; a manual clock does not advance."""
+        marked = self._marked
         while True:
             self._turn(0)
             deadline = self._timers.next_deadline()
             due = deadline is not None and deadline <= self.now()
-            if not (due or self._soon or self._poll(0, 1)):
+            if not (due or self._soon or ((marked is None or marked) and self._poll(0, 1))):
                 return deadline
 
     def stop(self) -> None:

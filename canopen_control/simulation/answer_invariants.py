@@ -103,6 +103,7 @@ class AnswerInvariants:
             axis.joints.append(joint)
             self._axis_of[joint] = axis
         self._requests: dict[tuple[str, str], _Request] = {}  # by joint and interface
+        self._places = False  # whether a position was requested
         self._reports: deque[tuple[int, Event]] = deque(maxlen=_KEPT)
         self._waiting: list[_Waiting] = []
 
@@ -148,6 +149,7 @@ class AnswerInvariants:
 
     def _take(self, now: int, joint: str, interface: str, value: float) -> None:
         key = joint, interface
+        self._places = self._places or interface == POSITION
         request = self._requests.get(key)
         if interface == VELOCITY and not value:
             self._requests.pop(key, None)
@@ -187,6 +189,8 @@ class AnswerInvariants:
             axis.asked_since = None
         elif axis.asked_since is None:
             axis.asked_since = now
+        if axis.moved_at >= now - ANSWER_NS and not self._places:
+            return  # it has moved in time; of a position the motion is noted below
         quiet = max(self._disturbed.last(view.node_id), self._robot.started_ns, view.booted_at, view.limited_at)
         for since in self._since(axis, now):
             if not axis.told and max(since, axis.moved_at, quiet) < now - self._limit(axis):

@@ -144,21 +144,27 @@ class SimulatedWire:
             self._time.at(due, self._on_passed)
 
     def _passed(self) -> None:
-        """Deliver a frame to its listeners."""
-        passed, self._planned = self._wire.finish() if self.disturbed else self._wire.end(), False
-        if passed is not None:
-            _, number, _, record = passed
-            port = self._ports.get(number)
-            if port is None or ((self.cut or self._off) and self.silences(port.label)):
-                pass
-            elif self.lost or self.doubled or self._errors:
-                self._judge(port, record)
-            else:
-                self._carry(port.label, record, port)
-        # inlined `_plan`, because it runs for each frame
-        if not self._planned and (due := self._wire.due_ns) is not None:
-            self._planned = True
-            self._time.at(due, self._on_passed)
+        """Deliver the frames that end before anything else happens to their listeners, and schedule the next."""
+        wire, jump = self._wire, self._time.jump
+        self._planned = False
+        while True:
+            passed = wire.finish() if self.disturbed else wire.end()
+            if passed is not None:
+                _, number, _, record = passed
+                port = self._ports.get(number)
+                if port is None or ((self.cut or self._off) and self.silences(port.label)):
+                    pass
+                elif self.lost or self.doubled or self._errors:
+                    self._judge(port, record)
+                else:
+                    self._carry(port.label, record, port)
+            due = wire.due_ns
+            if self._planned or due is None:
+                return
+            if not jump(due):
+                self._planned = True
+                self._time.at(due, self._on_passed)
+                return
 
     def _judge(self, port: SimulatedPort, record: bytes) -> None:
         """Lose, double or deliver a frame, by the rules."""
@@ -268,9 +274,9 @@ class SimulatedPort:
         if not queue:
             return b""
         records = queue[0] if len(queue) == 1 else b"".join(queue)
+        self.stats.rx += len(queue)  # of one record each
         queue.clear()
         self._actor.selector.clear_ready(self._fileno)
-        self.stats.rx += len(records) // RECORD_SIZE
         if self._errors_wait:
             self._errors_wait = False
             self._events.extend(note_errors(records, self.stats))

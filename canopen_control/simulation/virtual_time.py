@@ -43,12 +43,13 @@ _SPIKES: Final = 0.0005  # fraction of all wake-ups
 class VirtualTime:
     """Clock that jumps; `now_ns` is the time."""
 
-    __slots__ = ("_heap", "_sequence", "now_ns")
+    __slots__ = ("_heap", "_limit_ns", "_sequence", "now_ns")
 
     def __init__(self) -> None:
         self.now_ns = START_NS
         self._heap: list[tuple[int, int, Callable[[], object]]] = []
         self._sequence = 0
+        self._limit_ns = START_NS
 
     def at(self, when_ns: int, callback: Callable[[], object]) -> None:
         """Call `callback` once, at `when_ns`, or now if that has passed."""
@@ -64,9 +65,18 @@ class VirtualTime:
         """Return the time of the next event, None if there is none."""
         return self._heap[0][0] if self._heap else None
 
+    def jump(self, when_ns: int) -> bool:
+        """Advance to `when_ns` from within an event; False, and nothing is done, if another event comes first."""
+        heap = self._heap
+        if when_ns > self._limit_ns or (heap and heap[0][0] <= when_ns):
+            return False
+        self.now_ns = when_ns
+        return True
+
     def run_until(self, limit_ns: int) -> None:
         """Process all events up to `limit_ns`, which is then the time."""
         heap, pop = self._heap, heapq.heappop
+        self._limit_ns = limit_ns
         while heap and heap[0][0] <= limit_ns:
             self.now_ns, _, callback = pop(heap)
             callback()

@@ -5,6 +5,7 @@ A stalled, killed or disconnected master has no timing; it is checked again one 
 
 from __future__ import annotations
 
+import functools
 from collections import deque
 from typing import TYPE_CHECKING, Any, Final
 
@@ -195,6 +196,7 @@ def _holds(device: VirtualNode, write: PlannedWrite) -> bool:
     return encode(value, entry.data_type) == write.data
 
 
+@functools.lru_cache(maxsize=4096)
 def _is_restricted(cob_id: int) -> bool:
     return any(low <= cob_id <= high for low, high in _RESTRICTED)
 

@@ -97,3 +97,13 @@ def test_a_process_that_ended_does_nothing_any_more(processes):
     actor.arrived()
     time.run_until(START_NS + S)
     assert done == []
+
+
+def test_time_jumps_only_to_what_comes_before_every_other_event_and_the_end():
+    time = VirtualTime()
+    start, jumps = time.now_ns, []
+    time.at(start + 10, lambda: jumps.extend([time.jump(start + 20), time.jump(start + 19), time.now_ns - start]))
+    time.at(start + 20, lambda: jumps.append(time.jump(start + 31)))
+    time.run_until(start + 30)
+    assert jumps == [False, True, 19, False]
+    assert time.now_ns == start + 30
