@@ -53,7 +53,7 @@ class InterfaceStatus:
 
 
 class InterfaceDocument(Document, frozen=True, kw_only=True):
-    """A CAN interface as `bus status --json` prints it; see CanInterface, Traffic and Listener. Null is not known."""
+    """CAN interface as in `bus status --json`; see CanInterface, Traffic and Listener. Null is unknown."""
 
     name: str
     kind: str
@@ -137,7 +137,7 @@ def _listener(listener: Listener) -> str:
 
 
 def _does(listener: Listener) -> list[str]:
-    """Say what a socket hears or lets the kernel send, and where, if not on this interface alone."""
+    """Return what a socket receives or lets the kernel send, and on which interfaces."""
     tasks = [f"lets the kernel send 0x{can_id:03X} every {us / 1000:g} ms" for can_id, us in listener.tasks]
     if tasks or listener.protocol == "CAN_BCM":
         return tasks or ["uses the kernel's broadcast manager"]

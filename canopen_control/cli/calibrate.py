@@ -143,7 +143,7 @@ def _report(outcome: CalibrationResult, controller: str, copy: _YamlCopy) -> Non
 
 
 def _ends(args: argparse.Namespace, plan: CalibrationPlan, *, simulated: bool) -> Ends:
-    """Return who knows the ends; ConfigError where nobody does."""
+    """Return the source of true end positions; ConfigError without one."""
     from canopen_control.calibration.base_link import TypedEnds, read_ends
     from canopen_control.calibration.umbmark_session import TrueEnds
     from canopen_control.errors import ConfigError
@@ -178,7 +178,7 @@ class _YamlCopy:
             raise ConfigError(f"{self._copy} is there already; give another --output, or --overwrite")
 
     def _require_the_robots(self, link: BaseLink) -> None:
-        """Raise ConfigError where the file says other values than the robot that runs has."""
+        """Raise ConfigError where the file and the running robot have different values."""
         from canopen_control.calibration.base_link import FACTORS
         from canopen_control.calibration.corrected_file import given_in
         from canopen_control.errors import ConfigError
@@ -195,11 +195,11 @@ class _YamlCopy:
 
     @property
     def hint(self) -> str:
-        """What to do with the copy."""
+        """Next step with the copy, for the user."""
         return f"; for good: canopen-control run ROBOT --controllers {self._copy}"
 
     def write(self, values: dict[str, float]) -> None:
-        """Write new values, and tell what was changed."""
+        """Write new values and list the changes."""
         from canopen_control.calibration.corrected_file import write_corrected
 
         if self.path is None:

@@ -27,7 +27,7 @@ EXAMPLE = "canopen-control check robby"
 
 
 class FindingDocument(Document, frozen=True):
-    """What is wrong with a line of a file; `fix` says what to do, "" where `text` says it already."""
+    """Finding in a line of a file; `fix` is the advice, "" where `text` contains it."""
 
     path: str
     line: int
@@ -47,7 +47,7 @@ class FrameShare(Document, frozen=True):
 
 
 class BudgetDocument(Document, frozen=True, kw_only=True):
-    """What a bus has to carry in a cycle, bits without and with all stuff bits, `load` from 0 to 1."""
+    """Load of a bus per cycle, in bits without and with all stuff bits; `load` from 0 to 1."""
 
     bitrate: int
     period_s: float
@@ -69,7 +69,7 @@ class StopCaseDocument(Document, frozen=True):
 
 
 class StopDocument(Document, frozen=True):
-    """How long a joint takes to stand from `speed`, in its drive's units; None: without a limit."""
+    """Stop time of a joint from `speed`, in its drive's units; None without a limit."""
 
     joint: str
     node: str

@@ -106,7 +106,7 @@ def _list(args: argparse.Namespace, robot: RobotClient) -> int:
 
 
 def _commands(controller: ControllerReading) -> str:
-    """Say what a controller commands; of one that is only in the file nothing is known yet."""
+    """Return the commands of a controller; unknown for one that is not loaded."""
     if controller.state == "unloaded":
         return "-"
     nothing = "nothing: it broadcasts" if controller.is_broadcaster else "-"

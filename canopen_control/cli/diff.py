@@ -39,7 +39,7 @@ class ParameterDocument(Document, frozen=True, kw_only=True):
 
 
 class DiffDocument(Document, frozen=True, kw_only=True):
-    """What `diff --json` prints: how many parameters were compared, how the devices differ, and the differences."""
+    """Document of `diff --json`: number of compared parameters, differences of devices and of parameters."""
 
     a: str
     b: str

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 
 def state_lines(state: DriveState) -> Iterator[str]:
-    """Yield what a node is doing, a line for it and some for each axis."""
+    """Yield the state of a node: one line for it and some for each axis."""
     errors = "".join(f", error 0x{code:04X}" for code in state.errors)
     faults = f"; faults that are on: {', '.join(state.faults)}" if state.faults else ""
     quirks = f"; quirks: {', '.join(state.quirks)}" if state.quirks else ""
@@ -168,7 +168,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the drives; 0 after SIGINT or SIGTERM, 1 when the bus is gone."""
+    """Run the drives; 0 after SIGINT or SIGTERM, 1 after the loss of the bus."""
     if args.buses is not None:
         return _run_buses(args)
     for name in ("node_id", "can"):
@@ -236,7 +236,7 @@ def parse_node_ids(text: str) -> list[int]:
 
 
 def _eds_files(texts: Sequence[str], node_ids: Sequence[int]) -> tuple[Path, dict[int, Path]]:
-    """Return the file of all nodes, and those of the nodes that have another one; ConfigError for what fits none."""
+    """Return the common EDS file and those of single nodes; ConfigError for options without a node."""
     common: list[Path] = []
     eds_files: dict[int, Path] = {}
     for text in texts:

@@ -41,7 +41,7 @@ _COMPARED = ("name", "data_type", "access", "pdo_mappable", "default", "paramete
 
 
 class IssueDocument(Document, frozen=True):
-    """What is wrong or doubtful in a line; `severity` is "error", "warning" or "note"."""
+    """Issue in a line; `severity` is "error", "warning" or "note"."""
 
     line: int
     code: str
@@ -50,7 +50,7 @@ class IssueDocument(Document, frozen=True):
 
 
 class EdsCheckDocument(Document, frozen=True, kw_only=True):
-    """What a check of a file found."""
+    """Result of checking a file."""
 
     file: str
     objects: int = 0
@@ -83,7 +83,7 @@ class EntryDocument(Document, frozen=True, kw_only=True):
 
 
 class Difference(Document, frozen=True):
-    """What a field is in two files."""
+    """Difference of a field between two files."""
 
     a: Plain
     b: Plain
@@ -138,7 +138,7 @@ def checked(name: str, file: EdsFile) -> EdsCheckDocument:
 
 
 def refused(name: str, error: EdsError) -> EdsCheckDocument:
-    """Return why a file is none."""
+    """Return the reason why a file is refused."""
     return EdsCheckDocument(
         file=name, errors=1, issues=[IssueDocument(error.line, "not-canopen", "error", error.reason)]
     )
@@ -222,7 +222,7 @@ def pdo_document(pdo: Pdo) -> PdoDocument:
 
 
 def _plain(value: Value | None) -> Plain:
-    """Return what JSON can hold; bytes in hexadecimal, what is no finite number as text."""
+    """Return a value for JSON; bytes in hexadecimal, non-finite numbers as text."""
     if isinstance(value, bytes):
         return value.hex()
     if isinstance(value, float) and value - value != 0:
@@ -470,7 +470,7 @@ def _pdo_line(od: ObjectDictionary, pdo: Pdo, relative: bool) -> str:
 
 
 class ConvertedDocument(Document, frozen=True):
-    """What `eds convert` wrote; `problems` is the number of issues of the file that it read."""
+    """Result of `eds convert`; `problems` is the number of issues of the input."""
 
     file: str
     output: str

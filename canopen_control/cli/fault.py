@@ -94,7 +94,7 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _sentence(does: str) -> str:
-    """Say what a broken drive does, or what is wrong with what is its own."""
+    """Return the effect of a fault, or the difference of the drive itself."""
     return f"I{does[1:]}" if does.startswith("its ") else f"The drive {does}"
 
 
@@ -115,7 +115,7 @@ def drive_of(word: str, can: str | None) -> tuple[str, int]:
 
 
 def _others_than(nodes: list[KnownNode], silent: dict[str, CanopenError], can: str | None) -> str:
-    """Say which nodes there are, or why none is known, and how to go on; nothing where no robot runs."""
+    """Return the existing nodes, or the reason why they are unknown, with advice; "" without a robot."""
     if nodes:
         scope = "of a running robot" if can is None else f"on {can}"
         choices = f" {scope}; there are: {', '.join(map(str, nodes))}"
@@ -142,7 +142,7 @@ def _node_id(text: str, choices: str) -> int:
 
 
 def _set(args: argparse.Namespace, client: DriveClient, node_id: int) -> int:
-    """Set inputs, and tell what they are."""
+    """Set inputs and print them."""
     if args.state is not None:
         raise ConfigError(f"{args.name} {args.state}: a signal is set with SIGNAL=VALUE alone")
     values = signal_values(args.name)

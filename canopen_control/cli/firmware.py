@@ -113,7 +113,7 @@ def _file(name: str) -> bytes:
 
 
 def _download(session: NodeSession, image: bytes, options: ProgramOptions, progress: DownloadProgress) -> None:
-    """Load it with a progress bar, and say how far it was where it is interrupted."""
+    """Download with a progress bar; print the state of an interrupted download."""
     bar = Progress(f"loading {session}", "bytes", rate=True)
     try:
         with watched(bar, session.transfers.progress):

@@ -213,7 +213,7 @@ class BusNetwork:
         return self._bus.port.fileno()
 
     def take_in(self) -> None:
-        """Receive what the bus carries; BusClosed when it is gone."""
+        """Receive from the bus; BusClosed after its loss."""
         try:
             self._bus.listen(_TAKE_IN_S)
         except BusClosed:

@@ -166,7 +166,7 @@ def _device(path: Path, node_id: int, remark: str = "") -> Device:
 
 
 def _from_bus(args: argparse.Namespace) -> list[Device]:
-    """Return the devices on a bus whose EDS is given or bundled; the others are told, and left out."""
+    """Return the devices on a bus with a given or bundled EDS; others are listed and left out."""
     from canopen_control.cli.scan import match_files, survey_channel
 
     if args.node_id:
@@ -195,7 +195,7 @@ def _from_bus(args: argparse.Namespace) -> list[Device]:
 
 
 def _take_given(nodes: Iterable[FoundNode], files: Sequence[Path]) -> None:
-    """Give the one file that has no product code to the devices that no other fits, unless its vendor is another."""
+    """Assign the only file without a product code to the remaining devices of its vendor."""
     from canopen_control.cli.support.identity import vendor_and_product
 
     without = [(file, vendor) for file in files for vendor, product in [vendor_and_product(file)] if not product]
@@ -206,7 +206,7 @@ def _take_given(nodes: Iterable[FoundNode], files: Sequence[Path]) -> None:
 
 
 def ask_drives(channel: str, devices: Sequence[Device], timeout: float) -> None:
-    """Put what the drives themselves say of modes and units in place of the EDS's defaults."""
+    """Replace the EDS's defaults of modes and units by the drives' own values."""
     from canopen_control.master.direct import DirectBus
     from canopen_control.od.codec import decode
 

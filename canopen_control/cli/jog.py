@@ -93,7 +93,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Wish:
-    """What the arguments ask for, before anything is known of the drive."""
+    """Request of the arguments, without knowledge of the drive."""
 
     kind: JogKind
     value: Quantity | float  # a number is in SI or per mille
@@ -137,7 +137,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _request(args: argparse.Namespace) -> _Wish:
-    """Read the quantities; ConfigError for what is none."""
+    """Parse the quantities; ConfigError for an invalid one."""
     kind = next((name for name in _KINDS if getattr(args, name) is not None), "velocity")
     value: Quantity | float = _SPEED
     if kind == "torque":
@@ -154,21 +154,21 @@ def _request(args: argparse.Namespace) -> _Wish:
 
 
 def _limit(scale: JogScale, quantity: Quantity | None, otherwise: float) -> float:
-    """Return a limit; the default stands where nobody knows what a turn is, too."""
+    """Return a limit in SI units, or the default."""
     return otherwise if quantity is None else abs(scale.si(quantity))
 
 
 def _running(
     args: argparse.Namespace, request: _Wish, name: str | None, stack: contextlib.ExitStack
 ) -> tuple[JogDrive, JogScale]:
-    """Return a drive of a running robot, which knows its units."""
+    """Return a drive of a running robot, with the scale of its joint."""
     mode = {JogKind.VELOCITY: "PV", JogKind.POSITION: "PP", JogKind.TORQUE: "TQ"}[request.kind]
     return running_drive(args, name, mode, stack)
 
 
 @contextlib.contextmanager
 def _own(args: argparse.Namespace, request: _Wish) -> Iterator[tuple[JogDrive, JogScale]]:
-    """Look at the drive on its bare bus, then boot a robot of it alone."""
+    """Identify the drive on its bare bus, then run a robot with it alone."""
     if args.eds is None:
         raise ConfigError(f"node {args.node}: give the EDS of the drive: --eds FILE (bundled: generic_cia402.eds, ...)")
     parse_node_id(args.node)
@@ -185,7 +185,7 @@ def _own(args: argparse.Namespace, request: _Wish) -> Iterator[tuple[JogDrive, J
 
 
 def _lines(robot: NewRobot, axis: AxisChoice, scale: JogScale, limits: JogLimits) -> Iterator[str]:
-    """Yield what the user is told before anything moves."""
+    """Yield the lines printed before the drive moves."""
     node = robot.nodes[0]
     product = " ".join(filter(None, (node.device.od.device.vendor_name, node.device.od.device.product_name)))
     yield f"node {node.device.node_id}{f', {product}' if product else ''}: {axis.interface} in {axis.mode.name}"

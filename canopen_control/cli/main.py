@@ -30,7 +30,7 @@ _OUTPUT_LOST = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code; where a shell asks what a word may become, tell it that."""
+    """Run the command line and return its exit code; complete words if a shell asks for it."""
     if "_ARGCOMPLETE" in os.environ:
         from canopen_control.cli.support.completion_words import answer_shell
 
@@ -64,7 +64,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def _flush() -> int:
-    """Write what is buffered while a failure can still be told; at the end of Python it would be a traceback."""
+    """Flush the output while a failure can be reported without a traceback."""
     try:
         if sys.stdout is not None:  # closed before we began
             sys.stdout.flush()
@@ -76,7 +76,7 @@ def _flush() -> int:
 
 
 def _leave_output() -> None:
-    """Send what is left nowhere: the reader of our output has gone (`| head`), or its disk is full."""
+    """Discard the remaining output: its reader has ended (`| head`), or the disk is full."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -116,7 +116,7 @@ def _with_action(word: str) -> list[str]:
 
 
 class _TopParser(argparse.ArgumentParser):
-    """Parser of what stands before a verb; its help is the overview of the verbs."""
+    """Parser before the verb; its help is the overview of the verbs."""
 
     def format_help(self) -> str:
         """Return the overview of the most used verbs."""

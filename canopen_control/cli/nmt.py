@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
 
 @dataclass(frozen=True, slots=True)
 class NmtResult:
-    """What a node shows; `confirmed` is None where it has no heartbeat that could."""
+    """Result for a node; `confirmed` is None without a heartbeat."""
 
     node_id: int
     who: str
@@ -145,7 +145,7 @@ ROBOT_TIMEOUTS = {
 
 
 def _shows(node: NodeReading, command: NmtCommand, elapsed: float) -> bool:
-    """Whether the node has shown the wanted state since the command was sent."""
+    """Whether the node has reached the expected state since the command."""
     if command is NmtCommand.START and not node.ready:  # configured too, and its process data live
         return False
     # after a reset it goes on to PRE-OPERATIONAL by itself

@@ -25,7 +25,7 @@ EXAMPLE = "canopen-control plan robby --against can0"
 
 
 class WriteDocument(Document, frozen=True):
-    """A write: `data` in hexadecimal, `value` for a person, `reason` why it was added to what bus.yml asks for."""
+    """Planned write: `data` in hexadecimal, `value` as text, `reason` for writes that bus.yml does not contain."""
 
     index: int
     subindex: int
@@ -44,7 +44,7 @@ class PlanDocument(Document, frozen=True):
 
 
 class ComparedPlan(PlanDocument, frozen=True):
-    """The writes that a node on a bus needs; `error` says why it could not be read."""
+    """Writes that a node on a bus needs; `error` is the reason if it could not be read."""
 
     error: str | None
 
@@ -107,7 +107,7 @@ def _chosen(buses: dict[str, BusConfig], names: list[str]) -> list[tuple[str, No
 
 
 def _against(buses: dict[str, BusConfig], chosen: list[tuple[str, NodePlan]], args: argparse.Namespace) -> int:
-    """Read every object of the plans and show what a boot would write, and why a node cannot be read."""
+    """Read every object of the plans; return the needed writes, and the reason for unreadable nodes."""
     from canopen_control.cli.support.target import LABEL, robot_on
     from canopen_control.errors import ConfigError
     from canopen_control.master.direct import DirectBus
@@ -182,7 +182,7 @@ def _lines(plan: NodePlan, writes: Iterable[PlannedWrite], none: str = "nothing 
 
 
 def _name(plan: NodePlan, write: PlannedWrite) -> str:
-    """Return the name of an entry, with that of its object where it says too little."""
+    """Return the name of an entry, with that of its object if needed."""
     parent = plan.object_names.get(write.index, "")
     return write.name if not parent or parent == write.name else f"{parent}: {write.name}"
 

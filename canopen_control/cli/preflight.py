@@ -65,7 +65,7 @@ _ERRORS: dict[tuple[int, int], str] = {(0x1001, 0): "error register", (0x603F, 0
 
 @dataclass(frozen=True, slots=True)
 class PreflightStep:
-    """What a step came to; `passed` is None for what is only told."""
+    """Result of a step; `passed` is None for information."""
 
     name: str
     passed: bool | None
@@ -100,7 +100,7 @@ def _state_of(state: str | None) -> str:
 
 
 def node_steps(bus: BusConfig, channel: str) -> Iterator[PreflightStep]:
-    """Ask all node ids who they are, compare to bus.yml and EDS files; read errors and limits of the robot's own."""
+    """Identify all nodes, compare them with bus.yml and EDS files, and read their errors and limits."""
     with DirectBus.open(channel, label="pre-flight", timeout_s=_ANSWER_S, retries=1) as direct:
         answers = direct.read_many((node_id, 0x1000, 0) for node_id in _ALL_NODES)
         present = {node_id for (node_id, _, _), answer in answers.items() if not isinstance(answer, SdoTimeout)}
@@ -144,7 +144,7 @@ def _remark(remark: str, revision: int | None) -> str:
 
 
 def _readings(direct: DirectBus, od: ObjectDictionary, node_id: int, title: str) -> Iterator[PreflightStep]:
-    """Read what tells of errors, which must be none, and of limits, which are only told."""
+    """Read the objects of errors, which must be 0, and of limits, which are printed."""
     addresses = [address for address in (*_ERRORS, *_STATE) if address in od]
     values: dict[tuple[int, int], int] = {}
     for address in addresses:
@@ -234,7 +234,7 @@ class Jog:
         self._folder.cleanup()
 
     def no_room(self, joint: str) -> str | None:
-        """Say why there is no way for a jog of this joint, None if there is."""
+        """Return the reason why a joint has no room for a jog, None if it has."""
         if self._interfaces[joint] != POSITION:
             return None
         here, needed = self._of(joint)["position"], self.speed * (self._hold_s + _SPARE_S)
@@ -244,7 +244,7 @@ class Jog:
         return f"it is at {here:.3f}, {room:.3f} before its limit, and a jog at {self.speed:g} rad/s needs {needed:.3f}"
 
     def turn(self, joint: str) -> PreflightStep:
-        """Turn one joint at the speed, and compare what it shows of velocity and of position."""
+        """Jog one joint and compare its velocity with its position."""
         low, high = self.speed * (1 - TOLERANCE), self.speed * (1 + TOLERANCE)
         speeds, start = {joint: self.speed}, self._positions()
         if not self._until(speeds, lambda: self._is_fast(joint, start)):
@@ -386,7 +386,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(slots=True)
 class Preflight:
-    """One pre-flight: what was found so far, who is told, who is asked."""
+    """One preflight: results so far, output and questions."""
 
     setup: RobotSetup
     say: Callable[[str], None]
@@ -396,7 +396,7 @@ class Preflight:
     covered: list[str] = field(default_factory=list)  # the joints that turned as they should
 
     def note(self, steps: Iterable[PreflightStep]) -> bool:
-        """Tell steps as they come; return whether all of them passed."""
+        """Print steps as they end; return whether all passed."""
         good = True
         for step in steps:
             self.steps.append(step)
@@ -405,7 +405,7 @@ class Preflight:
         return good
 
     def look(self) -> bool:
-        """Look at links and nodes; nothing is written to a drive."""
+        """Check links and nodes without writing to a drive."""
         good = True
         for name, bus in self.setup.buses.items():
             channel = self.setup.channels[name]
@@ -414,7 +414,7 @@ class Preflight:
         return good
 
     def move(self) -> bool:
-        """Jog and stop; True if all did what was expected, False as soon as something or somebody said no."""
+        """Jog and stop; False after the first failed step or a no."""
         for joint, interface in jog_interfaces(self.setup).items():
             if interface is None:
                 self.note(

@@ -1,4 +1,4 @@
-"""Let a running virtual drive behave as a manufacturer's drive does.
+"""Switch quirks of a running virtual drive, as of a manufacturer's drives.
 
 A quirk is a documented way in which a healthy drive departs from CiA 301 or CiA 402; what breaks is a fault.
 `quirk list` explains every quirk, its strength and its source. `quirk NODE NAME on|off` switches one, for all axes of

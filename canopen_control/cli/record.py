@@ -46,7 +46,7 @@ _ENDS = (signal.SIGINT, signal.SIGTERM)  # noted, so that the bag is finished
 
 @dataclass(slots=True)
 class RecordedBag:
-    """What became of a bag: `messages` are in it, of so many samples of the state and events.
+    """Result of a bag: number of `messages`, samples and events.
 
     `left_out` says of which controllers not every publication is in it, None if all are.
     """
@@ -128,7 +128,7 @@ FLUSH_S = 0.5  # what a crash may cost of the formats that are written frame by 
 
 
 class RecordDocument(Document, frozen=True):
-    """What became of a recording, of `seconds`."""
+    """Result of a recording of `seconds`."""
 
     file: str
     channel: str
@@ -140,7 +140,7 @@ class RecordDocument(Document, frozen=True):
 
 @dataclass(slots=True)
 class Recorded:
-    """What became of a recording: `frames` are in the file, `lost` never came, `left_out` the format cannot hold."""
+    """Result of a recording: frames written, `lost` before, and `left_out` by the format."""
 
     file: str
     channel: str
@@ -152,7 +152,7 @@ class Recorded:
 
     @property
     def document(self) -> RecordDocument:
-        """What `--json` prints."""
+        """Document of `--json`."""
         return RecordDocument(self.file, self.channel, self.frames, self.lost, self.left_out, round(self.seconds, 3))
 
     def sentence(self) -> str:
@@ -197,7 +197,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _understand_old_form(args: argparse.Namespace) -> None:
-    """Take `record [CHANNEL] --can FILE` for what it means today, and tell; it ends with the next release."""
+    """Accept the old form `record [CHANNEL] --can FILE`, with a notice."""
     old_file = args.output is None and args.can is not None and Path(args.can).suffix.lower() in FORMATS
     if args.channel is None and not old_file:
         return
@@ -237,7 +237,7 @@ def _bus_of(args: argparse.Namespace) -> tuple[str, str]:
 
 
 def record_frames(port: Port, path: str, seconds: float | None) -> Recorded:
-    """Write what `port` hears until Ctrl-C, SIGTERM, the end of `seconds` or of the bus; the port is closed."""
+    """Write received frames until Ctrl-C, SIGTERM, the end of `seconds` or of the bus; the port is closed."""
     recorded, stopping = Recorded(path, port.channel), threading.Event()
     begin = flushed = time.monotonic()
     with (

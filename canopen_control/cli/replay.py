@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _be_watched(args: argparse.Namespace) -> int:
-    """Stand for the robot of a flight recording until Ctrl-C, or until a robot runs."""
+    """Serve the recording as a robot until Ctrl-C, or until a robot runs."""
     from canopen_control.trace.flight_file import is_flight_file, read_flight, read_samples
 
     path = Path(args.file)
@@ -121,7 +121,7 @@ def _be_watched(args: argparse.Namespace) -> int:
 
 
 def _end_with_a_robot(reactor: Reactor, name: str) -> None:
-    """End as soon as there is a robot that could be stopped."""
+    """End once a robot runs that could be stopped."""
     if robots := [socket for socket in list_sockets("robot") if socket != name]:
         print(f"canopen-control: robot {robots[0]} runs now; the recording makes way for it", file=sys.stderr)
         reactor.stop()
@@ -130,7 +130,7 @@ def _end_with_a_robot(reactor: Reactor, name: str) -> None:
 
 
 def _description(args: argparse.Namespace) -> Description:
-    """Return what the robot looks like, by its files; nothing where none are given."""
+    """Return the description of the robot in its files; empty without files."""
     from canopen_control.rpc.messages.robot import Description
 
     if args.config is None:
@@ -143,7 +143,7 @@ def _description(args: argparse.Namespace) -> Description:
 
 
 def _tell_a_new_bus(channel: str) -> None:
-    """Say that nobody is there to hear: who plays makes an embedded bus, as a drive does, and a typing error too."""
+    """Print a notice that the bus did not exist and has no listeners yet, in case of a typing error."""
     spec = parse_channel(channel)
     if spec.kind is ChannelKind.LOCAL and spec.name not in (buses := list_sockets("bus")):
         names = ", ".join(f"local:{bus}" for bus in buses) or "none"
@@ -151,7 +151,7 @@ def _tell_a_new_bus(channel: str) -> None:
 
 
 def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
-    """Play it and say what was played, also when Ctrl-C ends it."""
+    """Play the recording and print the result, also after Ctrl-C."""
     from canopen_control.bus.play import PlayReport, play
     from canopen_control.cli.support.bus_description import report_gaps
 
@@ -172,7 +172,7 @@ def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
 
 
 def _told(recording: Source, played: PlayReport, progress: Progress) -> Iterator[RecordedFrame]:
-    """Yield the frames and say from time to time how far it is."""
+    """Yield the frames and print the progress."""
     for frame in recording:
         progress.at(played.frames)
         yield frame
@@ -195,7 +195,7 @@ def node_ids_in(frames: Iterable[RecordedFrame]) -> set[int]:
 
 
 def _refuse_where_somebody_is(recording: Source, channel: str) -> None:
-    """Raise ConfigError where a robot runs, a master is heard, or a node of the recording is alive."""
+    """Raise ConfigError if a robot runs, a master is heard, or a node of the recording is present."""
     from canopen_control.cli.support.target import robot_on
 
     if (owner := robot_on(channel)) is not None:

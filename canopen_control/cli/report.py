@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
 def _recording(
     args: argparse.Namespace,
 ) -> tuple[Path | None, FlightFile, dict[str, NetworkDescription] | None]:
-    """Return what the arguments mean, where it was, and who its buses are if it does not say that itself."""
+    """Return the recording of the arguments, its place, and its network."""
     from canopen_control.trace.flight_file import is_flight_file, read_flight
 
     if args.duration is not None:
@@ -114,7 +114,7 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _flights(name: str | None) -> list[Path]:
-    """Return the flight recordings of the robot `name`, or of all; ConfigError when there is none."""
+    """Return the flight recordings of the robot `name`, or of all; ConfigError without one."""
     from canopen_control.host.files import state_dir
 
     # the first 19 characters of a name are its time

@@ -75,7 +75,7 @@ def set_parameter(graph: Graph, args: argparse.Namespace) -> int:
 
 
 def typed(value: object, declared: str) -> tuple[str, Any]:
-    """Return the type that a value has for ROS, and the value; `declared` is that of the parameter.
+    """Return ROS type and value of a text; `declared` is the type of the parameter.
 
     ConfigError for what is no value of a parameter.
     """
@@ -224,7 +224,7 @@ def _bridge(arguments: list[str]) -> int:
 
 
 def begin_ros() -> None:
-    """Raise ConfigError without ROS; start this process anew if its environment hides the libraries of the wheels."""
+    """Raise ConfigError without ROS; restart this process if its environment hides the wheels' libraries."""
     from canopen_control.ros.installation import require_ros
 
     require_ros()

@@ -43,7 +43,7 @@ _OF_THE_FILE: Final = ("name", "can", "controller", "namespace", "real", "mock",
 
 
 def run_shared(args: argparse.Namespace) -> int:
-    """Run the robots of a world until they end; ConfigError for options that are none of theirs."""
+    """Run the robots of a world until they end; ConfigError for options that do not apply."""
     for name in _OF_THE_FILE:
         if getattr(args, name):
             option = name.replace("_", "-")
@@ -165,7 +165,7 @@ def _add_timing_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what says which robot, and how it is reached."""
+    """Declare the options that select a robot and its channel."""
     add_file_arguments(parser)
     add_kind_arguments(parser)
     parser.add_argument("--no-drives", action="store_true", help="start no virtual drives; they are running already")
@@ -176,7 +176,7 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_file_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what says which files a robot is described by, how they are read, and which buses they mean."""
+    """Declare the options for the files of a robot and their reading."""
     parser.add_argument("config", nargs="?", metavar="ROBOT", help="a robot folder, or the name of a bundled robot")
     parser.add_argument("xacro", nargs="*", metavar="NAME:=VALUE", help="an argument of the robot's xacro")
     parser.add_argument("--bus", metavar="FILE", help="bus.yml, instead of the folder's")
@@ -223,7 +223,7 @@ def find_files(args: argparse.Namespace) -> RobotFiles:
 
 
 def add_kind_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what kind of drives a robot has, and what it activates."""
+    """Declare the options for the kind of drives and the active controllers."""
     parser.add_argument("--real", action="store_true", help="use real drives; start no virtual ones")
     parser.add_argument("--mock", action="store_true", help="use mock hardware: no drives and no bus")
     parser.add_argument(
@@ -328,7 +328,7 @@ def _prepare(args: argparse.Namespace, *, motion: bool, table: bool) -> tuple[Ro
 
 
 def _share_imports(options: RunOptions) -> None:
-    """Import what drives, hub and recorder need, once, and let them be forks of this process."""
+    """Import the modules of drives, hub and recorder once, before they are forked."""
     from canopen_control.host.fork import allow_forks
 
     with quick_dataclasses():
@@ -341,7 +341,7 @@ def _share_imports(options: RunOptions) -> None:
 
 
 def _require_parts(args: argparse.Namespace, setup: RobotSetup) -> None:
-    """Raise ConfigError where an option needs another one, or an extra that is not installed."""
+    """Raise ConfigError for an option without its required option or extra."""
     from canopen_control.hardware.plugins import PluginKind
 
     if args.ros:
@@ -407,7 +407,7 @@ def _plant(args: argparse.Namespace, setup: RobotSetup) -> Path | None:
 
 
 def bridge_arguments(args: argparse.Namespace) -> tuple[str, ...]:
-    """Return what the ROS bridge is started with; ConfigError where there is to be none."""
+    """Return the arguments of the ROS bridge; ConfigError if it cannot run."""
     namespace = () if args.namespace is None else ("--namespace", args.namespace)
     ros = () if args.ros_args is None else ("--ros-args", *args.ros_args)
     if (namespace or ros) and not args.ros:
@@ -416,14 +416,14 @@ def bridge_arguments(args: argparse.Namespace) -> tuple[str, ...]:
 
 
 def _unclear(setup: RobotSetup) -> SlowReason | None:
-    """Say why a robot on real drives has to be slow; None: these files have passed on these drives."""
+    """Return the reason why a robot on real drives is slow; None after a valid preflight."""
     from canopen_control.check.preflight_record import slow_reason
 
     return slow_reason(setup)
 
 
 def _warn(session: RunSession) -> None:
-    """Tell what `check` warns of."""
+    """Print the warnings of `check`."""
     from canopen_control.check.checker import start_warnings
     from canopen_control.master.event_log import Event, Level
 

@@ -56,7 +56,7 @@ _HEADINGS = ("node", "device type", "vendor", "product", "revision", "serial", "
 
 @dataclass(slots=True)
 class FoundNode:
-    """One line of the result; `identity` is None for a node that answers no SDO."""
+    """Node in the result; `identity` is None without an SDO answer."""
 
     node_id: int
     identity: ScannedDevice | None = None
@@ -69,7 +69,7 @@ class FoundNode:
 
 @dataclass(frozen=True, slots=True)
 class ExpectedNode:
-    """What a bus.yml says of a node."""
+    """Node in bus.yml."""
 
     name: str
     identity: dict[str, int]
@@ -77,7 +77,7 @@ class ExpectedNode:
 
 @dataclass(slots=True)
 class ScanResult:
-    """What is on the bus; `notes` tell what could not be looked at."""
+    """Result of a scan; `notes` lists parts that could not be read."""
 
     channel: str
     found: dict[int, FoundNode]
@@ -87,7 +87,7 @@ class ScanResult:
 
 
 class NodeDocument(Document, frozen=True, kw_only=True):
-    """A node as `scan --json` prints it; `name` and `expected` are those of the bus.yml, null where it has none."""
+    """Node as in `scan --json`; `name` and `expected` of bus.yml, null if it is not there."""
 
     node_id: int
     answers: bool
@@ -106,7 +106,7 @@ class NodeDocument(Document, frozen=True, kw_only=True):
 
 
 class ScanDocument(Document, frozen=True):
-    """What `scan --json` prints."""
+    """Document of `scan --json`."""
 
     channel: str
     nodes: list[NodeDocument]
@@ -175,7 +175,7 @@ def _expected_of(config: str) -> dict[int, ExpectedNode]:
 
 
 def survey_channel(channel: str | None, timeout: float, *, name: str | None = None) -> ScanResult:
-    """Ask who is on a channel; on that of a running robot, or without one, through the robot (`name`)."""
+    """Scan a channel, through the robot (`name`) if one runs on it."""
     owner = robot_on(channel) if channel is not None else None
     if channel is not None and owner is None:
         return _survey_bus(channel, timeout)
@@ -189,7 +189,7 @@ def _survey_bus(channel: str, timeout: float) -> ScanResult:
 
 
 def _ask(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, FoundNode]:
-    """Ask for the one object that every node has, and those that answer for the rest."""
+    """Read 0x1000 of all node ids, and the other objects of those that answer."""
     requests = [(node_id, *_OBJECTS[0]) for node_id in node_ids]
     there: dict[tuple[int, int, int], bytes | CanopenError] = {}
     with Progress(f"asking on {bus.port.channel}", "node ids") as progress:
@@ -252,7 +252,7 @@ def _through_robot(robot: RobotTarget, node_id: int) -> ScannedDevice | None:
 
 
 def match_files(survey: ScanResult, files: Iterable[Path]) -> None:
-    """Find the EDS of each node among `files`, and hold it against the bus.yml; files that are none go to the notes."""
+    """Find the EDS of each node among `files` and compare it with bus.yml; unreadable files are noted."""
     candidates, refused = read_known(files)
     survey.notes += refused
     for node in survey.found.values():
@@ -291,7 +291,7 @@ def _report(survey: ScanResult, *, as_json: bool) -> None:
 
 
 def known_lines(nodes: Iterable[FoundNode]) -> Iterator[str]:
-    """Yield what is known of the drives of a manufacturer, and the keys of bus.yml that they need."""
+    """Yield the personality of the drives of a manufacturer, and their keys in bus.yml."""
     by_name: dict[str, tuple[Personality, list[int]]] = {}
     for node in nodes:
         identity = node.identity or ScannedDevice()

@@ -80,7 +80,7 @@ def check_output(text: str) -> Path:
 
 
 def read_overlay(text: str) -> NamedShot:
-    """Read a shot that was written as CSV; ConfigError for what is none."""
+    """Read a capture from CSV; ConfigError if it is invalid."""
     path = Path(text).expanduser()
     try:
         content = path.read_text(encoding="utf-8")
@@ -114,7 +114,7 @@ def write_shot(
 
 
 def shot_lines(shot: Shot, signals: Sequence[Signal], overlay: NamedShot | None = None) -> Iterator[str]:
-    """Yield measures and a curve for each signal, and below it those of the same signal of an overlay."""
+    """Yield measurements and a curve for each signal, with those of the overlay."""
     begin, end = shot.time_range
     yield f"{len(shot.rows)} samples from {begin:.3f} s to {end:.3f} s" + (
         "" if shot.triggered is None else " of the trigger"
@@ -157,7 +157,7 @@ def _measured(shot: Shot, place: int) -> list[str]:
 
 
 def cursor_lines(shot: Shot, signals: Sequence[Signal], cursors: tuple[float, float]) -> Iterator[str]:
-    """Yield what the signals are at two times, the differences, and the RMS between them."""
+    """Yield the signals at two times, their differences, and the RMS between them."""
     first, second = cursors
     apart = second - first
     often = f" ({1 / abs(apart):.4g} Hz)" if apart else ""
@@ -292,7 +292,7 @@ def _cursors(text: str) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class _Output:
-    """Where shots are written to, what lies below them, and between which times they are measured."""
+    """Output of captures: files, overlay and cursors."""
 
     path: Path | None
     overlay: NamedShot | None = None
@@ -320,7 +320,7 @@ class _Look:
         self._shown = 0.0
 
     def run(self) -> int:
-        """Look until the shots are taken; 1 where there was none."""
+        """Capture until complete; 1 without a capture."""
         begin = time.monotonic()
         before = self._source.cycles()
         with on_signals(_ENDS, self._end):
@@ -379,6 +379,6 @@ class _Look:
 
 
 def _tell_missed(before: tuple[int, int] | None, after: tuple[int, int] | None) -> None:
-    """Say how many cycles a running robot made meanwhile, and how many it missed."""
+    """Print the number of cycles of a running robot, and the missed ones."""
     if before is not None and after is not None:
         print(f"the robot made {after[0] - before[0]} cycles meanwhile and missed {after[1] - before[1]}")

@@ -47,7 +47,7 @@ STREAM = "-"  # instead of FILE: standard input or output
 
 
 class ObjectDocument(Document, frozen=True, kw_only=True):
-    """An object as `sdo read --json` prints it; `data` and a `value` of bytes are in hexadecimal, null is not known."""
+    """Object as in `sdo read --json`; `data` and a `value` of bytes are in hexadecimal, null is unknown."""
 
     node_id: int
     node: str | None
@@ -109,7 +109,7 @@ def _read(
     parts: list[ObjectAddress],
     od: ObjectDictionary | None,
 ) -> int:
-    """Read an object, or all subindices of one: what a node refuses of many is told, and the others are read."""
+    """Read an object or all its subindices; refused ones are listed."""
     words = NodeWords(NodeDescription(node.name, node.node_id, od))
     documents = []
     for address in parts:
@@ -134,7 +134,7 @@ def _is_abort(error: CanopenError) -> bool:
 
 
 def _in_words(data: bytes, data_type: DataType | None, address: ObjectAddress, words: NodeWords) -> str:
-    """Return the value, and what it means where it means more than a number: `592 (0x0250): SWITCH ON DISABLED`."""
+    """Return value and meaning: `592 (0x0250): SWITCH ON DISABLED`."""
     shown, value = show(data, data_type), decoded(data, data_type)
     if not isinstance(value, int):
         return shown
@@ -146,7 +146,7 @@ def _in_words(data: bytes, data_type: DataType | None, address: ObjectAddress, w
 
 
 def _fitting(data: bytes, data_type: DataType | None, node: TargetNode, address: ObjectAddress) -> DataType | None:
-    """Return the type, or None for data of another length: they are shown as they are, and the user is told."""
+    """Return the type, or None with a note for data of another length."""
     if data_type is None:
         return None
     try:
@@ -217,7 +217,7 @@ def _tell_transfer(args: argparse.Namespace, node: TargetNode, address: ObjectAd
 
 
 def _told(title: str, target: SdoTarget, node: TargetNode) -> AbstractContextManager[None]:
-    """Tell how far a transfer is, while it takes long."""
+    """Print the progress of a long transfer."""
     return watched(Progress(title, "bytes"), lambda: target.progress(node))
 
 

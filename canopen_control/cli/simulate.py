@@ -219,7 +219,7 @@ def _run_one(args: argparse.Namespace) -> int:
 
 
 def _behave(robot: RobotUnderTest, args: argparse.Namespace) -> None:
-    """Let the drives have a personality and quirks."""
+    """Apply a personality and quirks to the drives."""
     from canopen_control.personality import read_personality
 
     like = None if args.like is None else read_personality(args.like)
@@ -233,7 +233,7 @@ def _at_most(speed: float | None) -> float | None:
 
 
 def _bridge(args: argparse.Namespace) -> tuple[str, ...] | None:
-    """Return with what the ROS bridge is started where programs may reach the robot, else None."""
+    """Return the arguments of the ROS bridge if programs may connect, else None."""
     arguments = bridge_arguments(args)
     if args.ros:
         from canopen_control.ros.installation import require_ros
@@ -354,7 +354,7 @@ def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[Scenar
 
 
 def _recorded(args: argparse.Namespace, setup: RobotSetup) -> Scenario:
-    """Return the scenario of a recording, and write it where that is wanted."""
+    """Return the scenario of a recording, and save it if requested."""
     from canopen_control.cli.support.simulation_recording import recorded_scenario
     from canopen_control.simulation.campaign_files import write_text
     from canopen_control.simulation.scenario_steps import scenario_text
@@ -382,7 +382,7 @@ def _faults(text: str, known: list[str]) -> list[str]:
 
 
 def _watch(simulation: SimulationRun, duration_ns: int, record: str | None, *, quiet: bool) -> None:
-    """Run it, tell its events and how far it is, and record it; Ctrl-C ends it."""
+    """Run the simulation with events, progress and recording; Ctrl-C ends it."""
     from canopen_control.cli.support.simulation_world import EventPrinter
     from canopen_control.runtime.core import RobotState
 

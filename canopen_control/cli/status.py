@@ -1,4 +1,4 @@
-"""Show what a running robot is doing: once, as JSON, or as a live table.
+"""Show the state of a running robot: once, as JSON, or as a live table.
 
 Exit codes: 0 good; 1 the robot does not answer; 2 wrong usage, or no robot runs.
 """
@@ -42,7 +42,7 @@ _WHO = re.compile(r"((?:node \d+ \([^)]*\)|bus \S+ \([^)]*\))): (.*)", re.DOTALL
 
 
 class _Cause:
-    """What went wrong at one place at one time; `clauses` by what they are recognised by."""
+    """Cause at one place and time; `clauses` by key."""
 
     def __init__(self, who: str, event: RobotEvent, clauses: dict[str, str], stopping: str) -> None:
         self.who, self.level, self.kinds = who, event.level, {event.kind}
@@ -58,7 +58,7 @@ class _Cause:
 
 
 def tell_causes(events: Iterable[RobotEvent], current: Mapping[str, str]) -> list[str]:
-    """Return a line for each cause in `events`; `current`, errors by node as they stand above it, are not retold."""
+    """Return a line for each cause in `events`, without those in `current` (errors by node shown above)."""
     folded: list[_Cause] = []
     for cause in _gather(events):
         same = next((previous for previous in folded if _alike(previous, cause)), None)
@@ -73,7 +73,7 @@ def tell_causes(events: Iterable[RobotEvent], current: Mapping[str, str]) -> lis
 
 
 def _gather(events: Iterable[RobotEvent]) -> list[_Cause]:
-    """Put together what was told at one place within a moment and shares a clause."""
+    """Group events of one place within a moment that share a clause."""
     causes: list[_Cause] = []
     reported: set[tuple[float, str]] = set()  # each axis of a node tells its loss, in one cycle
     for event in events:
@@ -194,7 +194,7 @@ def render(state: Snapshot, width: int | None = None) -> list[str]:
 
 
 def _wrapped(lines: list[str], width: int | None) -> list[str]:
-    """Return lines of at most `width` columns; what goes on in the next line is indented."""
+    """Return lines of at most `width` columns; continuation lines are indented."""
     if width is None:
         return lines
     return [part for line in lines for part in textwrap.wrap(line, width, subsequent_indent="    ")]
@@ -218,7 +218,7 @@ def _tracking(state: Snapshot, width: int | None) -> list[str]:
 
 
 def _errors(state: Snapshot) -> dict[str, str]:
-    """Return what is wrong with each node now, by its name."""
+    """Return the present error of each node by name."""
     return {
         name: f"  {node.error}" if name in node.error else f"  node {node.node_id} ({name}): {node.error}"
         for name, node in state.nodes.items()
@@ -237,7 +237,7 @@ def _unsupervised(state: Snapshot) -> list[str]:
 
 
 def _marked(name: str, node: NodeReading) -> str:
-    """Return what the table calls a node; a drive that nothing stops has a mark."""
+    """Return the name of a node in the table; an unsupervised drive is marked."""
     return f"{name} ({node.node_id})" + (" !" if node.unsupervised else "")
 
 
@@ -276,7 +276,7 @@ def _words(state: str | None) -> str:
 
 
 def _boot(status: Status, current: Mapping[str, str]) -> list[str]:
-    """Return how long each boot step of each node took, and its SDO traffic; why one failed unless it stands above."""
+    """Return duration of each boot step of each node, its SDO traffic, and the error unless it is shown above."""
     steps: dict[str, list[str]] = {}
     for step in status.boot:
         why = "" if str(step.error) in current.get(step.node, "") else f": {step.error}"
@@ -286,13 +286,13 @@ def _boot(status: Status, current: Mapping[str, str]) -> list[str]:
 
 
 def _program(status: Status) -> list[str]:
-    """Return which build of which version runs the robot."""
+    """Return version and build of the robot's program."""
     how = f" ({TO_COMPILE})" if status.build == PURE else ""
     return [f"canopen_control {status.version}, {status.build}{how}"] if status.version else []
 
 
 def _traffic(status: Status, node: str) -> str:
-    """Say how many SDO requests the node has had, since the robot started."""
+    """Return the number of SDO requests to the node since the start."""
     if node not in status.nodes:
         return ""
     sdo = status.nodes[node].sdo
@@ -357,7 +357,7 @@ def _terminal_size() -> os.terminal_size:
 
 
 def _within(lines: list[str], height: int) -> list[str]:
-    """Return at most `height` lines; the last one says how many are left out."""
+    """Return at most `height` lines; the last one counts the omitted ones."""
     if len(lines) <= height:
         return lines
     return [

@@ -186,7 +186,7 @@ def twist_axes_of(controller: Controller) -> tuple[str, ...]:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Controller:
-    """A controller with no interfaces that does nothing; the hooks are what a real one overrides.
+    """Base of controllers: hooks without effect and no interfaces.
 
     `commands` and `states` are its interfaces while it is active, in the order it named them. `rejected` counts the
     commands it refused. `topic` is where ROS sends commands, None if it takes none. `publishes` are the topics of joint

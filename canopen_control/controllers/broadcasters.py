@@ -141,7 +141,7 @@ def read_params(params: Params, name: str) -> BatteryParams:
 
 
 def _with_batteries(batteries: tuple[str, ...]) -> type[BatteryParams]:
-    """Return the class of the parameters with those of each battery, below its name."""
+    """Return the parameter class with a section for each battery."""
     fields: list[tuple[str, Any, Any]] = [
         (f"battery_{index}", BatteryFacts, setting(BatteryFacts(), key=battery, section=True))
         for index, battery in enumerate(batteries)
@@ -266,7 +266,7 @@ class ForceTorqueParams(SensorParams):
 
 @dataclass(frozen=True)
 class PoseTransform:
-    """Options of the transform of a pose: whether it is published, and its frame, by default that of its name."""
+    """Options of the transform of a pose: whether it is published, and its child frame."""
 
     enable: bool = setting(True, help="whether the pose is a transform in `/tf` too")
     child_frame_id: str = setting("", help="the frame that is there; empty: `pose_name`")
@@ -296,7 +296,7 @@ class PoseParams(CommonParams):
 
     @property
     def child_frame_id(self) -> str | None:
-        """The frame whose transform a pose is, None where it is none."""
+        """Child frame of the published transform, None without one."""
         return (self.tf.child_frame_id or self.pose_name or None) if self.tf.enable else None
 
     def mistakes(self) -> Iterator[str]:
@@ -600,7 +600,7 @@ class StateParams(CommonParams):
 
 
 class _StateBroadcaster(Controller):
-    """Broadcaster of selected states, those of a kind by default."""
+    """Broadcaster of selected states, by default those of one kind."""
 
     is_broadcaster: ClassVar[bool] = True
     moves_joints: ClassVar[bool] = False

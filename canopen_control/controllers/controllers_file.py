@@ -239,7 +239,7 @@ def _nested(node: Node) -> Node:
 
 
 def is_within(pattern: str, namespace: str) -> bool:
-    """Return whether a block's namespace is that of a node; either may have the wildcards of rcl."""
+    """Return whether a block's namespace matches that of a node; both may have the wildcards of rcl."""
     if "*" in namespace:
         return True  # of a manager that may be anywhere
     text = re.escape(pattern).replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")

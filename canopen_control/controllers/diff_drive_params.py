@@ -28,7 +28,7 @@ NAN: Final = math.nan
 
 @dataclass(frozen=True)
 class SwitchedLimits(TwistAxisLimits):
-    """The limits of `linear.x` or `angular.z`; nan is none, and so is a group whose `has_` is false."""
+    """Limits of `linear.x` or `angular.z`; nan and a group with false `has_` mean no limit."""
 
     has_velocity_limits: bool = setting(True, help="false: the velocity limits do not count")
     has_acceleration_limits: bool = setting(True, help="false: the acceleration limits do not count")
@@ -40,7 +40,7 @@ class SwitchedLimits(TwistAxisLimits):
         return self.has_jerk_limits and super().freezes
 
     def limits(self) -> VelocityLimits:
-        """Return what the limiter is given."""
+        """Return the limits for the limiter."""
         found = super().limits()
         if not self.has_velocity_limits:
             found = replace(found, min_velocity=NAN, max_velocity=NAN)
@@ -128,7 +128,7 @@ RENAMES: Final = {
 
 
 def _silent(_text: str) -> None:
-    """Tell nobody."""
+    """Do nothing."""
 
 
 def read_params(

@@ -54,7 +54,7 @@ class ForwardCommandController(Controller):
         self._set_up(given, given.joints, given.interface_name, given.command_timeout)
 
     def on_set(self, params: Params) -> None:
-        """Take another command_timeout, which counts for the command that is there too."""
+        """Apply another command_timeout, also to the present command."""
         interfaces = [name.rpartition("/")[2] for name in self._names]
         self._set_life(params.read(self.kind, self.renames).command_timeout, interfaces)
 
@@ -63,14 +63,14 @@ class ForwardCommandController(Controller):
         return list(self._names)
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Take the interfaces; what was commanded before counts no more."""
+        """Store the interfaces; earlier commands are void."""
         super().on_activate(commands, states, now)
         self._timed_out = False
         self.life.end()
         self._values = [math.nan] * len(commands)
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Take one finite number per interface, or refuse all; `now` in ns starts the timeout anew."""
+        """Store one finite number per interface, or refuse all; `now` in ns restarts the timeout."""
         del stamp  # Float64MultiArray has none
         self.checked(values, self._names)
         for command, value in zip(self.commands, values, strict=True):
@@ -81,7 +81,7 @@ class ForwardCommandController(Controller):
         self.life.give(now)
 
     def forget_some(self, commands: Sequence[CommandInterface], now: int) -> None:
-        """Let some joints stand, and the others go on."""
+        """Stop some joints; the others continue."""
         del now
         zero_targets(commands)
         for index, command in enumerate(self.commands):
@@ -106,7 +106,7 @@ class ForwardCommandController(Controller):
         return OK
 
     def _runs_out(self, now: int) -> bool:
-        """Whether the command ends now because nobody has renewed it."""
+        """Whether the command ends now by its timeout."""
         return self.life.runs_out(now)
 
     def _stop(self, now: int) -> None:
@@ -251,7 +251,7 @@ class TargetController(ForwardCommandController):
         self._set_life(given.command_timeout, tuple(MOVING))
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Take one finite number, if the drive is in a mode that takes one; `now` in ns starts the timeout anew."""
+        """Store one finite number, if the drive's mode has a target; `now` in ns restarts the timeout."""
         if self.commands and self.commands[0].quantity == TARGET:
             joint = self.joints[0]
             how = f"canopen-control axis mode {joint} PV"
@@ -264,5 +264,5 @@ class TargetController(ForwardCommandController):
         return super().update(now, period)
 
     def _runs_out(self, now: int) -> bool:
-        """Whether a velocity or effort ends now because nobody has renewed it; a position never does."""
+        """Whether a velocity or effort ends now by its timeout; a position does not."""
         return self.commands[0].quantity in MOVING and super()._runs_out(now)

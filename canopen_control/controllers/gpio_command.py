@@ -1,4 +1,4 @@
-"""GpioCommandController: outputs of <gpio> parts commanded by name, their inputs and outputs told.
+"""GpioCommandController: outputs of <gpio> parts commanded by name; their inputs and outputs published.
 
 Rules (gpio_controllers, Jazzy): a command names some of the command interfaces, the others stay as they
 are; what was commanded is written again in every update, and before the first command nothing is; without command
@@ -90,7 +90,7 @@ class GpioParams(CommonParams):
         return [gpio for gpio in self.gpios if not self.state_interfaces.get(gpio + _LIST)]
 
     def safe_value(self, output: str, hardware: float | None) -> float:
-        """Return where an output goes when commands end, nan for one that is kept; `hardware` is what that says."""
+        """Return the value of an output when commands end, nan to keep it; `hardware` is that of the hardware."""
         default = 0.0 if hardware is None else hardware
         return math.nan if output in self.kept_outputs else self.safe_values.get(_dotted(output), default)
 
@@ -152,7 +152,7 @@ def _dotted(output: str) -> str:
 
 
 class GpioCommandController(Controller):
-    """Holds outputs at what was commanded last, and tells what inputs and outputs are."""
+    """Holds outputs at the last command, and publishes inputs and outputs."""
 
     moves_joints: ClassVar[bool] = False
     independent: ClassVar[bool] = True
@@ -186,7 +186,7 @@ class GpioCommandController(Controller):
         return [ALL_STATES] if self.params.told_whole else self.params.inputs
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Lay out what it tells; nothing is written before the first command."""
+        """Prepare the published values; nothing is written before the first command."""
         super().on_activate(commands, states, now)
         wanted, whole = self.params.inputs, self.params.told_whole
         found = {each.name: each for each in states if each.name in wanted or each.joint in whole}
@@ -205,18 +205,18 @@ class GpioCommandController(Controller):
         self.life.end()
 
     def on_deactivate(self, now: int) -> None:
-        """Let the outputs go to their safe values."""
+        """Set the outputs to their safe values."""
         for each, safe in zip(self.commands, self._safe, strict=True):
             each.release_value = safe
         self.forget(now)
 
     def forget(self, now: int) -> None:
-        """End what was commanded: outputs go to their safe values, or are kept."""
+        """End the commands: outputs go to their safe values, or keep theirs."""
         self.life.end(self.life.ended_by)
         self.forget_some(self.commands, now)
 
     def forget_some(self, commands: Sequence[CommandInterface], now: int) -> None:
-        """End what was commanded to some; those that nobody has commanded are left as they are."""
+        """End the commands of some outputs; those without a command are unchanged."""
         del now
         index = 0
         for each in self.commands:
@@ -227,14 +227,14 @@ class GpioCommandController(Controller):
             index += 1  # noqa: SIM113 - enumerate makes a tuple per output in the cycle
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Take a value for every output, in the order of the parameters."""
+        """Store a value for every output, in the order of the parameters."""
         del stamp
         self._refuse_unless_active()
         self.checked(values, self._names)
         self.set_named(dict(zip(self._names, values, strict=True)), now)
 
     def set_named(self, values: Mapping[str, float], now: int) -> None:
-        """Take values for some outputs, by "gpio/interface"; all of them, or none and ControlError."""
+        """Store values for some outputs, by "gpio/interface"; all of them, or none and ControlError."""
         self._refuse_unless_active()
         for name in values:
             if name not in self._names:
@@ -252,14 +252,14 @@ class GpioCommandController(Controller):
         self.life.give(now)
 
     def is_standstill(self, values: Sequence[float]) -> bool:
-        """Whether every output is where it goes anyway when who commanded it is gone."""
+        """Whether every output already has its safe value."""
         del values
         held = zip(self._values, self._safe, strict=True)
         return all(math.isnan(value) or math.isnan(safe) or value == safe for value, safe in held)
 
     @property
     def describe_stop(self) -> str:
-        """Where its outputs are once a command has ended."""
+        """State of the outputs after the end of a command, as a clause."""
         return "its outputs are at their safe values" + (", others are kept" if self.params.kept_outputs else "")
 
     def update(self, now: int, period: float) -> ReturnType:

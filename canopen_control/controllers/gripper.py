@@ -1,4 +1,4 @@
-"""Gripper action controllers: a joint goes to a position with limited effort, and it is told whether it got there.
+"""Gripper action controllers: a position with limited effort, and whether it is reached.
 
 Rules (gripper_controllers and parallel_gripper_controller, Jazzy): a goal is reached within
 `goal_tolerance`, and ends as stalled where the joint has not moved for `stall_timeout`, which is a success with
@@ -67,7 +67,7 @@ class GripperParams(CommonParams):
         return [each for each in (self.max_effort_interface, self.max_velocity_interface) if each]
 
     def mistake(self) -> str | None:
-        """Say what cannot be, None if nothing is wrong."""
+        """Return the error in the parameters, None without one."""
         if not self.joint:
             return "no 'joint'; give it under ros__parameters: joint: finger_joint"
         if missing := [each for each in (POSITION, VELOCITY) if each not in self.state_interfaces]:
@@ -86,7 +86,7 @@ class ParallelGripperParams(GripperParams):
 
 @dataclass(frozen=True)
 class EffortGripperParams(GripperParams):
-    """Parameters of effort_controllers/GripperActionController; `gains` are those of the loop over the position."""
+    """Parameters of effort_controllers/GripperActionController; `gains` are those of its position loop."""
 
     gains: LoopGains = derived(LoopGains())  # noqa: RUF009 - it is frozen
 
@@ -136,15 +136,15 @@ class PositionGripperActionController(Controller):
         self._progress = StallDetector(given.goal_tolerance, given.stall_velocity_threshold, given.stall_timeout)
 
     def command_interface_names(self) -> list[str]:
-        """Return that of the joint, and those of its limits."""
+        """Return the interface of the joint and those of its limits."""
         return [f"{self.params.joint}/{self.commanded}", *self.params.limits]
 
     def state_interface_names(self) -> list[str]:
-        """Return those of the joint."""
+        """Return the state interfaces of the joint."""
         return [f"{self.params.joint}/{each}" for each in self.params.state_interfaces]
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Take the interfaces; nothing is written before the first goal."""
+        """Store the interfaces; nothing is written before the first goal."""
         super().on_activate(commands, states, now)
         self._target, self._way = math.nan, GripStatus.MOVING
         self.life.end()
@@ -152,13 +152,13 @@ class PositionGripperActionController(Controller):
         self.stamp = now
 
     def on_deactivate(self, now: int) -> None:
-        """End the goal; an effort becomes 0, a position stays as it is."""
+        """End the goal; an effort becomes 0, a position is kept."""
         self._end(GoalState.ABORTED, f"{self.name} was deactivated; activate it and send the goal again")
         super().on_deactivate(now)
         self._target = math.nan
 
     def forget(self, now: int) -> None:
-        """End the goal, and hold the joint where it is."""
+        """End the goal and hold the joint."""
         del now
         why, who = self.life.ended_by or "it was to stop", self.life.source or "who sent it"
         self._end(GoalState.ABORTED, f"{why}, so the goal of {who} was taken back; send it again once that is over")
@@ -168,7 +168,7 @@ class PositionGripperActionController(Controller):
     # -------------------------------------------------------------------------------------------------- goals
 
     def grip(self, goal: GripperGoal, now: int) -> None:
-        """Go to a position from the next cycle on, in the place of the goal before; ControlError if it is refused."""
+        """Start a goal in the next cycle, replacing the previous one; ControlError if it is refused."""
         given = self.params
         effort = given.max_effort if not goal.max_effort else goal.max_effort
         velocity = given.max_velocity if not goal.max_velocity else goal.max_velocity
@@ -209,7 +209,7 @@ class PositionGripperActionController(Controller):
             raise self.refusal(f"cannot send {position:g}: {fits}; nothing was applied")
 
     def _tell_unlimited(self, goal: GripperGoal) -> None:
-        """Say once that nothing here limits the effort of a goal."""
+        """Report once that no interface limits the effort of a goal."""
         if goal.max_effort and not self._is_limited:
             self._is_limited = True
             text = "the max_effort of goals has no effect: name a max_effort_interface, or limit the drive (0x6072)"
@@ -328,7 +328,7 @@ class EffortGripperActionController(PositionGripperActionController):
             raise self.refusal("would not move: max_effort is 0; give one with the goal, or among the parameters")
 
     def _write(self, period: float) -> None:
-        """Command the effort of the loop within that of the goal; none where the position is not known."""
+        """Command the effort of the loop within that of the goal; none while the position is unknown."""
         if math.isnan(self._target):
             self.commands[0].value = 0.0
             self._loop.reset()

@@ -1,4 +1,4 @@
-"""A goal of a gripper, and whether it is reached or the gripper moves no more (control_msgs/GripperCommand).
+"""Goal of a gripper, its success and its stall (control_msgs/GripperCommand).
 
 Rules (gripper_controllers, Jazzy): a goal is reached within its tolerance of the position; a gripper has
 stalled that was no faster than a threshold for a time since the goal came or since it moved last.
@@ -38,7 +38,7 @@ class GripperGoal:
         self._ended_now = ended_now
 
     def end(self, state: GoalState, text: str, at: float, effort: float, way: GripStatus) -> None:
-        """Take the result; only the first one counts."""
+        """Store the result; only the first one counts."""
         if not self.ended:
             self.state, self.text, self.at, self.effort = state, text, at, effort
             self.reached, self.stalled = way is GripStatus.REACHED, way is GripStatus.STALLED
@@ -47,7 +47,7 @@ class GripperGoal:
 
 
 class GripStatus(enum.Enum):
-    """How far a gripper is on its way to a goal."""
+    """Progress of a goal."""
 
     MOVING = "moving"
     REACHED = "reached"
@@ -62,7 +62,7 @@ class StallDetector:
         self._moved = 0
 
     def begin(self, now: int) -> None:
-        """Begin with a goal, `now` in ns."""
+        """Start a goal, `now` in ns."""
         self._moved = now
 
     def look(self, now: int, error: float, velocity: float) -> GripStatus:

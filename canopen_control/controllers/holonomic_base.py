@@ -21,7 +21,7 @@ HOLONOMIC: Final = ("linear.x", "linear.y", "angular.z")
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class HolonomicBase(MobileBase):
-    """Drives a base whose wheels alone are commanded, by `wheels` of its kinematics, which are its pose."""
+    """Base with commanded wheels only, by `wheels` of its kinematics."""
 
     twist_axes: ClassVar[tuple[str, ...]] = HOLONOMIC
     references: ClassVar[tuple[str, ...]] = ("linear/x", "linear/y", "angular/z")
@@ -39,7 +39,7 @@ class HolonomicBase(MobileBase):
         return [f"{joint}/{VELOCITY}" for joint in self.joints]
 
     def velocities(self) -> tuple[float, float, float]:
-        """Return those of the last step."""
+        """Return the velocities of the last step."""
         return self._drive.forward, self._drive.left, self._drive.angular
 
     def compute_commands(self, twist: Sequence[float]) -> None:

@@ -31,7 +31,7 @@ _KINDS: Final = (POSITION, VELOCITY, EFFORT)
 
 
 class JointStateBroadcaster(Controller):
-    """Gathers the states of the joints; `names` are those of a JointState, in its order."""
+    """Publishes the states of the joints; `names` is the order of a JointState."""
 
     is_broadcaster: ClassVar[bool] = True
     moves_joints: ClassVar[bool] = False
@@ -61,7 +61,7 @@ class JointStateBroadcaster(Controller):
         return [ALL_STATES]
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Lay out what it tells; without any state interface there is nothing to tell, a ControlError."""
+        """Prepare the published values; ControlError without any state interface."""
         super().on_activate(commands, states, now)
         if not states:
             raise ControlError(

@@ -1,4 +1,4 @@
-"""The controller manager: who is loaded, who is active, and who owns what.
+"""Controller manager: loaded and active controllers, and owners of interfaces.
 
 Rules (ros2_control jazzy): a switch is checked as a whole before anything changes. STRICT refuses it if
 any name is impossible, best effort drops the impossible ones; a claimed or unavailable interface refuses it in both
@@ -141,7 +141,7 @@ class ControllerManager:
         fallbacks: Sequence[str] = (),
         node_options: Sequence[str] = (),
     ) -> Controller:
-        """Make a controller of a known type, UNCONFIGURED; `params` are kept for `configure`. Raises ControlError.
+        """Create a controller of a known type, UNCONFIGURED; `params` are kept for `configure`. Raises ControlError.
 
         `fallbacks` are activated when its update fails; they must be configured by then. `node_options` are the
         arguments of its ROS node.
@@ -200,28 +200,28 @@ class ControllerManager:
         return controller
 
     def follower(self, name: str) -> FollowsTrajectories:
-        """Return a controller that follows trajectories; ControlError for another one."""
+        """Return a trajectory controller; ControlError for another type."""
         controller = self.get(name)
         if not isinstance(controller, FollowsTrajectories):
             raise ControlError(f"{name} {_NO_TRAJECTORIES}")
         return controller
 
     def base(self, name: str) -> HasOdometry:
-        """Return a controller that has odometry; ControlError for another one."""
+        """Return a controller with odometry; ControlError for another type."""
         controller = self.get(name)
         if not isinstance(controller, HasOdometry):
             raise ControlError(f"{name} has no odometry; it is no base controller")
         return controller
 
     def loops(self, name: str, what: str) -> ClosesLoops:
-        """Return a controller with control loops; ControlError, with `what` in its sentence, for another one."""
+        """Return a controller with control loops; ControlError, with `what` in its sentence, for another type."""
         controller = self.get(name)
         if not isinstance(controller, ClosesLoops):
             raise ControlError(f"{name} {what}; it is no PID controller")
         return controller
 
     def observe(self, observer: SwitchObserver) -> None:
-        """Have an observer called whenever other controllers are active than before."""
+        """Register an observer of changes of the active controllers."""
         self._switcher.observer = observer
 
     def list(self) -> list[ControllerReading]:
@@ -255,7 +255,7 @@ class ControllerManager:
     # -------------------------------------------------------------------------------------------------- parameters
 
     def parameters(self, name: str) -> Parameters:
-        """Return the parameters of a controller; UnknownName. Before it is configured they are those of the file."""
+        """Return the parameters of a controller, before configuration those of the file; UnknownName."""
         controller, params = self.get(name), self._params[name]
         if params.taken is None:
             return given_in(params)
@@ -284,7 +284,7 @@ class ControllerManager:
         strict: bool = True,
         now: int | None = None,
     ) -> Switched:
-        """Deactivate and activate in one step, between two cycles; `now` in ns, by default that of the last cycle.
+        """Deactivate and activate in one step, between two cycles; `now` in ns, default: the last cycle.
 
         Raises ControlError (InterfaceConflict, UnknownInterface) or DriveError and changes nothing if the request is
         refused; if a controller fails to start, all of this request are deactivated and the ControlError says why.
@@ -292,13 +292,13 @@ class ControllerManager:
         return self._switcher.switch(activate, deactivate, self.running.now if now is None else now, strict=strict)
 
     def leave_out(self, names: Sequence[str]) -> None:
-        """Tell that a best-effort switch leaves out names that nobody knows."""
+        """Report unknown names that a best-effort switch leaves out."""
         self._report(
             "left_out", "", f"a switch leaves out unknown controllers: {', '.join(names)}; see: controller list"
         )
 
     def deactivate_using(self, component: HardwareComponent, reason: str, now: int | None = None) -> Names:
-        """Deactivate whoever commands a component that failed, with those chained to them; return their names.
+        """Deactivate the controllers of a failed component, and those chained to them; return their names.
 
         Broadcasters keep telling what is known of the others.
         """
@@ -355,7 +355,7 @@ class ControllerManager:
         controller.life.source, controller.life.holder = source, holder
 
     def _hand(self, controller: Controller, take: Callable[[], None], source: str) -> None:
-        """Have something taken by a controller whose drives are enabled; a refusal is told once."""
+        """Pass a command to a controller with enabled drives; a refusal is reported once."""
         name = controller.name
         try:
             self._require_enabled(controller)
@@ -366,13 +366,13 @@ class ControllerManager:
         self._told_refusal.discard(name)
 
     def tell_refusal(self, name: str, error: ControlError, source: str) -> None:
-        """Tell that something for a controller was refused, once until it takes something."""
+        """Report a refusal for a controller, once until it accepts a command."""
         if name not in self._told_refusal and not isinstance(error, NotYetEnabled):
             self._told_refusal.add(name)
             self._report("refused", name, f"{error} (from {source or 'not named'}; told once)")
 
     def _require_enabled(self, controller: Controller) -> None:
-        """Raise NotEnabled, and count it, while no part of what the controller moves follows commands as a whole."""
+        """Raise NotEnabled, and count it, unless at least one interface group is fully enabled."""
         slot = self.running.slot_of(controller)
         if slot is not None and not slot.follows:
             controller.rejected += 1

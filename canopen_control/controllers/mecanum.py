@@ -74,7 +74,7 @@ class MecanumDriveController(HolonomicBase):
         self._reference = [0.0, 0.0, 0.0]
 
     def wheel_base(self) -> DriveGeometry:
-        """Return what its parameters say of the wheels."""
+        """Return the drive geometry of the parameters."""
         given, (odom, base) = self.params, self.frame_ids()
         front_left, front_right, rear_right, rear_left = given.commanded
         frozen = tuple(axis for axis, each in zip(HOLONOMIC, given.limits, strict=True) if each.freezes)
@@ -92,7 +92,7 @@ class MecanumDriveController(HolonomicBase):
         self.set_up(given, given.reference_timeout, len(self.joints), given.limits)
 
     def on_set(self, params: Params) -> None:
-        """Take other limits and another timeout, from the next update on."""
+        """Apply other limits and another timeout from the next update on."""
         given = read_checked(params, MecanumParams)
         self.take(given, given.reference_timeout, given.limits)
         self.params = given
@@ -108,7 +108,7 @@ class MecanumDriveController(HolonomicBase):
         self.kinematics.update(self._speeds, dt)
 
     def snapshot(self) -> None:
-        """Put down the wheels' speeds and the twist that is wanted too."""
+        """Copy the wheels' speeds and the requested twist too."""
         super().snapshot()
         for index in range(len(self._reading)):
             self._reading[index] = self.states[index].value

@@ -67,11 +67,11 @@ class MecanumParams(PrefixedParams):
 
     @property
     def offset(self) -> tuple[float, float, float]:
-        """Where the frame of the base is, seen from the middle of the wheels: m, m, rad."""
+        """Pose of the base's frame relative to the centre of the wheels: m, m, rad."""
         return self.offset_x, self.offset_y, self.offset_angle
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Say what is wrong, each with whether it is."""
+        """Return the checks with their results."""
         for wheel, joint in zip(WHEELS, self.commanded, strict=True):
             yield not joint, f"no {wheel}_wheel_command_joint_name; give the joint of this wheel"
         known = [each for each in self.commanded if each]

@@ -43,7 +43,7 @@ _STEPS: Final = 2  # that the limits of acceleration and jerk look back
 
 
 class LimitedTwist:
-    """Of each axis what is `wanted`, nan without a twist, and `limited`; in m/s and rad/s."""
+    """Requested and limited twist by axis, nan without a twist; in m/s and rad/s."""
 
     def __init__(self, axes: Sequence[str]) -> None:
         self._axes = tuple(axes)
@@ -71,23 +71,23 @@ class LimitedTwist:
 
     @property
     def rests(self) -> bool:
-        """Whether standstill is wanted, and was in the last steps: limiting it leaves standstill."""
+        """Whether standstill is requested, and was in the last steps."""
         return self._quiet > _STEPS and not any(self.wanted)
 
     def limit(self, period: float) -> None:
-        """Limit what is wanted against the last two steps; `period` in s."""
+        """Limit the requested twist against the last two steps; `period` in s."""
         limited, wanted, previous, before = self.limited, self.wanted, self._previous, self._before
         for index, limiter in enumerate(self._limiters):
             limited[index] = limiter.limit(wanted[index], previous[index], before[index], period)
 
     def step(self) -> None:
-        """Let the limited twist be the one before the next."""
+        """Shift the limited twist into the history."""
         self._before[:] = self._previous
         self._previous[:] = self.limited
         self._quiet = 0 if any(self.wanted) or any(self.limited) else self._quiet + 1
 
     def forget(self) -> None:
-        """Have no twist, and stand still before the next."""
+        """Reset to no twist and standstill."""
         self._quiet = 0
         fill(self.wanted, math.nan)
         fill(self._previous, 0.0)
@@ -102,7 +102,7 @@ def _limiter(controller: str, axis: str, limits: VelocityLimits) -> RateLimiter:
 
 
 def fill(values: list[float], value: float) -> None:
-    """Make all of them this value."""
+    """Set all axes to this value."""
     for index in range(len(values)):
         values[index] = value
 
@@ -126,7 +126,7 @@ class OdometryPublication:
         self._due = _AT_ONCE
 
     def set_rate(self, rate: float) -> None:
-        """Publish at `rate` in Hz, 0 for at every update; the first one is at once."""
+        """Set the publish rate in Hz, 0 for every update."""
         self._period = round(NS / rate) if rate else 0
         self._due = _AT_ONCE
 
@@ -140,7 +140,7 @@ class OdometryPublication:
         return True
 
     def take(self, pose: PlanarPose, velocities: tuple[float, float, float], limited: list[float]) -> None:
-        """Put down what is so now; `velocities` forward, to the left and turning."""
+        """Copy the present values; `velocities` forward, to the left and turning."""
         self._x, self._y, self._heading = pose.x, pose.y, pose.heading
         self._linear, self._lateral, self._angular = velocities
         for index in range(len(limited)):
@@ -225,7 +225,7 @@ class MobileBase(Controller):
         publish_rate: float = 0.0,
         open_loop: bool = False,
     ) -> None:
-        """Take what every base has of its parameters: how many `commands`, and see `take`."""
+        """Apply the parameters of every base: number of `commands`, limits, odometry."""
         self._open_loop = open_loop
         self.take(given, timeout, limits)
         self.update_rate, self.publish_rate = given.update_rate, publish_rate
@@ -233,7 +233,7 @@ class MobileBase(Controller):
         self.targets = [0.0] * commands
 
     def take(self, given: BaseParams, timeout: float, limits: Sequence[TwistAxisLimits] = ()) -> None:
-        """Take what may change while it runs: `timeout` in s, limits of each axis, what odometry says."""
+        """Apply parameters that may change at run time: `timeout` in s, limits of each axis, odometry."""
         if limits:
             self._twist.set_limits(self.name, limits)
         self._odometry_params = given
@@ -251,10 +251,10 @@ class MobileBase(Controller):
         raise NotImplementedError(f"{type(self).__name__}.compute_commands (its name up to 0.2: work_out)")
 
     def begin(self) -> None:
-        """Take the wheels as they stand as the baseline of odometry."""
+        """Set the present wheel positions as the baseline of odometry."""
 
     def advance(self, dt: float) -> None:
-        """Move the pose by what the wheels have done in the last `dt` s, all of which is known."""
+        """Integrate the wheels' motion of the last `dt` s into the pose."""
         raise NotImplementedError
 
     def integrate_command(self, dt: float) -> None:
@@ -266,7 +266,7 @@ class MobileBase(Controller):
         raise NotImplementedError
 
     def follow(self, now: int) -> bool:
-        """Move the pose by what has happened since the last step; False if what the wheels do is not known."""
+        """Update the pose; False if the wheels' states are unknown."""
         if not (self._open_loop or self.states_known()):
             return False
         dt = self.elapsed(now)
@@ -314,7 +314,7 @@ class MobileBase(Controller):
 
     @property
     def publications(self) -> int:
-        """How often its odometry was due."""
+        """Number of odometry publications."""
         return self._publication.count
 
     @property
@@ -359,18 +359,18 @@ class MobileBase(Controller):
         return self._references
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Start with no command; the pose is kept, the next sample is where it goes on from."""
+        """Start without a command; the pose is kept."""
         super().on_activate(commands, states, now)
         self.stop_following()
         self._begin_anew(now)
 
     def on_deactivate(self, now: int) -> None:
-        """Stop the wheels at once, without a ramp: the drive's own deceleration takes over; positions are held."""
+        """Stop the wheels at once, without a ramp: the drive's own deceleration applies; positions are held."""
         super().on_deactivate(now)
         self._begin_anew(now)
 
     def forget(self, now: int) -> None:
-        """Have the wheels stop at once, and go on following them; the next twist begins at standstill."""
+        """Stop the wheels at once; the next twist starts at standstill."""
         zero_targets(self.commands)
         for each in self.commands:
             if each.interface == POSITION:
@@ -380,7 +380,7 @@ class MobileBase(Controller):
         self._writing = True
 
     def _begin_anew(self, now: int) -> None:
-        """Have no command, and none before it."""
+        """Reset command and history."""
         self._twist.forget()
         self.life.end()
         self.life.given = now
@@ -392,7 +392,7 @@ class MobileBase(Controller):
     # ------------------------------------------------------------------------------------------------------- command
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Take a twist (m/s, rad/s); one as old as the timeout, by its `stamp` (ns; 0 or None: now), is refused.
+        """Store a twist (m/s, rad/s); one older than the timeout by its `stamp` (ns; 0 or None: now) is refused.
 
         A stamp from the future, of a clock that is ahead, is now: it must not put the timeout off.
         """
@@ -417,7 +417,7 @@ class MobileBase(Controller):
     # --------------------------------------------------------------------------------------------------------- cycle
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Do one step; `period` in s is what the limits are scaled with."""
+        """Execute one step; `period` in s scales the limits."""
         if not self.begun:
             fill(self.limited, 0.0)
             self.follow(now)
@@ -436,7 +436,7 @@ class MobileBase(Controller):
         return OK
 
     def _take_reference(self, now: int) -> None:
-        """Find the twist wanted now: the chain's, or the last command, or zero if that is over."""
+        """Return the present twist: of the chain, the last command, or zero after its end."""
         life = self.life
         if self._take_chain():
             self._was_chained = True
@@ -457,7 +457,7 @@ class MobileBase(Controller):
             self._brake()
 
     def _take_chain(self) -> bool:
-        """Take the references, and return True, where another controller owns one."""
+        """Use the references, and return True, if another controller owns one."""
         for reference in self._references:
             if reference.owner is not None:
                 break
@@ -471,7 +471,7 @@ class MobileBase(Controller):
         return True
 
     def _brake(self) -> None:
-        """Want standstill, which nobody has commanded."""
+        """Request standstill."""
         fill(self.wanted, 0.0)
         self.braking = True
 

@@ -42,7 +42,7 @@ class OmniKinematics(HolonomicKinematics):
         self._speeds = [0.0] * count
 
     def begin(self, positions: Sequence[float]) -> None:
-        """Take the wheels' positions, in rad, as where they start from."""
+        """Set the start positions of the wheels, in rad."""
         for index in range(len(self.wheels)):
             self._positions[index] = positions[index]
 
@@ -79,7 +79,7 @@ class OmniWheelDriveController(HolonomicBase):
         self._reading: list[float] = []
 
     def wheel_base(self) -> DriveGeometry:
-        """Return its frames, and the radius of its wheels, which stand on no two sides."""
+        """Return frames and wheel radius of the base."""
         given, (odom, base) = self.params, self.frame_ids()
         return DriveGeometry((), (), 0.0, given.wheel_radius, odom, base, given.enable_odom_tf)
 
@@ -94,7 +94,7 @@ class OmniWheelDriveController(HolonomicBase):
         self.set_up(given, given.cmd_vel_timeout, count, open_loop=given.open_loop)
 
     def on_set(self, params: Params) -> None:
-        """Take another timeout, other things to publish, from the next update on."""
+        """Apply another timeout and odometry options from the next update on."""
         given = read_checked(params, OmniParams)
         self.take(given, given.cmd_vel_timeout)
         self.params = given
@@ -108,7 +108,7 @@ class OmniWheelDriveController(HolonomicBase):
         return self.odometry_sample(wall_offset_ns)
 
     def begin(self) -> None:
-        """Take the wheels as they stand."""
+        """Set the start positions of the wheels."""
         self._read()
         self.kinematics.begin(self._reading)
 

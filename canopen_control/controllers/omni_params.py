@@ -35,7 +35,7 @@ class OmniParams(PrefixedParams):
     )
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Say what is wrong, each with whether it is."""
+        """Return the checks with their results."""
         names = self.wheel_names
         yield (
             len(names) < LEAST_WHEELS,

@@ -1,4 +1,4 @@
-"""The parameters of a controller: dotted names, where each stands, and those that every controller has.
+"""Parameters of a controller: dotted names with their places in files, and the common ones.
 
 As rcl reads it, `a.b: 1` and `a: {b: 1}` are one parameter and the last of two wins; unlike rcl
 nothing is silent: a repeated or unknown key is a warning with its line and the nearest valid name, an error if strict.
@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 
 class Params:
-    """The parameters of one controller: dotted names and where each stands.
+    """Parameters of one controller: dotted names with their places.
 
     `Params.of({...})` makes them from Python values, nested or dotted. `taken` is the dataclass that they were read as
     last, None before. `shared` are those of a block for all nodes (`/**`), some of which are for other controllers;
@@ -79,7 +79,7 @@ class Params:
 
     @property
     def warnings(self) -> list[str]:
-        """What is suspicious in the files it comes from, told so far."""
+        """Warnings about the files so far."""
         return [str(each) for problems in self.files for each in problems.warnings]
 
     def line(self, name: str) -> int:
@@ -89,7 +89,7 @@ class Params:
 
     @property
     def files(self) -> list[Problems]:
-        """Return the files that the parameters come from: that of the block, and every `params_file`."""
+        """Return the files of the parameters: that of the block, and every `params_file`."""
         found = {id(self.flat.problems): self.flat.problems}
         found.update((id(key.problems), key.problems) for key, _ in self.flat.pairs())
         return list(found.values())
@@ -108,7 +108,7 @@ class Params:
 
 
 def tell_ineffective(given: Node, value: object) -> None:
-    """Warn of every parameter that is known and changes nothing, see `INEFFECTIVE`."""
+    """Warn of parameters that are known and have no effect, see `INEFFECTIVE`."""
     keys, cls = given.keys(), type(value)
     for name, why in getattr(cls, "INEFFECTIVE", {}).items():
         if name in keys and getattr(value, name) != getattr(cls, name):
@@ -116,7 +116,7 @@ def tell_ineffective(given: Node, value: object) -> None:
 
 
 def _gathered(flat: Node, cls: type[Any]) -> Node:
-    """Return the parameters with those of each section of the class below the section's key."""
+    """Return the parameters with those of each section below the section's key."""
     names = [str(each.metadata["key"]) for each in dataclasses.fields(cls) if each.metadata.get("section")]
     pairs = {key.text: (key, value) for key, value in flat.pairs()}
     for name in names:
@@ -129,12 +129,12 @@ def _gathered(flat: Node, cls: type[Any]) -> Node:
 
 
 def like(node: Node) -> Node:
-    """Return an empty mapping that stands where another node does."""
+    """Return an empty mapping at the place of another node."""
     return Node("mapping", node.line, node.column, node.where, node.problems)
 
 
 def scalar_node(text: str, place: Node) -> Node:
-    """Return a name that stands where another node does."""
+    """Return a name at the place of another node."""
     return Node.scalar(Node("scalar", place.line, place.column, place.where, place.problems), text, text, quoted=False)
 
 
@@ -154,7 +154,7 @@ def _made(value: Any, where: str, problems: Problems) -> Node:  # noqa: ANN401 -
 
 
 def flattened(node: Node) -> Node:
-    """Return a mapping of dotted names to what stands there; of two equal names the last, with a warning."""
+    """Return a mapping of dotted names to values; of two equal names the last, with a warning."""
     pairs: dict[str, tuple[Node, Node]] = {}
 
     def add(prefix: str, mapping: Node) -> None:
@@ -302,7 +302,7 @@ class LoopGains:
         return False
 
     def pid(self) -> Gains:
-        """Return what the loop is given."""
+        """Return the parameters of the loop."""
         return Gains(
             self.p,
             self.i,

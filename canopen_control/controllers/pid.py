@@ -16,7 +16,7 @@ _EPSILON: Final = sys.float_info.epsilon
 
 
 class AntiWindup(enum.Enum):
-    """What keeps the integral from growing while the output is at its limit."""
+    """Anti-windup methods: limits of the integral while the output is limited."""
 
     BACK_CALCULATION = "back_calculation"
     CONDITIONAL_INTEGRATION = "conditional_integration"
@@ -65,7 +65,7 @@ class Gains:
 
 
 class Pid:
-    """One loop: `compute` is one step of it; `integral` is already multiplied by its gain."""
+    """One loop: `compute` is one step of it; `integral` includes its gain."""
 
     def __init__(self, gains: Gains) -> None:
         self.command = self.error = self.error_rate = self.integral = 0.0
@@ -73,7 +73,7 @@ class Pid:
         self.set_gains(gains)
 
     def set_gains(self, gains: Gains) -> None:
-        """Go on with other gains; the integral stays."""
+        """Set other gains; the integral is kept."""
         self.gains = gains
         self._p, self._i, self._d = gains.p, gains.i, gains.d
         self._i_min, self._i_max, self._u_min, self._u_max = gains.i_min, gains.i_max, gains.u_min, gains.u_max
@@ -133,7 +133,7 @@ class Pid:
         return command
 
     def _integrate(self, error: float, dt: float, wanted: float, command: float) -> None:
-        """Let the integral grow as the anti-windup allows."""
+        """Integrate the error within the anti-windup."""
         if self._anti_windup is AntiWindup.BACK_CALCULATION:
             if self._i:
                 self.integral += dt * (self._i * error + _quotient(command - wanted, self._tracking))

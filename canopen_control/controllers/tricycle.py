@@ -42,7 +42,7 @@ _RENAMES: Final = {
 
 @dataclass(frozen=True)
 class TractionLimits:
-    """The limits of the wheel that drives, in both directions; nan is none."""
+    """Limits of the drive wheel in both directions; nan means no limit."""
 
     max_velocity: float = setting(NAN, low=0.0, nan=True, help="rad/s")
     max_acceleration: float = setting(NAN, low=0.0, nan=True, help="rad/s^2 while gaining speed")
@@ -60,7 +60,7 @@ class TractionLimits:
 
 @dataclass(frozen=True)
 class SteeringLimits:
-    """The limits of the angle of the wheel; nan is none."""
+    """Limits of the steering angle; nan means no limit."""
 
     max_position: float = setting(NAN, nan=True, help="rad; absent: minus `min_position`")
     min_position: float = setting(NAN, nan=True, help="rad; absent: minus `max_position`")
@@ -73,7 +73,7 @@ class SteeringLimits:
         return low, -low if math.isnan(self.max_position) else self.max_position
 
     def limiter(self) -> RateLimiter:
-        """Return what limits the angle, whose first derivative is a velocity; upstream's acceleration counts twice."""
+        """Return the limiter of the angle, whose derivative is a velocity; upstream's acceleration counts twice."""
         low, high = self.bounds()
         speed, gain = self.max_velocity, 2.0 * self.max_acceleration
         return RateLimiter(VelocityLimits(low, high, -speed, speed, -speed, speed, -gain, gain))
@@ -101,7 +101,7 @@ class DrivenWheelParams(BaseParams):
     steering: SteeringLimits = setting(SteeringLimits(), key="steering", section=True)
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Say what is wrong, each with whether it is."""
+        """Return the checks with their results."""
         for key in ("traction_joint_name", "steering_joint_name"):
             yield not getattr(self, key), f"no {key}; give the joint"
         both = bool(self.traction_joint_name) and self.traction_joint_name == self.steering_joint_name
@@ -162,7 +162,7 @@ class TricycleController(MobileBase):
         """Speed in rad/s and angle in rad that were commanded with the odometry published last."""
 
     def wheel_base(self) -> DriveGeometry:
-        """Return its frames and the radius of its wheel, which stands on no side."""
+        """Return frames and wheel radius of the base."""
         given = self.params
         return DriveGeometry((), (), 0.0, given.wheel_radius, *given.frame_ids(), given.enable_odom_tf)
 
@@ -176,7 +176,7 @@ class TricycleController(MobileBase):
         self.set_up(given, given.cmd_vel_timeout / _PER_MS, len(self.joints), open_loop=given.open_loop)
 
     def on_set(self, params: Params) -> None:
-        """Take other limits and another timeout, from the next update on."""
+        """Apply other limits and another timeout from the next update on."""
         given = read_checked(params, DrivenWheelParams, _RENAMES)
         self.take(given, given.cmd_vel_timeout / _PER_MS)
         self.params = given
@@ -190,7 +190,7 @@ class TricycleController(MobileBase):
         return [f"{self.params.traction_joint_name}/{VELOCITY}", f"{self.params.steering_joint_name}/{POSITION}"]
 
     def state_interface_names(self) -> list[str]:
-        """Return the same of what is measured."""
+        """Return the measured state interfaces."""
         return self.command_interface_names()
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
@@ -224,7 +224,7 @@ class TricycleController(MobileBase):
         self.kinematics.integrate_command(self.limited[0], self.limited[1], dt)
 
     def compute_commands(self, twist: Sequence[float]) -> None:
-        """Make speed and angle of a twist, within their greatest; slow while the wheel is far from that angle."""
+        """Compute speed and angle of a twist within their maxima; slow while the wheel is far from that angle."""
         speed, angle = self.kinematics.command(twist[0], twist[1])
         off = abs(angle - self.states[1].value) if self.states else NAN
         if off >= _ON_TARGET:  # not where it is unknown

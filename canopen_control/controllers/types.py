@@ -58,18 +58,18 @@ TYPES: Final = {
 
 
 def is_broadcaster(type_name: str) -> bool:
-    """Whether controllers of this type only read states; False for a type nobody knows."""
+    """Whether controllers of this type only read states; False for unknown types."""
     return bool(getattr(_class_of(type_name), "is_broadcaster", False))
 
 
 def moves_joints(type_name: str) -> bool:
-    """Whether a controller of this type is one to move joints; True for a type nobody knows."""
+    """Whether controllers of this type move joints; True for unknown types."""
     found = _class_of(type_name)
     return not is_broadcaster(type_name) and bool(getattr(found, "moves_joints", True))
 
 
 def make_controller(name: str, type_name: str) -> Controller:
-    """Return a new controller; an unknown type is a ControlError with the nearest known one."""
+    """Create a controller; ControlError for an unknown type, with the nearest one."""
     target = TYPES.get(type_name) or _entry_point(type_name)
     if target is None:
         raise ControlError(f"controller {name}: no type {type_name!r} is known{nearest(type_name, TYPES)}")

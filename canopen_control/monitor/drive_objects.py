@@ -1,4 +1,4 @@
-"""The objects of the drive that the monitor looks at: rows by address, live where they are in sight, search and edit.
+"""Objects of the drive shown by the monitor: rows by address, read while visible, with search and edit.
 
 Nobody who draws waits. The EDS is read on a thread, objects by the reader that all screens share,
 at the rate of the verb `objects`; `write` and `undo` are for threads that may wait.
@@ -45,7 +45,7 @@ Words: TypeAlias = "Callable[[str, Sequence[str]], list[str]]"
 
 
 class NodeVerb(NamedTuple):
-    """What one line is asked for, parts with commas between them, and the words of the verb for a node."""
+    """Verb that the monitor runs on a node: inputs of its line, separated by commas, and its arguments."""
 
     does: str
     asks: str
@@ -135,7 +135,7 @@ class WorkRun:
 
     @property
     def code(self) -> int | None:
-        """How it has ended."""
+        """Exit code."""
         return self._process.poll()
 
     def fresh(self) -> list[str]:
@@ -151,7 +151,7 @@ class WorkRun:
             self._process.send_signal(signal.SIGINT)
 
     def close(self) -> None:
-        """End it, and wait for that as long as a ramp takes; waits."""
+        """End the verb and wait for its ramp to rest."""
         self.end()
         try:
             self._process.wait(_GRACE_S)
@@ -166,7 +166,7 @@ class WorkRun:
 
 
 def _tied_to_this_thread() -> Callable[[], object] | None:
-    """Return what a child calls so that it gets SIGINT when this thread ends, as it does with its process."""
+    """Return the preexec function of a child process, which gets SIGINT when this thread ends."""
     if not sys.platform.startswith("linux"):
         return None
     prctl = ctypes.CDLL(None).prctl
@@ -179,7 +179,7 @@ _WIDEST: Final = 40
 
 
 class DriveObjects:
-    """The objects of one node at a time; `title` says which and what keeps it from being read."""
+    """Objects of the selected node; `title` names it and the reason why it cannot be read."""
 
     def __init__(self, source: str) -> None:
         self._source, self._reader = source, LiveReader()
@@ -195,7 +195,7 @@ class DriveObjects:
         self._sent = 0
 
     def choose(self, robot: str, place: NodePlace | None) -> None:
-        """Look at a node, None: at nothing."""
+        """Select a node, None for none."""
         if place is None:
             self.leave()
             self._node, self._why = None, "no drive is selected"
@@ -217,13 +217,13 @@ class DriveObjects:
             self._od = od
 
     def search(self, words: str) -> None:
-        """Show what these words mean, as those of the verb `objects`; ConfigError where they mean none."""
+        """Filter by the words of the verb `objects`; ConfigError if they match nothing."""
         if self._od is not None and words:
             select_objects(self._od, words.split(","))
         self._words, self._entries, self._cells, self._sent = words, {}, {}, 0
 
     def write(self, text: str) -> str:
-        """Write an object, as in 0x6081=1000, and return what it changed; CanopenError with the reason. Waits."""
+        """Write an object, as in 0x6081=1000, and return the change; CanopenError with the reason. Waits."""
         node, od = self._node, self._od
         address, equals, value = text.partition("=")
         if node is None or od is None:
@@ -250,7 +250,7 @@ class DriveObjects:
 
     @property
     def title(self) -> str:
-        """Which node it is, and what is to be known of it."""
+        """Name of the node, with the reason if it cannot be read."""
         if self._node is None:
             return self._why
         place = self._node.place
@@ -271,13 +271,13 @@ class DriveObjects:
         return self._cells
 
     def look(self, addresses: Iterable[str]) -> None:
-        """Have these rows read, and no others."""
+        """Read these rows and no others."""
         if self._node is not None:
             entries = [self._entries[address] for address in addresses if address in self._entries]
             self._reader.watch(_SCREEN, self._node, entries)
 
     def leave(self) -> None:
-        """Read no more."""
+        """Stop reading."""
         if self._node is not None:
             self._reader.watch(_SCREEN, self._node, ())
 
@@ -300,7 +300,7 @@ def _address(address: Address) -> str:
 
 
 def _cells(row: ObjectRow) -> tuple[Cell, ...]:
-    """Return the cells of an object; what is not as by default has a sign, as what a node refuses has."""
+    """Return the cells of an object; changed and refused values are marked."""
     value = Cell(_cut(row.value or "-"), Tone.WARN if row.changed else Tone.PLAIN)
     if row.error:
         value = Cell("refused", Tone.BAD)

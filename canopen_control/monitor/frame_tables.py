@@ -1,4 +1,4 @@
-"""The frames of a bus as the monitor keeps them: one row for each identifier, and the newest that a filter wants.
+"""Frames of a bus in the monitor: one row for each identifier, and the newest that pass a filter.
 
 Bounded, whatever the bus does. A filter is one line of words with commas between them: a service
 (`pdo`, `sdo`, ...), a node (name, or its number), an identifier or a range of them (`0x181`, `0x180-0x1FF`), `changes`.
@@ -36,7 +36,7 @@ _CHANGES: Final = "changes"
 
 
 def parse_filter(text: str, network: NetworkDescription) -> Filter:
-    """Return what a line of words wants; ConfigError that says what words there are."""
+    """Return the filter of a line; ConfigError with the valid words."""
     services, nodes, ids = set[str](), list[str](), list[range]()
     words = [word.strip() for word in text.split(",") if word.strip()]
     for word in words:
@@ -66,7 +66,7 @@ def _nodes(network: NetworkDescription, words: list[str]) -> frozenset[int]:
 
 @dataclass(slots=True)
 class _Row:
-    """What is known of one identifier; `period_ns` is smoothed, None after one frame."""
+    """Row of one identifier; `period_ns` is smoothed, None after one frame."""
 
     count: int
     last: DecodedFrame
@@ -93,7 +93,7 @@ class FrameTable:
 
 
 class TraceLog:
-    """The newest frames; `wanted` are those a filter lets through, `fresh` those of them since the last call."""
+    """Newest frames; `wanted` pass the filter, `fresh` are those since the last call."""
 
     def __init__(self) -> None:
         self.filter = Filter()
@@ -107,12 +107,12 @@ class TraceLog:
             self._fresh.append(decoded)
 
     def choose(self, chosen: Filter) -> None:
-        """Change the filter; what is kept and passes is fresh again."""
+        """Change the filter; stored frames that pass it become fresh."""
         self.filter = chosen
         self._fresh = deque((frame for frame in self._all if chosen.wants(frame)), maxlen=KEPT)
 
     def fresh(self) -> list[DecodedFrame]:
-        """Return what came since the last call and is wanted."""
+        """Return the frames since the last call that pass the filter."""
         frames = list(self._fresh)
         self._fresh.clear()
         return frames
@@ -132,7 +132,7 @@ class LoadMeter:
         self._bits += FRAME_BITS + 8 * len(frame.data)
 
     def tick(self, now: int) -> None:
-        """Let time pass."""
+        """Advance the time."""
         if self._since is None:
             self._since, self._bits = now, 0
         elif now - self._since >= _SECOND_NS:
@@ -153,12 +153,12 @@ class PortWatcher(Protocol):
     """Reader of a port, which wakes when frames arrive."""
 
     def port_changed(self, port: Port | None) -> None:
-        """Watch this port from now on; None: the one before is gone."""
+        """Use another port; None if the previous one was lost."""
         ...
 
 
 class BusTap:
-    """Decodes what is on a bus and hands it to `take`; `problem` says why it hears nothing, "" while it does.
+    """Decodes the frames of a bus and passes them to `take`; `problem` is the reason why it receives none, or "".
 
     `owner` is the robot that runs on it, or empty.
     """
@@ -202,7 +202,7 @@ class BusTap:
             self._watcher.port_changed(self._port)
 
     def receive(self) -> None:
-        """Take what has come."""
+        """Process received frames."""
         arrivals = self._arrivals
         if arrivals is None:
             return

@@ -115,12 +115,12 @@ class LiveTable(DataTable[Text]):
         self.written = 0
 
     def on_mount(self) -> None:
-        """Make the columns."""
+        """Create the columns."""
         for title in self._titles:
             self.add_column(title, key=title)
 
     def show(self, rows: Mapping[str, tuple[Cell, ...]]) -> None:
-        """Make the rows those, in that order where they are new."""
+        """Show these rows, new ones in their order."""
         for gone in [key for key in self._shown if key not in rows]:
             self.remove_row(gone)
             del self._shown[gone]
@@ -184,7 +184,7 @@ _LISTENS: Final = "this monitor only listens: to read objects is to send"
 
 
 class WorkChoice(OptionList):
-    """What may be done with the drive, hidden until somebody asks; `space` stays STOP."""
+    """Choice of actions on the drive, hidden until requested; `space` remains STOP."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "select", "Choose", show=False)]
 
@@ -220,7 +220,7 @@ class DrivePane(Vertical):
             looking.look(self.objects.in_sight)
 
     def choose(self) -> None:
-        """Let the user choose what to do."""
+        """Open the choice of actions."""
         self.choice.highlighted = 0
         self.choice.add_class("shown")
         self.choice.focus()
@@ -233,7 +233,7 @@ class DrivePane(Vertical):
         return self._run is not None and self._run.code is None
 
     def follow(self, run: WorkRun) -> None:
-        """Show what this verb tells from now on."""
+        """Show the output of a verb from now on."""
         self._run, self._ended = run, False
         self.told.add_class("shown")
         self._report(run.title, Tone.IDLE)
@@ -244,12 +244,12 @@ class DrivePane(Vertical):
             self._run.end()
 
     def close(self) -> None:
-        """End it; waits for a ramp."""
+        """End the verb; waits for its ramp."""
         if self._run is not None:
             self._run.close()
 
     def show_work(self) -> None:
-        """Show what it has told since the last call, and how it has ended."""
+        """Show the output since the last call, and the result."""
         run = self._run
         if run is None or self._ended:
             return
@@ -349,7 +349,7 @@ class MonitorApp(App[None]):
         yield Footer(compact=True)
 
     def on_mount(self) -> None:
-        """Begin to listen and to draw."""
+        """Start to listen and to draw."""
         self._drives.focus()
         loop, context = asyncio.get_running_loop(), contextvars.copy_context()
 
@@ -362,7 +362,7 @@ class MonitorApp(App[None]):
         self.set_interval(PERIOD_S, self._refresh_if_late)
 
     def on_unmount(self) -> None:
-        """End what was begun."""
+        """End verbs and sources."""
         self._drive.close()
         self.source.close()
 
@@ -410,7 +410,7 @@ class MonitorApp(App[None]):
             self._alarm.update(Text(content.alarm))
 
     def _show_drives(self, shown: bool) -> None:
-        """Hide the table of drives where there are none, as on a simulated robot; back again it has the focus."""
+        """Hide the table of drives while there are none, as on a simulated robot."""
         if shown and not self._drives.display and not isinstance(self.focused, FilterLine):
             self._drives.display = True
             self._drives.focus()
@@ -451,20 +451,20 @@ class MonitorApp(App[None]):
             self._logs["trace"].write(Text(writer.line(decoded), style=MARK_STYLES[decoded.mark]))
 
     def _watch(self, taps: list[BusTap]) -> None:
-        """Let the event loop read the ports as soon as something has come: a kernel buffer is small."""
+        """Register the ports with the event loop, since kernel buffers are small."""
         for tap in taps:
             if not any(tap is watched for watched in self._watched):
                 tap.watch(_Reader(tap))
         self._watched = list(taps)
 
     def picture_svg(self) -> str:
-        """Return the screen as a picture that stands alone: without the fonts that textual would have fetched."""
+        """Return the screen as an SVG with its own fonts."""
         return _FONT_FACES.sub("", self.export_screenshot())
 
     # -- keys
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002 - textual's
-        """Hide what a source that only listens cannot do."""
+        """Hide the actions that a listening source does not have."""
         return self.source.can_command or action not in _COMMANDS
 
     def action_keys(self) -> None:
@@ -479,7 +479,7 @@ class MonitorApp(App[None]):
             self.notify("listening only: this monitor sends nothing, so it cannot stop anything", severity="warning")
 
     def action_release(self) -> None:
-        """Let go of a latched STOP."""
+        """Release a latched STOP."""
         self._ask("release", Release(source=SOURCE))
 
     def action_axis(self, action: str, node: str = "") -> None:
@@ -493,7 +493,7 @@ class MonitorApp(App[None]):
         self.query_one("#tabs", TabbedContent).active = f"tab-{name}"
 
     def action_pause(self) -> None:
-        """Let the frames stand still, or go on."""
+        """Pause or resume the frames."""
         self.paused = not self.paused
         self.notify("frames stand still; p goes on" if self.paused else "frames go on", timeout=2)
 
@@ -519,14 +519,14 @@ class MonitorApp(App[None]):
         field.focus()
 
     def action_leave_filter(self) -> None:
-        """Put the line and the choice away."""
+        """Hide the filter and the choice."""
         self._chosen = ""
         for widget in (self.query_one(FilterLine), self._drive.choice):
             widget.remove_class("shown")
         (self._drives if self._looking is None else self._drive.objects).focus()
 
     def action_work(self) -> None:
-        """Let the user choose what to do with the selected drive."""
+        """Open the choice of actions for the selected drive."""
         self.action_tab("drive")
         self._drive.choose()
 
@@ -550,7 +550,7 @@ class MonitorApp(App[None]):
             self._ask_for(WORKS[self._chosen].asks)
 
     def _begin(self, chosen: str, text: str) -> None:
-        """Begin what was chosen; ConfigError, CanopenError where that cannot be."""
+        """Start the chosen verb; ConfigError, CanopenError if it cannot be started."""
         if chosen == SET:
             if (looking := self._looking) is not None:
                 self._on_thread("set", lambda: looking.write(text))
@@ -560,7 +560,7 @@ class MonitorApp(App[None]):
         self._drive.follow(self.source.begin(chosen, text, self._selected))
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Use what was filled in; what is wrong with it is told, and can be mended."""
+        """Use the input; an error is shown and can be corrected."""
         try:
             if self._chosen:
                 self._begin(self._chosen, event.value)
@@ -575,7 +575,7 @@ class MonitorApp(App[None]):
         self.action_leave_filter()
 
     def _ask(self, title: str, request: Request[Any]) -> None:
-        """Ask the robot on a thread of its own, and tell how it went."""
+        """Send a request on a thread and show its result."""
 
         def ask() -> str:
             self.source.command(request)
@@ -584,7 +584,7 @@ class MonitorApp(App[None]):
         self._on_thread(title, ask)
 
     def _on_thread(self, title: str, work: Callable[[], str]) -> None:
-        """Do what waits on a thread of its own, and tell what it returns, or raises."""
+        """Run a blocking function on a thread and show its result or error."""
 
         def run() -> None:
             try:

@@ -22,7 +22,7 @@ JOINT_COLUMNS: Final = ("joint", "command", "velocity", "position", "effort")
 
 
 class Tone(enum.Enum):
-    """How good something is; the value is its sign."""
+    """Level of a status; the value is its sign."""
 
     PLAIN = ""
     GOOD = "●"
@@ -52,7 +52,7 @@ class LogLine:
 
 @dataclass(frozen=True, slots=True)
 class MonitorContent:
-    """One moment: tables by row name, `facts` for the head, `alarm` what must not be overlooked or ""."""
+    """Content of the screen: tables by row name, `facts` for the head, `alarm` for the most important problem or ""."""
 
     title: str
     state: Cell
@@ -75,12 +75,12 @@ _STATE_TONES: Final = {
 
 
 def state_cell(state: State | None) -> Cell:
-    """Return a CiA 402 state in the standard's words; None is none."""
+    """Return a CiA 402 state in the words of the standard, or "none"."""
     return plain("-") if state is None else Cell(state.name.replace("_", " "), _STATE_TONES[state])
 
 
 def age_cell(seconds: float | None, *, stale: float, dead: float) -> Cell:
-    """Return how long ago a node was heard; from `stale` and `dead` seconds on it says so."""
+    """Return the age of a node's last frame, marked from `stale` and `dead` seconds on."""
     if seconds is None:
         return Cell("never", Tone.BAD)
     text = f"{1e3 * seconds:.0f} ms" if seconds < 1 else f"{seconds:.1f} s"

@@ -1,4 +1,4 @@
-"""Where the monitor's content comes from: a running robot, or a bare bus.
+"""Sources of the monitor: a running robot, or a bare bus.
 
 A source never blocks who draws. Only a robot takes commands; on a bare bus nothing is ever sent.
 A robot's buses are listened to while somebody looks at frames: on the robot's own computer every frame costs time.
@@ -67,7 +67,7 @@ _LOGGED: Final = ("nmt", "hb", "emcy", "error", "lss")
 
 @dataclass(slots=True)
 class _Axis:
-    """What was last heard of an axis; numbers in the device's own units."""
+    """Last values of an axis, in device units."""
 
     statusword: int | None = None
     mode: int | None = None
@@ -76,7 +76,7 @@ class _Axis:
 
 @dataclass(slots=True)
 class _Node:
-    """What was last heard of a node."""
+    """Last values of a node."""
 
     last_ns: int
     longest_ns: int = 0
@@ -101,7 +101,7 @@ _VALUES: Final = frozenset((*_ACTUAL.values(), *_TARGETS.values()))
 
 
 class BusTable:
-    """Learns from decoded frames who is there and how he is."""
+    """Table of the nodes on a bus, learned from decoded frames."""
 
     def __init__(self, network: NetworkDescription) -> None:
         self.network = network
@@ -110,7 +110,7 @@ class BusTable:
         self._emergencies: list[LogLine] = []
 
     def feed(self, decoded: DecodedFrame) -> None:
-        """Take a frame; its time is Unix ns."""
+        """Process a frame; its time is Unix ns."""
         if decoded.mark > Mark.PLAIN and decoded.service in _LOGGED:
             self._note(decoded)
         if decoded.node_id is None or decoded.service not in _OWN:
@@ -262,7 +262,7 @@ _REPEATED: Final = 200  # newest events that are looked through, so that none is
 
 
 class RobotLink:
-    """The robot `name`, or the only one; `start` and `close` it. `why` says what keeps it from the robot, or is "".
+    """Connection to the robot `name`, or to the only one; `why` is the reason of a missing connection, or "".
 
     `start` takes what is called on the connection's thread when a sample has come.
     """
@@ -281,7 +281,7 @@ class RobotLink:
         self._thread: threading.Thread | None = None
 
     def start(self, on_sample: Callable[[], None] = lambda: None) -> None:
-        """Begin to look for the robot."""
+        """Start to look for the robot."""
         self._thread = threading.Thread(target=self._run, args=(on_sample,), name="robot link", daemon=True)
         self._thread.start()
 
@@ -296,7 +296,7 @@ class RobotLink:
 
     @property
     def connected(self) -> bool:
-        """Whether the state is that of now."""
+        """Whether the state is up to date."""
         return self.state is not None and time.monotonic() - self._heard < _SILENCE_S
 
     def events(self) -> list[RobotEvent]:
@@ -344,7 +344,7 @@ class RobotLink:
             self.why = f"robot {self.name} has been silent for more than {_SILENCE_S:g} s; does it hang?"
 
     def _keep(self, event: RobotEvent) -> None:
-        """Keep an event unless it was told before: the stream repeats what the status had."""
+        """Store an event unless it is known: the stream repeats those of the status."""
         if event not in self._told:
             self._told.append(event)
             self._events.append(event)
@@ -392,7 +392,7 @@ def log_line(event: RobotEvent) -> LogLine:
 
 
 def is_emergency(event: RobotEvent) -> bool:
-    """Whether an event is an emergency object, or tells that one is gone."""
+    """Whether an event is an emergency, or the end of one."""
     return event.kind in ("emcy", "emcy_reset")
 
 
@@ -439,7 +439,7 @@ def _nmt(node: NodeReading) -> Cell:
 
 
 def _statusword(axis: AxisReading) -> str:
-    """Return the statusword with its flags; the state stands in a column of its own."""
+    """Return the statusword with its flags, without the state."""
     if axis.statusword is None:
         return "-"
     mode = OperationMode.__members__.get(axis.mode or "")
@@ -458,7 +458,7 @@ TIMEOUT_S: Final = 20.0  # of a stop or an enable: the drives take their ramps
 
 
 class ScreenSource(Protocol):
-    """What the screen needs; `frames` and `trace` are those of the buses it listens to, which are `taps`."""
+    """Interface of a source; `frames` and `trace` are those of its buses, which are `taps`."""
 
     can_command: bool
     frames: FrameTable
@@ -467,7 +467,7 @@ class ScreenSource(Protocol):
 
     @property
     def network(self) -> NetworkDescription:
-        """Who is on the bus, for the filter's words."""
+        """Nodes of the bus, for the filter."""
         ...
 
     def start(self, on_sample: Callable[[], None]) -> None:
@@ -477,7 +477,7 @@ class ScreenSource(Protocol):
         """End."""
 
     def tick(self) -> None:
-        """Do what is due; called a few times a second."""
+        """Run due work; called a few times a second."""
 
     def listen(self, on: bool) -> None:
         """Frames are looked at from now on, or not any more."""
@@ -498,12 +498,12 @@ class ScreenSource(Protocol):
         """Ask the robot and wait; RemoteError. For threads that may wait."""
 
     def begin(self, title: str, text: str, node: str) -> WorkRun:
-        """Begin a verb on a node, with the line that was filled in; CanopenError where it cannot be."""
+        """Start a verb on a node with the input line; CanopenError if it cannot be started."""
         ...
 
 
 class LiveRobot:
-    """A running robot: its API, and its buses where somebody else can listen."""
+    """Source of a running robot: its API, and its buses where others can listen."""
 
     can_command = True
 
@@ -519,13 +519,13 @@ class LiveRobot:
 
     @property
     def network(self) -> NetworkDescription:
-        """All nodes of all buses: a filter names nodes whatever bus they are on."""
+        """All nodes of all buses, for the filter."""
         nodes = {node_id: node for network in self._networks for node_id, node in network.nodes.items()}
         master = self._networks[0].master_node_id if self._networks else None
         return NetworkDescription(nodes=nodes, master_node_id=master)
 
     def start(self, on_sample: Callable[[], None] = lambda: None) -> None:
-        """Look for the robot."""
+        """Start to look for the robot."""
         self._link.start(on_sample)
 
     def close(self) -> None:
@@ -542,7 +542,7 @@ class LiveRobot:
             self._tap()
 
     def tick(self) -> None:
-        """Listen to the robot's buses as soon as it has told which they are, where that is wanted."""
+        """Listen to the robot's buses once they are known, if wanted."""
         if self._link.layouts is not self._layouts:
             self._layouts = self._link.layouts
             self._networks = [network_of_layout(layout) for layout in self._layouts.values()]
@@ -551,7 +551,7 @@ class LiveRobot:
             tap.tick(time.monotonic_ns())
 
     def choose(self, node: str) -> DriveObjects:
-        """Look at the objects of a node."""
+        """Select the node whose objects are read."""
         self._objects.choose(self._link.name or "", self._link.places.get(node))
         return self._objects
 
@@ -578,7 +578,7 @@ class LiveRobot:
         self._link.ask(request, TIMEOUT_S)
 
     def begin(self, title: str, text: str, node: str) -> WorkRun:
-        """Begin it through the running robot."""
+        """Start a verb through the running robot."""
         return WorkRun(work_words(title, text, node, self._link.name or ""))
 
     def _tap(self) -> None:
@@ -624,7 +624,7 @@ class BusSource:
         return
 
     def content(self) -> MonitorContent:
-        """Return what the nodes have said."""
+        """Return the present values of the nodes."""
         load = self._tap.meter.load
         facts = [
             f"{self.network.bitrate // 1000} kbit/s",

@@ -45,7 +45,7 @@ _TYPES: Final[dict[str, type]] = {f"{_PACKAGE}Twist": Twist, f"{_PACKAGE}TwistSt
 
 
 class TwistSubscription:
-    """A subscription to `topic`; `kind` is "Twist", "TwistStamped" or "auto", `first` what it is before anybody comes.
+    """Subscription of `topic`; `kind` is "Twist", "TwistStamped" or "auto", `first` the type before a publisher exists.
 
     `on_message` gets a Twist or a TwistStamped.
     """
@@ -68,7 +68,7 @@ class TwistSubscription:
             self._subscribe(f"{_PACKAGE}{topic_kind}")
 
     def look(self, state: StateSample) -> None:
-        """Look, from time to time, who publishes; for every sample of the state stream."""
+        """Check the types of the publishers, at every sample of the state stream."""
         time = state.time
         # a clock that was set back does not blind it
         if not self._auto or time < self._next <= time + _LOOK_S:
@@ -87,7 +87,7 @@ class TwistSubscription:
             self._ros.unsubscribe(self._subscription)
 
     def _change(self, name: str) -> None:
-        """Leave the one type; the other is taken at the next look, when rclpy has forgotten the first."""
+        """Unsubscribe; the other type is subscribed at the next check, after rclpy has removed the first."""
         if self._subscription is None:
             self._subscribe(name)
         else:
@@ -117,7 +117,7 @@ class TwistCommands(Endpoint):
         self._controller = controller
 
     def on_state(self, state: StateSample) -> None:
-        """Follow who publishes."""
+        """Check the types of the publishers."""
         self._either.look(state)
 
     def close(self) -> None:
@@ -172,7 +172,7 @@ class OdometryReset(Endpoint):
 
 
 def send_twist(ros: Ros, controller: ControllerReading, message: Twist | TwistStamped) -> None:
-    """Hand a twist to a base controller, with its stamp where it has one; what is not finite is dropped."""
+    """Send a twist to a base controller, with its stamp if it has one; non-finite values are dropped."""
     twist, stamp = message, None
     if isinstance(message, TwistStamped):
         made = message.header.stamp
@@ -214,7 +214,7 @@ class SharedTwist(Endpoint):
         self._subscription = TwistSubscription(ros, topic, self._on_message, kind)
 
     def on_state(self, state: StateSample) -> None:
-        """Follow who publishes."""
+        """Check the types of the publishers."""
         self._subscription.look(state)
 
     def close(self) -> None:
@@ -249,7 +249,7 @@ class TfOdometry(Endpoint):
         self._publisher = ros.node.create_publisher(self._kind, f"{self._name}/tf_odometry", SYSTEM_DEFAULT)
 
     def on_state(self, state: StateSample) -> None:
-        """Publish what is new."""
+        """Publish new samples."""
         sample = self._samples.of(state).get(self._name)
         if sample is not None and sample.enable_odom_tf:
             self._publisher.publish(self._kind(transforms=[odometry_transform(self._ros, sample)]))

@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parse(argv: list[str]) -> tuple[argparse.Namespace, list[str]]:
-    """Split what is ours from what is ROS's (`--ros-args ...`)."""
+    """Split the program's arguments from those of ROS (`--ros-args ...`)."""
     split = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
     parser = argparse.ArgumentParser(prog="python -m canopen_control.ros.bridge", description="Show a robot to ROS 2.")
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
@@ -80,7 +80,7 @@ def _say(text: str) -> None:
 
 
 def _claim(robot: str, timeout: float) -> int:
-    """Let one bridge show a robot in a ROS domain: a second one would command it a second time.
+    """Claim the robot in a ROS domain, since two bridges would send each command twice.
 
     `timeout` in s is for one that is ending, of a run before.
     """
@@ -135,7 +135,7 @@ class Bridge:
         self._close()
 
     def _ask_ros(self) -> None:
-        """Have the thread of ROS's callbacks tell `run` that it goes on, which says so of this thread as well."""
+        """Report to `run` through the thread of ROS's callbacks that both threads are alive."""
         if self._session is not None and self._has_answered:
             self._has_answered = False
             self._session.call(self._answer)

@@ -1,4 +1,4 @@
-"""What can be chosen about the bridge: its arguments, and the same as parameters of its node.
+"""Options of the bridge: arguments, and the same as parameters of its node.
 
 A parameter (`--ros-args -p NAME:=VALUE`, `--params-file`) wins over an argument; it is read when
 the bridge starts. A value that does not fit is one sentence.
@@ -21,7 +21,7 @@ CMD_VEL_TYPES: Final = ("auto", "Twist", "TwistStamped", "off")
 
 @dataclass(frozen=True, slots=True)
 class BridgeOptions:
-    """What the bridge shows; each field is a parameter of that name.
+    """Options of the bridge; each field is a parameter of that name.
 
     `rate` is that of the state stream in Hz, 0 for as often as controllers publish; `frame_prefix` stands before the
     name of every frame. `cmd_vel_type` is one of `CMD_VEL_TYPES`, of the shared topic `cmd_vel_topic`. `topic_hardware`

@@ -75,7 +75,7 @@ class GpioCommands(Endpoint):
         self._subscription = ros.subscribe(message, self._topic, self._on_message, SYSTEM_DEFAULT)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Know whether it is active, and its outputs; what waits for one that is not is gone."""
+        """Update state and outputs of the controller; a waiting message of an inactive one is dropped."""
         self._controller = controller
         if not controller.active:
             with self._lock:
@@ -98,7 +98,7 @@ class GpioCommands(Endpoint):
             self._ros.hand_over(self._send)
 
     def _send(self) -> None:
-        """Have the robot set what has come, unless it has not answered yet."""
+        """Send the waiting message to the robot after the previous answer."""
         if self._asking:
             return
         with self._lock:
@@ -116,7 +116,7 @@ class GpioCommands(Endpoint):
 
 
 def outputs_of(message: RosMessage, controller: ControllerReading) -> dict[str, float]:
-    """Return the values of a message by "gpio/interface"; ValueError with why it cannot be taken."""
+    """Return the values of a message by "gpio/interface"; ValueError with the reason if it is invalid."""
     if not controller.active:
         raise ValueError(f"{controller.name} is {controller.state}; activate it before commanding it")
     groups, inner = list(message.interface_groups), list(message.interface_values)
@@ -159,7 +159,7 @@ class PidReferences(Endpoint):
         self.on_controller(controller)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Know whether it is active, and its degrees of freedom; be there once it is wanted."""
+        """Update state and degrees of freedom of the controller; subscribe if it needs the topic."""
         self._controller = controller
         if self._subscription is None and self.is_wanted(controller):
             message: Any = interface("control_msgs/msg/MultiDOFCommand")
@@ -172,7 +172,7 @@ class PidReferences(Endpoint):
 
     @staticmethod
     def is_wanted(controller: ControllerReading) -> bool:
-        """Whether there is something to hear; references are always."""
+        """Whether the topic is needed; that of references always is."""
         del controller
         return True
 
@@ -190,7 +190,7 @@ class PidReferences(Endpoint):
         )
 
     def _values_of(self, message: RosMessage) -> list[float]:
-        """Return the values, then their derivatives where it has some; ValueError with why there are none."""
+        """Return the values and derivatives of a message; ValueError with the reason if it is invalid."""
         controller = self._controller
         if not controller.active:
             raise ValueError(f"{controller.name} is {controller.state}; activate it before commanding it")
@@ -222,7 +222,7 @@ class PidMeasuredStates(PidReferences):
 
     @staticmethod
     def is_wanted(controller: ControllerReading) -> bool:
-        """Whether it is configured to measure by messages."""
+        """Whether the controller is configured for measured states by messages."""
         return bool(controller.required_command_interfaces) and not controller.required_state_interfaces
 
 

@@ -114,7 +114,7 @@ class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult, Tra
         )
 
     def refused(self, verdict: TrajectoryVerdict | None, text: str) -> RosMessage:
-        """Return the result, with the code of what it breaks."""
+        """Return the result of a refused goal, with its code."""
         code = _INVALID_GOAL if verdict is None else verdict.error_code
         return self._action.Result(error_code=code, error_string=text)
 
@@ -165,7 +165,7 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         self._joint = next(iter(controller.joints), "")
 
     def request(self, goal: RosMessage) -> SendGripper:
-        """Return what a goal is to the robot; ValueError with why it is none."""
+        """Return the request of a goal; ValueError with the reason if it is invalid."""
         command = goal.command
         return self._wanted(command.position, command.max_effort)
 
@@ -232,7 +232,7 @@ class ParallelGripperAction(GripperAction):
     name: ClassVar[str] = "control_msgs/action/ParallelGripperCommand"
 
     def request(self, goal: RosMessage) -> SendGripper:
-        """Return what a goal is to the robot; ValueError with why it is none."""
+        """Return the request of a goal; ValueError with the reason if it is invalid."""
         command = goal.command
         if len(command.position) != 1:
             raise ValueError(f"it has {len(command.position)} positions; give one")
@@ -288,7 +288,7 @@ _KINDS: Final = {kind_of(kind): kind for kind in get_args(ControllerSample)}
 
 
 def endpoints_for(ros: Ros, controller: ControllerReading) -> list[Endpoint]:
-    """Make the topics of one controller."""
+    """Return the topics of one controller."""
     kind = _KINDS.get(controller.tells or "", Sample)
     kinds = (*kind.__mro__, JointStatesSample)  # whose topics are named by the controller
     rows = [row for row in SAMPLE_TOPICS if row.bridge and row.kind in kinds and row.name(controller)]

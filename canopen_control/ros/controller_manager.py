@@ -145,7 +145,7 @@ class ControllerManagerServices(Endpoint):
         self._ask(command, lambda _: _succeed(response), response, reply)
 
     def _reload(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
-        """Refuse: Python code is loaded once, the runtime must be started anew."""
+        """Refuse the reload: Python code is loaded once per process."""
         self._ros.warn("reload", "controller libraries cannot be loaded again while the robot runs; restart it")
         reply(response)
 
@@ -215,7 +215,7 @@ class ControllerManagerServices(Endpoint):
         response: RosMessage,
         reply: Reply,
     ) -> None:
-        """Ask the robot; `fill` puts its answer into the response, a refusal leaves it as it is and is told."""
+        """Send a request; `fill` copies its answer into the response, a refusal is logged."""
         method = ROBOT.of(type(query)).name
 
         def answer(result: A | None, error: str | None) -> None:

@@ -122,7 +122,7 @@ _OF_NAMES: Final = (
 
 
 class ParameterServices(Endpoint):
-    """The services below `name`, relative to the namespace; the robot knows the node by that name."""
+    """Parameter services below `name`, relative to the namespace; `name` is also the controller of the robot."""
 
     def __init__(self, ros: Ros, name: str) -> None:
         self._ros, self._name = ros, name
@@ -241,7 +241,7 @@ class ParameterServices(Endpoint):
 
 
 class ControllerNodes:
-    """Makes the nodes beside `first`, the bridge's; `of` tells what the endpoints of one are given."""
+    """Nodes of controllers next to `first`, the bridge's; `of` returns their context for endpoints."""
 
     def __init__(self, shared: SessionPort, first: Node, context: Context, spinner: Spinner) -> None:
         self._shared, self._first, self._context, self._spinner = shared, first, context, spinner

@@ -36,7 +36,7 @@ def stamp_of(unix_s: float) -> tuple[int, int]:
 
 
 def joint_arrays(joints: Mapping[str, JointReading], names: Sequence[str] = ()) -> JointArrays:
-    """Return the joints' states in the order of `names`, alphabetically without; what is not known is nan."""
+    """Return the states of the joints in the order of `names`, else alphabetically; nan for unknown values."""
     values = {name: joint.values for name, joint in joints.items()}
     return arrays_of(values, [name for name in names if name in values] if names else sorted(values))
 
@@ -88,7 +88,7 @@ def transform_of(sample: Sample) -> Transform | None:
 
 
 def frames_with_a_place(state: StateSample) -> frozenset[str]:
-    """Return the frames whose pose odometry or a pose sample gives: no joint of the description may lead to them."""
+    """Return the frames with a pose from odometry or a pose sample, which no joint may have as a child."""
     samples = (*state.told(OdometrySample).values(), *state.told(PoseSample).values())
     return frozenset(transform.child for transform in map(transform_of, samples) if transform is not None)
 

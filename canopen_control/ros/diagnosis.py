@@ -1,4 +1,4 @@
-"""What `/diagnostics` says of nodes, controllers and the cycle, as plain values: this file imports no ROS.
+"""Contents of `/diagnostics` as plain values, without ROS: nodes, controllers and the cycle.
 
 Rules (REP 107): OK when it does what it should; WARN when it is not available and that may be meant (an
 axis or robot that is not enabled, a controller that is not active); ERROR when something is broken: a node that is
@@ -26,7 +26,7 @@ _TROUBLE: Final = {
 
 
 class Diagnosis(NamedTuple):
-    """One status; `values` are shown in this order."""
+    """One status; `values` keep their order."""
 
     name: str
     hardware_id: str
@@ -38,7 +38,7 @@ class Diagnosis(NamedTuple):
 def diagnose(
     robot: str, state: StateSample, controllers: Mapping[str, ControllerReading], missed_before: int = 0
 ) -> list[Diagnosis]:
-    """Return a status of every node, every controller, what diagnostics broadcasters tell, and the cycle.
+    """Return the status of every node and controller, of diagnostics broadcasters, and of the cycle.
 
     `missed_before` is what was told last time.
     """

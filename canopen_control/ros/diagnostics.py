@@ -106,7 +106,7 @@ _SAME_S: Final = 1.0  # within which an event follows from the one before
 
 
 class _Cause(NamedTuple):
-    """What was told last of a node: when, how bad, and the sentence without the node's name."""
+    """Last reported cause of a node: time, level, and text without its name."""
 
     time: float
     level: int
@@ -114,7 +114,7 @@ class _Cause(NamedTuple):
 
 
 class Rosout(Endpoint):
-    """The publisher; `nodes` are those of the bus, in their namespaces."""
+    """Publisher of /rosout; `nodes` are those of the bus, in their namespaces."""
 
     def __init__(self, ros: Ros, nodes: Iterable[RosNode]) -> None:
         self._ros, self._log = ros, interface("rcl_interfaces/msg/Log")
@@ -137,7 +137,7 @@ class Rosout(Endpoint):
             self._publisher.publish(message)
 
     def _says_again(self, event: RobotEvent, name: str, level: int) -> bool:
-        """Whether an event has nothing but the cause that was told: a node is lost, since its heartbeat is."""
+        """Whether an event only repeats the reported cause, as a lost node after its heartbeat."""
         last = self._causes.get(name)
         same = last is not None and abs(event.time - last.time) <= _SAME_S and level <= last.level
         if last is not None and same and event.kind != "stop" and event.text.endswith(last.text):

@@ -67,7 +67,7 @@ _RECENT_S: Final = 0.5  # a target is older than this in the state stream as wel
 
 
 class DriveTargets:
-    """What the drives of one controller were told through `target`; shared by all drives of a robot."""
+    """Last targets of a controller's drives through `target`; shared by all drives of a robot."""
 
     def __init__(self) -> None:
         self._told: dict[tuple[str, str], tuple[float, float]] = {}
@@ -163,7 +163,7 @@ class DriveServices(Endpoint):
         return node.axes[0].joint if node is not None and len(node.axes) == 1 else None
 
     def _controller(self, joint: str) -> ControllerReading | None:
-        """Return the one that commands this joint by one value per joint, or by its target alone."""
+        """Return the controller that commands this joint by one value per joint, or by its target alone."""
         for controller in self._ros.controllers.values():
             if (
                 controller.active
@@ -189,7 +189,7 @@ class MasterServices(Endpoint):
 
 
 def _held(joint: JointReading | None, name: str | None) -> float:
-    """Return what a joint goes on doing: its command, else standstill."""
+    """Return the present target of a joint: its command, else standstill."""
     if joint is None:
         return 0.0
     command = joint.position if joint.command is None and name == "position" else joint.command

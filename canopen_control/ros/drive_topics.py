@@ -92,7 +92,7 @@ class DriveTopics(Endpoint):
                 self._ros.node.destroy_publisher(publisher)
 
     def _count_listeners(self) -> None:
-        """Ask for process data while somebody listens to them; who comes later is told what the others know."""
+        """Subscribe to process data while the topic has listeners."""
         before, self._listeners = self._listeners, self._rpdo.get_subscription_count()
         if bool(before) is not bool(self._listeners):
             self._objects.clear()
@@ -165,7 +165,7 @@ class DriveTopics(Endpoint):
 
 
 class ProxyNode(Endpoint):
-    """What is below one controller; made when the robot has told its nodes."""
+    """Topics and services of one node below its controller."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller
@@ -180,17 +180,17 @@ class ProxyNode(Endpoint):
             self._ask()
 
     def on_state(self, state: StateSample) -> None:
-        """Let the node publish a sample."""
+        """Publish a sample."""
         for part in self._parts:
             part.on_state(state)
 
     def on_event(self, event: RobotEvent) -> None:
-        """Let the node publish an EMCY message."""
+        """Publish an EMCY message."""
         for part in self._parts:
             part.on_event(event)
 
     def on_process_data(self, nodes: dict[str, list[MappedValue]]) -> None:
-        """Let the node publish what its TPDOs carry."""
+        """Publish the contents of TPDOs."""
         for part in self._parts:
             part.on_process_data(nodes)
 
@@ -201,7 +201,7 @@ class ProxyNode(Endpoint):
             part.close()
 
     def own_joint(self) -> str | None:
-        """Return the joint whose axis is served; None: what moves nothing."""
+        """Return the joint of the served axis, None without one."""
         return None
 
     def _ask(self) -> None:

@@ -1,4 +1,4 @@
-"""The base of every topic and service of the bridge: what it is given, what it is told, and services that answer later.
+"""Base of the topics and services of the bridge.
 
 Publishing is done on the bridge's own thread, when the robot has sent something; callbacks of ROS
 run on the spinner's thread, and only hand over.
@@ -30,7 +30,7 @@ COMMANDER: Final = "ros"  # who commands, in the robot's status
 
 
 class Ros(Protocol):
-    """What an endpoint is given.
+    """Context of an endpoint.
 
     `command` hands a command to the robot, `warn` says a sentence once per second at most; both from any thread.
     """
@@ -49,40 +49,40 @@ class Ros(Protocol):
         """Return a stamp of ROS in Unix seconds, the robot's time; from any thread."""
 
     def warn(self, key: str, text: str) -> None:
-        """Tell the user, rarely."""
+        """Log a warning, rate-limited."""
 
     def frame(self, name: str) -> str:
-        """Return the name by which ROS knows a frame: with the robot's prefix."""
+        """Return the ROS name of a frame, with the robot's prefix."""
 
     def hand_over(self, function: Callable[[], object]) -> None:
-        """Have a function called on the reactor's thread; from any thread."""
+        """Call a function on the reactor's thread; from any thread."""
 
     def subscribe(self, message: type, topic: str, callback: Callable[[Any], object], qos: object) -> object:
-        """Make a subscription; an exception of the callback becomes a warning."""
+        """Create a subscription; an exception of the callback becomes a warning."""
 
     def unsubscribe(self, subscription: object) -> None:
         """Leave a topic."""
 
     def serve(self, kind: str, name: str, handler: Handler) -> object:
-        """Make a service of the interface `kind`; where this ROS has none of it, it is left out, which is told.
+        """Create a service of the interface `kind`; if ROS lacks it, it is left out with a warning.
 
         `handler(request, response, reply)` is called on the reactor's thread and never blocks.
         """
 
     def leave_out(self, interface: str) -> None:
-        """Tell that something is left out, since this ROS does not have an interface; once for each."""
+        """Report an interface that ROS lacks, once for each."""
 
     def unserve(self, service: object) -> None:
         """Leave a service."""
 
     def watch_process_data(self, watcher: object, on: bool) -> None:
-        """Have the robot tell what its TPDOs carry, to `on_process_data`, while anybody wants it."""
+        """Subscribe to TPDO contents for `on_process_data`, while they are needed."""
 
     def connect(self) -> ReactorClient:
-        """Return a connection to the robot of its own, for what ends with it; RemoteError if the robot is gone."""
+        """Return a separate connection to the robot; RemoteError if the robot has ended."""
 
     def call(self, function: Callable[[], object]) -> None:
-        """Have a function called in the thread of ROS's callbacks, between two; from any thread."""
+        """Call a function on the thread of ROS's callbacks; from any thread."""
 
     def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
         """Ask the robot, and have `answer(result, error)` called on the reactor's thread, where this is called too."""
@@ -114,19 +114,19 @@ class NewSamples(Generic[S]):
 
 
 class Endpoint:
-    """Topics of one controller, or of the whole robot; what it does not override it does not care for."""
+    """Topics of one controller, or of the robot; methods without an override do nothing."""
 
     def on_controller(self, controller: ControllerReading) -> None:
         """Learn that the controller it belongs to has changed."""
 
     def on_state(self, state: StateSample) -> None:
-        """Take a sample of the state stream."""
+        """Process a sample of the state stream."""
 
     def on_event(self, event: RobotEvent) -> None:
         """Learn that something has happened."""
 
     def on_process_data(self, nodes: dict[str, list[MappedValue]]) -> None:
-        """Take what has come in TPDOs, by node."""
+        """Process TPDO contents by node."""
 
     def close(self) -> None:
         """Leave the graph."""
@@ -154,7 +154,7 @@ class _Taken(NamedTuple):
 
 
 def serve(node: Node, kind: type, name: str, handler: Handler) -> RosMessage:
-    """Make a service whose answer may come later, from another thread.
+    """Create a service with a deferred answer, possibly from another thread.
 
     `handler(request, response, reply)` is called on the executor's thread and must not block. rclpy answers a service
     when its callback returns, and its EventsExecutor takes no coroutine. So the callback here only collects the

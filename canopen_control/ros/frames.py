@@ -91,5 +91,5 @@ def transform_message(ros: Ros, transform: Transform, time: float) -> TransformS
 
 
 def odometry_transform(ros: Ros, sample: OdometrySample) -> TransformStamped:
-    """Return where a base believes to be as a transform, in the frames that its controller names."""
+    """Return the odometry pose as a transform, in the frames of its controller."""
     return transform_message(ros, place_of(sample), sample.time)

@@ -1,4 +1,4 @@
-"""What the command line needs of the ROS graph: who is there, listening, publishing, calling, on a node of its own.
+"""ROS graph for the command line: topics, services, publishing and calling, on a node of its own.
 
 Everything waits for a finite time, and ends at once when its thread is interrupted. A fresh node
 does not know the graph yet, so it is given a moment before it is asked.
@@ -49,7 +49,7 @@ def full_name(text: str, kind: str) -> str:
 
 
 def fill(message: Any, data: object, class_of: ClassOf, place: str = "") -> Any:  # noqa: ANN401 - somebody's generator's
-    """Put data into a message and return it; `class_of` gives the class of a nested one. Raises ConfigError."""
+    """Fill a message with data and return it; `class_of` returns the class of a nested one. Raises ConfigError."""
     types = message.get_fields_and_field_types()
     if not isinstance(data, dict):
         raise ConfigError(f"{place or 'the message'} has fields ({', '.join(types)}), not {data!r}")
@@ -164,7 +164,7 @@ MOMENT_S: Final = 1.0
 
 @contextlib.contextmanager
 def open_graph(arguments: Sequence[str] = ()) -> Iterator[Graph]:
-    """Make a node; raises ConfigError when there is no ROS, CanopenError when it does not start."""
+    """Open a node; ConfigError without ROS, CanopenError if it does not start."""
     require_ros()
     prepare(os.environ, wheels=from_wheels(), prefix=sys.prefix)
     try:
@@ -181,7 +181,7 @@ def open_graph(arguments: Sequence[str] = ()) -> Iterator[Graph]:
 
 
 class Graph:
-    """One node; times are seconds."""
+    """Node for the command line; times in s."""
 
     def __init__(self, context: Any, node: Any) -> None:  # noqa: ANN401 - rclpy's
         from canopen_control.ros.rcl import single_threaded_executor
@@ -207,7 +207,7 @@ class Graph:
         return True
 
     def topics(self) -> Names:
-        """Return (name, types) of what is published or subscribed to by others."""
+        """Return (name, types) of topics with publishers or subscribers elsewhere."""
         self.spin(MOMENT_S)
         return sorted(self._node.get_topic_names_and_types())
 
@@ -218,7 +218,7 @@ class Graph:
         return sorted(service for service in self._node.get_service_names_and_types() if not service[0].startswith(own))
 
     def type_of(self, topic: str, seconds: float) -> str:
-        """Return the type of a topic; CanopenError when nobody has it in time, or with several types."""
+        """Return the type of a topic; CanopenError after a timeout, or with several types."""
         return self._only(topic, self._node.get_topic_names_and_types, "topic", seconds)
 
     def _only(self, name: str, names: Callable[[], Names], title: str, seconds: float) -> str:
@@ -234,7 +234,7 @@ class Graph:
         return types[0]
 
     def subscribe(self, topic: str, kind: str, callback: Callable[[Any], object]) -> None:
-        """Subscribe with a quality that fits those who publish now."""
+        """Subscribe with a quality of service that fits the present publishers."""
         from canopen_control.ros.qos import quality_of
 
         infos = self._node.get_publishers_info_by_topic(topic)
@@ -264,7 +264,7 @@ class Graph:
 
 
 class Publication:
-    """A message that can be published again and again; `subscribers` tells how many get it, `fill` changes fields."""
+    """Message that is published repeatedly; `subscribers` is their number, `fill` changes fields."""
 
     def __init__(
         self, publish: Callable[[], object], subscribers: Callable[[], int], fill: Callable[[object], object]
@@ -273,7 +273,7 @@ class Publication:
 
 
 def class_of(name: str) -> type:
-    """Return the class of an interface; ConfigError when there is none."""
+    """Return the class of an interface; ConfigError if it does not exist."""
     try:
         interface_class: type = interface(name)
     except (ImportError, AttributeError, MissingInterface):

@@ -36,7 +36,7 @@ _OWN_WAYS: Final = (_PROFILES, "FASTDDS_DEFAULT_PROFILES_FILE", "ROS_DISCOVERY_S
 
 
 def require_ros(environment: Mapping[str, str] | None = None) -> None:
-    """Raise ConfigError with one sentence, what is wrong and how to get ROS, when rclpy cannot be used."""
+    """Raise ConfigError with the reason and the remedy if rclpy cannot be used."""
     environment = os.environ if environment is None else environment
     folder = _rclpy_folder()
     if folder is None:
@@ -72,7 +72,7 @@ def _rclpy_folder() -> Path | None:
 
 
 def prepare(environment: MutableMapping[str, str], *, wheels: bool, prefix: str) -> None:
-    """Set what is not set. `wheels` says that rclpy comes from pip's wheels, `prefix` where those are installed."""
+    """Set missing environment variables. `wheels`: rclpy is installed from wheels, in `prefix`."""
     if wheels:
         environment.setdefault("AMENT_PREFIX_PATH", prefix)
     if environment.get(_LOCAL_ONLY) != "1":
@@ -83,7 +83,7 @@ def prepare(environment: MutableMapping[str, str], *, wheels: bool, prefix: str)
 
 
 def describe(environment: Mapping[str, str]) -> str:
-    """Return in words who can see the robot."""
+    """Return a sentence about the ROS domain in which the robot is visible."""
     reach = "this host only" if _stays_local(environment) else f"discovery range {environment.get(_RANGE, 'SUBNET')}"
     return f"ROS domain {environment.get('ROS_DOMAIN_ID') or 0}, {reach}"
 

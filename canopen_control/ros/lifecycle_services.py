@@ -49,7 +49,7 @@ _SHUTDOWN: Final = {6: 5, 7: 5}  # upstream has a number for the shutdown of eac
 
 
 class LifecycleServices(Endpoint):
-    """The services below `path`; `node` is what it is about, None for all of them, whose own are the `members`."""
+    """Lifecycle services below `path`; `node` is their node, None for all, `members` the nodes of that one."""
 
     def __init__(self, ros: Ros, path: str, node: str | None = None, members: Sequence[LifecycleServices] = ()) -> None:
         self._ros, self._path, self._node, self._members = ros, path, node, members

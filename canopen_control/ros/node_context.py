@@ -1,4 +1,4 @@
-"""What an endpoint is given that is on one ROS node: the node's topics and services, and the session's robot.
+"""Context of an endpoint on one ROS node: its topics and services, and the session of the robot.
 
 Callbacks of subscriptions come on the spinner's thread, those of services on the reactor's; what
 one raises is a warning of the node. The executor would drop messages otherwise.
@@ -26,7 +26,7 @@ A = TypeVar("A")
 
 
 class SessionPort(Protocol):
-    """What all nodes of a robot share, see `endpoint.Ros`; `warn_of` tells the user as one of the nodes."""
+    """Shared part of all nodes of a robot, see `endpoint.Ros`; `warn_of` logs as one of the nodes."""
 
     robot: str
     controllers: dict[str, ControllerReading]
@@ -38,32 +38,32 @@ class SessionPort(Protocol):
         """Return a stamp of ROS in the robot's time."""
 
     def frame(self, name: str) -> str:
-        """Return the name by which ROS knows a frame: with the robot's prefix."""
+        """Return the ROS name of a frame, with the robot's prefix."""
 
     def leave_out(self, interface: str) -> None:
-        """Tell that this ROS does not have an interface."""
+        """Report an interface that ROS lacks."""
 
     def warn_of(self, node: Node, key: str, text: str) -> None:
-        """Tell the user, rarely."""
+        """Log a warning, rate-limited."""
 
     def hand_over(self, function: Callable[[], object]) -> None:
-        """Have a function called on the reactor's thread."""
+        """Call a function on the reactor's thread."""
 
     def watch_process_data(self, watcher: object, on: bool) -> None:
-        """Have the robot tell what its TPDOs carry."""
+        """Subscribe to TPDO contents."""
 
     def connect(self) -> ReactorClient:
         """Return a connection to the robot."""
 
     def call(self, function: Callable[[], object]) -> None:
-        """Have a function called in the thread of ROS's callbacks."""
+        """Call a function on the thread of ROS's callbacks."""
 
     def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
         """Ask the robot."""
 
 
 class NodeContext:
-    """One node and what it shares with the others; the `Ros` of what is on it."""
+    """Context of one node, as `Ros` for its endpoints."""
 
     def __init__(self, shared: SessionPort, node: Node) -> None:
         self.node, self._shared = node, shared
@@ -78,11 +78,11 @@ class NodeContext:
         return self._shared.controllers
 
     def warn(self, key: str, text: str) -> None:
-        """Tell the user, each key once per second at most; from any thread."""
+        """Log a warning, each key at most once per second; from any thread."""
         self._shared.warn_of(self.node, key, text)
 
     def subscribe(self, message: type, topic: str, callback: Callable[[Any], object], qos: object) -> object:
-        """Make a subscription; an exception of the callback becomes a warning."""
+        """Create a subscription; an exception of the callback becomes a warning."""
 
         def guarded(each: object) -> None:
             try:
@@ -98,7 +98,7 @@ class NodeContext:
         self.call(lambda: self.node.destroy_subscription(subscription))
 
     def serve(self, kind: str, name: str, handler: Handler) -> object:
-        """Make a service of the interface `kind`; None where this ROS has none of it, which is told.
+        """Create a service of the interface `kind`; None with a warning if ROS lacks it.
 
         `handler(request, response, reply)` is called on the reactor's thread and never blocks.
         """

@@ -1,4 +1,4 @@
-"""The nodes of a bus as ROS names them, from what the API tells of them: this file imports no ROS.
+"""Nodes of a bus and their ROS names, by the API; without ROS.
 
 Rules (ros2_canopen): the services and topics of a node are `NAMESPACE/NODE/x`, where NODE is its key in
 bus.yml; its own `namespace` stands in the place of the bridge's, its own `remappings` are followed. Each axis of a node
@@ -32,7 +32,7 @@ _FORBIDDEN: Final = re.compile(r"[^A-Za-z0-9_]")
 
 
 class Channel(NamedTuple):
-    """One axis of a node with several: the joint that it moves, and what its services are below."""
+    """One axis of a node with several: its joint, and the path of its services."""
 
     joint: str
     name: str

@@ -1,4 +1,4 @@
-"""Which ROS programs are there, as DDS participants: who sent a request, and whether he lives.
+"""ROS programs as DDS participants: the client of a request, and whether it still runs.
 
 Rules (DDS, Fast DDS): the first twelve bytes of a GUID are its participant's, one for a process mostly.
 A participant that ends says so; one that was killed is missed when its lease is over, after 20 s by default. Fast DDS
@@ -44,19 +44,19 @@ class ActionClients:
         self._node, self._action = node, action
 
     def present(self) -> set[bytes]:
-        """Return those that DDS knows now."""
+        """Return the participants known to DDS now."""
         publishers = self._node.get_publishers_info_by_topic(
             f"rq{self._action}/_action/send_goalRequest", no_mangle=True
         )
         return set(map(_participant, publishers))
 
     def runs_here(self, participant: bytes) -> bool:
-        """Whether it is of a process that runs on this host; of another container's nothing is known, False."""
+        """Whether the participant is a process on this host; False for other containers."""
         host = self._host()
         return host is not None and participant[:4] == _VENDOR + host and runs(_process(participant))
 
     def _host(self) -> bytes | None:
-        """Return what stands for this host in the bytes of a participant, by those of this process; None if not so."""
+        """Return this host's bytes in a participant, derived from this process; None if that fails."""
         own = self._node.get_publishers_info_by_topic(f"rt{self._action}/_action/status", no_mangle=True)
         for participant in map(_participant, own):
             if participant[:2] == _VENDOR and _process(participant) == os.getpid() % 65536:
@@ -89,7 +89,7 @@ def _process(participant: bytes) -> int:
 
 
 def runs(lowest: int, procfs: Path = _PROCFS) -> bool:
-    """Whether a process runs whose number ends, in its lower 16 bits, like this; one that nobody has waited for not."""
+    """Whether a process runs whose id has these lower 16 bits; zombies do not count."""
     for number in range(lowest, _PIDS, 65536):
         try:
             text = (procfs / str(number) / "stat").read_text()

@@ -1,4 +1,4 @@
-"""What this subpackage uses of rclpy, in one place and without types.
+"""The part of rclpy that is used, in one place and without types.
 
 rclpy is typed in parts, differently in each release, and may not be installed where types are checked; what is imported
 by name here is Any everywhere.
@@ -29,13 +29,13 @@ qos_profile_system_default = _qos.qos_profile_system_default
 
 
 def in_words(error: Exception) -> str:
-    """Return what rclpy raised as one line; the list of arguments that it did not know says what it is."""
+    """Return an exception of rclpy as one line."""
     text = " ".join(str(error).split())
     return f"it knows no arguments {text}" if type(error).__name__ == "UnknownROSArgsError" else text
 
 
 def start(name: str, namespace: str, arguments: list[str]) -> tuple[Context, Node]:
-    """Make a context that leaves signals alone, and a node; whatever rclpy raises."""
+    """Create a context without signal handlers, and a node; may raise what rclpy raises."""
     rclpy = importlib.import_module("rclpy")
     context = importlib.import_module("rclpy.context").Context()
     if namespace.strip("/"):  # what is wrong with it is told before a node is half made
@@ -46,7 +46,7 @@ def start(name: str, namespace: str, arguments: list[str]) -> tuple[Context, Nod
 
 
 def further_node(name: str, context: Context, namespace: str, arguments: Sequence[str] = ()) -> Node:
-    """Return another node of a context, without services of its own; whatever rclpy raises.
+    """Return another node of a context, without its own services; may raise what rclpy raises.
 
     `arguments` are its own, after `--ros-args`, and win over those of all nodes. A name that is remapped for all nodes
     is the first one's; topics that are remapped are those of all.

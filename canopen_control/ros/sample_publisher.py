@@ -66,7 +66,7 @@ class SamplePublisher(Endpoint):
         self._publisher = self._ros.node.create_publisher(type(self._message), topic, SYSTEM_DEFAULT)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Take the frame of a controller without one in its samples."""
+        """Use the frame of a controller for samples without one."""
         self._controller = controller
 
     def on_state(self, state: StateSample) -> None:

@@ -286,7 +286,7 @@ def _value(sample: Sample, source: str) -> Any:  # noqa: ANN401 - of any type
 
 
 def _put(messages: Messages, part: Any, field: str, value: Any, time: float) -> None:  # noqa: ANN401 - as above
-    """Put a value into a field: a structure by its names, a vector by its axes, a number that is not known as nan."""
+    """Set a field: a structure by names, a vector by axes, an unknown number as nan."""
     target = getattr(part, field, None)
     if target is None:  # not in this ROS
         return
@@ -322,7 +322,7 @@ def _element(messages: Messages, name: str, value: Any, time: float) -> object: 
 
 
 def measured_values(sample: Sample) -> Iterator[tuple[str, str, float | None]]:
-    """Yield name, unit and value of what the report shows of a sample."""
+    """Yield name, unit and value of a sample's fields in the report."""
     for row in SAMPLE_TOPICS:
         if isinstance(sample, row.kind):
             for source, unit in row.units.items():

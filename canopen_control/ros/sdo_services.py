@@ -66,7 +66,7 @@ def parse_address(text: str) -> Address:
 
 
 def decode(data: bytes, kind: str) -> Value:
-    """Return what the bytes of an object hold; ValueError when they are too few or too many for the type."""
+    """Return the value of an object's bytes; ValueError for a wrong length."""
     if kind == "str":
         return data.rstrip(b"\0").decode("utf-8", "replace")
     if kind in _FORMATS:
@@ -128,7 +128,7 @@ _LARGEST: Final = (1 << 63) - 1
 
 
 class NodeSdo:
-    """The handlers of one node; `name` is what the API calls it."""
+    """SDO services of one node; `name` is that in the API."""
 
     def __init__(self, ros: Ros, name: str) -> None:
         self._ros, self._name = ros, name
@@ -233,7 +233,7 @@ def write_object(
     *,
     width: int | None = None,
 ) -> None:
-    """Write an object, and tell None or why not; `make(length)` gives the bytes, ValueError if they do not fit.
+    """Write an object and report the error or None; `make(length)` returns the bytes, or ValueError.
 
     Nothing here knows the object's type: it is read first for its length, and where it cannot be read the usual widths
     are tried, since a node refuses a wrong one. With a `width` or a type in the address neither is needed.
@@ -295,7 +295,7 @@ def _teller(ros: Ros, node: str, response: RosMessage, reply: Reply) -> Callable
 def _one_by_one(
     items: list[Any], call_one: Callable[[int, Any, Callable[[], None]], None], done: Callable[[], object]
 ) -> None:
-    """Do one after the other: a node serves one transfer at a time, and what is written first is there first."""
+    """Run the requests in order, since a node serves one transfer at a time."""
 
     def go_on(number: int) -> None:
         if number == len(items):
@@ -307,7 +307,7 @@ def _one_by_one(
 
 
 def _fill(into: RosMessage, kind: str, result: SdoData | None, error: str | None) -> None:
-    """Put an object into a ParameterValue; what cannot be read stays without type, and says why."""
+    """Set a ParameterValue from an object; without a value its type is not set, and the text has the reason."""
     try:
         if result is None:
             raise ValueError(error)

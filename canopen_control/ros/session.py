@@ -1,4 +1,4 @@
-"""One robot shown to ROS, from the connection to its API until either is gone.
+"""Session of one robot in ROS, until robot or ROS ends.
 
 Two threads. The reactor's owns the connection to the robot and publishes what comes over it; the
 spinner's takes what ROS sends and hands it over through the mailbox. Whatever is wrong with a message, a topic or a
@@ -96,7 +96,7 @@ class Activity(Endpoint):
         self._next = self._time = 0.0
 
     def on_event(self, event: RobotEvent) -> None:
-        """Look at the hardware with the next sample: it may be what has changed."""
+        """Request the hardware states with the next sample, since they may have changed."""
         del event
         self._due = True
 
@@ -150,7 +150,7 @@ T = TypeVar("T")
 
 
 class Mailbox(Generic[T]):
-    """Newest value by name; `put` from any thread, `take` by the one that was woken."""
+    """Newest value by name; `put` from any thread, `take` on the thread that is woken."""
 
     def __init__(self, interval_ns: int) -> None:
         self.interval_ns = interval_ns
@@ -160,7 +160,7 @@ class Mailbox(Generic[T]):
         self._woken = False
 
     def put(self, name: str, value: T) -> bool:
-        """Leave the newest value; True when somebody must be woken to `take` it."""
+        """Store the newest value; True if the reader must be woken."""
         with self._lock:
             self._waiting[name] = value
             wake, self._woken = not self._woken, True
@@ -178,7 +178,7 @@ class Mailbox(Generic[T]):
             return due, later
 
     def forget(self, name: str) -> None:
-        """Drop what waits under a name that is no more."""
+        """Drop the value of a name that has ended."""
         with self._lock:
             self._waiting.pop(name, None)
             self._sent.pop(name, None)
@@ -217,7 +217,7 @@ _DIGITS = 6  # of seconds: what a time in Unix seconds can hold
 
 
 def wants_sim_time(client: RobotClient) -> bool:
-    """Return whether the controller manager of a robot has `use_sim_time`; False where nobody can say."""
+    """Return whether a robot's controller manager has `use_sim_time`; False if unknown."""
     try:
         parameters = client.ask(GetParameters(controller=MANAGER))
     except RemoteError:
@@ -226,7 +226,7 @@ def wants_sim_time(client: RobotClient) -> bool:
 
 
 class RosTime:
-    """Puts the times of messages from the robot into those of ROS, and stamps from ROS into the robot's.
+    """Conversion of times between the robot and ROS.
 
     `clock` returns ROS's time in s, None where it is this computer's; `wall` Unix seconds. Of two threads each has its
     own half: `state` and `event` are the reactor's, `unix` may be anybody's. `in_simulation`: the stamps of a simulated
@@ -263,7 +263,7 @@ class RosTime:
         return message if now is None else stamped(message, now)
 
     def unix(self, stamp: float | None) -> float | None:
-        """Return a stamp of ROS in the robot's time; None: there is none."""
+        """Return a stamp of ROS as the robot's time; None without one."""
         if stamp is not None and (epoch := self._epoch) is not None:
             wall = self._wall()
             return stamp if abs(stamp - wall) < abs(stamp - (wall - epoch)) else stamp + epoch
@@ -317,7 +317,7 @@ _LACKING_NS: Final = 1_000_000_000
 
 
 class RosSession:
-    """Topics of one robot; `on_end(why)` is called once, on the loop, when the robot is gone.
+    """Topics of one robot; `on_end(why)` is called once, on the loop, when the robot has ended.
 
     Its endpoints know it through the node that each is on, see `node_context`.
     """
@@ -353,7 +353,7 @@ class RosSession:
         self._asker = self.connect()
 
     def _make_common(self, urdf: str, nodes: list[RosNode]) -> None:
-        """Make the topics of the robot as a whole; what cannot be made is told, the others are there."""
+        """Create the topics of the robot as a whole; failures are reported, the others exist."""
         options, ros = self._options, self._ros
         factories: list[Callable[[], Endpoint]] = [
             lambda: RobotDescription(ros, urdf),
@@ -447,7 +447,7 @@ class RosSession:
         return name if has_it or not name else prefix + name
 
     def leave_out(self, interface: str) -> None:
-        """Tell the run what this ROS does not have, all that comes up within a second in one sentence."""
+        """Report interfaces that ROS lacks, collected for a second into one sentence."""
         if all(self._lacking.values()):
             self._reactor.call_later(_LACKING_NS, self._tell_lacking)
         self._lacking.setdefault(interface, False)
@@ -461,7 +461,7 @@ class RosSession:
             )
 
     def warn_of(self, node: Node, key: str, text: str) -> None:
-        """Tell the user as a node, each key once per second at most; from any thread.
+        """Log a warning as a node, each key at most once per second; from any thread.
 
         Whoever runs the robot may not look at /rosout: its terminal and its status say it too.
         """
@@ -470,7 +470,7 @@ class RosSession:
             self.hand_over(lambda: self._tell_robot(text))
 
     def _tell_robot(self, text: str) -> None:
-        """Have the robot tell a sentence as an event; on the reactor's thread."""
+        """Publish a sentence as an event of the robot; on the reactor's thread."""
         sentence = "".join(letter if letter.isprintable() else " " for letter in f"ROS: {text}")[:_LONGEST_TOLD]
         if not self._ended:
             with contextlib.suppress(RemoteError):  # a robot that is gone tells nothing; its end is seen elsewhere
@@ -480,11 +480,11 @@ class RosSession:
         self.warn_of(self.node, key, text)
 
     def hand_over(self, function: Callable[[], object]) -> None:
-        """Have a function called on the reactor's thread; from any thread."""
+        """Call a function on the reactor's thread; from any thread."""
         self._reactor.call_threadsafe(function)
 
     def watch_process_data(self, watcher: object, on: bool) -> None:
-        """Have the robot tell what its TPDOs carry while anybody wants it; on the reactor's thread.
+        """Subscribe to TPDO contents while they are needed; on the reactor's thread.
 
         Whoever begins to want it has everything told that has come, which the others then get once more.
         """
@@ -494,12 +494,12 @@ class RosSession:
             self._client.notify(Subscribe(state_rate=self._rate, events=True, pdos=on))
 
     def connect(self) -> ReactorClient:
-        """Return a connection to the robot of its own, for what ends with it; RemoteError if the robot is gone."""
+        """Return a separate connection to the robot; RemoteError if the robot has ended."""
         path = socket_path("robot", self.robot)
         return ReactorClient(ROBOT, path, self._reactor, label=f"robot {self.robot}")
 
     def call(self, function: Callable[[], object]) -> None:
-        """Have a function called in the thread of ROS's callbacks; in this one when that has ended."""
+        """Call a function on the thread of ROS's callbacks; on this one if that has ended."""
         if self._ended:
             function()
         else:
@@ -547,7 +547,7 @@ class RosSession:
         return [*self._common, *(endpoint for group in self._endpoints.values() for endpoint in group)]
 
     def _follow(self, states: dict[str, str]) -> None:
-        """Make and remove topics when a controller was loaded, switched or unloaded."""
+        """Create and remove topics after controllers were loaded, switched or unloaded."""
         if states == self._told:
             return
         controllers = {each.name: each for each in self._client.ask(ListControllers())}
@@ -567,7 +567,7 @@ class RosSession:
         self._tell_outpaced()
 
     def _tell_outpaced(self) -> None:
-        """Tell once who publishes more often than ROS is given it."""
+        """Report once which controllers publish more often than ROS gets samples."""
         text = outpaced(self.controllers.values(), self._rate)
         if text is not None and text != self._outpaced:
             self.ask(PublishEvent(kind="ros_rate", text=f"ROS: {text}"), lambda _done, _error: None)

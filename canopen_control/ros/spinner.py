@@ -22,7 +22,7 @@ _WAIT_S: Final = 1.0
 
 
 class Spinner:
-    """Spins nodes, `node` first; `on_error` gets what a callback raised, in the spinning thread, which goes on."""
+    """Spins nodes, `node` first; `on_error` gets exceptions of callbacks, on the spinning thread."""
 
     def __init__(self, node: Node, context: Context, on_error: Callable[[Exception], object]) -> None:
         self._executor = make_executor(context)
@@ -56,7 +56,7 @@ class Spinner:
         self._executor.add_node(node)
 
     def remove(self, node: Node) -> None:
-        """Spin a node no more, and end it: between two callbacks, or at once when the spinning has ended."""
+        """Stop spinning a node and destroy it: between two callbacks, or at once after the end."""
         self._nodes.remove(node)
 
         def end() -> None:

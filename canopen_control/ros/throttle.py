@@ -12,7 +12,7 @@ _NUMBERS: Final = re.compile(r"[-+]?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?")
 
 
 def without_numbers(text: str) -> str:
-    """Return a sentence by which others of its kind are known, whatever numbers stand in them."""
+    """Return a sentence without its numbers, as a key of its kind."""
     return _NUMBERS.sub("#", text)
 
 
@@ -24,7 +24,7 @@ class Throttle:
         self._last: dict[str, int] = {}
 
     def allows(self, key: str, now: int) -> bool:
-        """Whether it may be said again; `now` in ns."""
+        """Whether the message may be logged again; `now` in ns."""
         last = self._last.get(key)
         if last is not None and now - last < self.interval_ns:
             return False
@@ -33,7 +33,7 @@ class Throttle:
 
 
 class Refusals:
-    """Commands that a controller refuses, by its name: told when that begins and when it ends, with their number.
+    """Refusals of commands by controller: reported at the start and, with their number, at the end.
 
     A publisher that goes on while the drives are off is refused fifty times a second for one reason; another reason is
     told again, whatever numbers stand in it.
@@ -44,7 +44,7 @@ class Refusals:
         self._counts: dict[str, int] = {}
 
     def answered(self, controller: str, error: str | None) -> str | None:
-        """Take the answer to a command, None for one that was taken; return what is to be said, if anything."""
+        """Process the answer to a command (None: accepted); return the sentence to log, if any."""
         if error is None:
             count = self._counts.pop(controller, 0)
             self._reasons.pop(controller, None)

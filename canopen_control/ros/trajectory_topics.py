@@ -1,4 +1,4 @@
-"""A joint trajectory controller's topics beside its action: trajectories, its state, its speed; and a query.
+"""Topics of a joint trajectory controller in addition to its action, and its query service.
 
 Rules (joint_trajectory_controller, Jazzy): `~/joint_trajectory` takes the place of what is followed, and
 a bad one is dropped with a sentence; `~/controller_state` comes with every update that the state stream carries;
@@ -61,7 +61,7 @@ def seconds(duration: RosMessage) -> float:
 
 
 def stamp_of(trajectory: RosMessage) -> float | None:
-    """Return when a JointTrajectory begins, in Unix seconds; None at once."""
+    """Return the start of a JointTrajectory in Unix s; None for at once."""
     return seconds_of(trajectory.header.stamp.sec, trajectory.header.stamp.nanosec)
 
 
@@ -132,7 +132,7 @@ def _demand_numbers(point: TrajectoryPoint, at: int, joints: Sequence[str]) -> N
 
 
 def goal_refusal(goal: RosMessage) -> str | None:
-    """Say what in a goal of FollowJointTrajectory nobody here could follow, None if nothing is."""
+    """Return the reason why a goal of FollowJointTrajectory is not supported, None if it is."""
     nobody: dict[str, Callable[[], int]] = {
         "multi_dof_trajectory": lambda: len(goal.multi_dof_trajectory.points),
         "component_path_tolerance": lambda: len(goal.component_path_tolerance),
@@ -143,7 +143,7 @@ def goal_refusal(goal: RosMessage) -> str | None:
 
 
 class TrajectoryTopic(Endpoint):
-    """`~/joint_trajectory`: the newest counts, whatever came while one was on its way."""
+    """`~/joint_trajectory`: of messages during a transfer the newest counts."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller, self._topic = ros, controller.name, f"{controller.name}/joint_trajectory"
@@ -221,7 +221,7 @@ class TrajectoryQuery(Endpoint):
 
 
 class SpeedScalingTopic(Endpoint):
-    """The subscription of `~/speed_scaling_input`, once it is known that positions alone are commanded."""
+    """Subscription of `~/speed_scaling_input`, created for controllers that command positions only."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller.name

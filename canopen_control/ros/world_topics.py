@@ -55,7 +55,7 @@ class TopicHardware(Endpoint):
         self._message = JointState()
 
     def on_state(self, state: StateSample) -> None:
-        """Publish every joint; what is not known is nan, which that package ignores."""
+        """Publish every joint; unknown values are nan, which that package ignores."""
         message = self._message
         message.header.stamp = time_message(state.time)
         message.name, message.position, message.velocity, message.effort = joint_arrays(state.joints)
@@ -172,7 +172,7 @@ class GroundTruth(Endpoint):
         self._frame, self._last = "", 0.0
 
     def on_state(self, state: StateSample) -> None:
-        """Publish what is new."""
+        """Publish new samples."""
         for sample in state.told(OdometrySample).values():
             self._frame = sample.frame_id
         truth = state.true_pose

@@ -82,7 +82,7 @@ class _Waiting:
 
 
 class AnswerInvariants:
-    """Check of answers; `tell(rule, text)` receives breaches. `event`, `asked`, `taken`, `sampled` as time passes."""
+    """Check of answers; `report(rule, text)` receives breaches. `event`, `asked`, `taken`, `sampled` as time passes."""
 
     def __init__(
         self,

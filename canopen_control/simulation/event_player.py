@@ -79,7 +79,7 @@ class EventPlayer:
         _PLAY[act.kind](self, act)
 
     def asked(self, act: ScenarioEvent) -> None:
-        """Take that a client asks for an act now."""
+        """Record that a client requests an act now."""
         for observer in self.robot.observers:
             observer.asked(self.robot.now_ns, act)
 
@@ -100,7 +100,7 @@ class EventPlayer:
         self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
 
     def quirk(self, act: ScenarioEvent) -> None:
-        """Let a drive have a quirk."""
+        """Switch a quirk of a drive on."""
         self._switch_quirk(act, on=True)
         if act.for_ns is not None:
             self._later(act.for_ns, lambda: self._switch_quirk(act, on=False))

@@ -53,7 +53,7 @@ _BLOCKS: Final = 60_000  # allowed increase of memory blocks since shortly after
 
 
 class ReportInvariants:
-    """Comparison of the runtime's reports with the truth; `tell(rule, text)` receives breaches.
+    """Comparison of the runtime's reports with the truth; `report(rule, text)` receives breaches.
 
     `asked`, `taken` and `sampled` are called as time passes.
     """
@@ -177,7 +177,7 @@ _DEAF_NS: Final = 5000 * _MS  # after this time a client that does not read has 
 
 
 class ClientInvariants:
-    """Check of the robot's service to its clients; `tell(rule, text)` receives breaches.
+    """Check of the robot's service to its clients; `report(rule, text)` receives breaches.
 
     `sampled` is called as time passes.
     """
@@ -281,7 +281,7 @@ class Invariants(SimulationObserver):
             self.breaches.append(Breach((self._robot.now_ns - self._began) / 1e9, rule, text))
 
     def asked(self, now: int, act: ScenarioEvent) -> None:
-        """Take what a client asks for."""
+        """Process a request of a client."""
         self._motion.asked(now, act)
         self._targets.asked(now, act)
         self._answers.asked(now, act)
@@ -289,20 +289,20 @@ class Invariants(SimulationObserver):
         self._goals.asked(now, act)
 
     def event(self, event: Event) -> None:
-        """Take a report of the robot."""
+        """Process a report of the robot."""
         self._answers.event(self._robot.now_ns, event)
 
     def goal(self, now: int, act: ScenarioEvent, goal: TrajectoryGoal) -> None:
-        """Take a goal that was taken."""
+        """Process an accepted goal."""
         self._goals.taken(now, act, goal)
 
     def taken(self, now: int, act: ScenarioEvent) -> None:
-        """Take a command that was taken."""
+        """Process an accepted command."""
         self._answers.taken(now, act)
         self._told.taken(now, act)
 
     def played(self, now: int, act: ScenarioEvent) -> None:
-        """Take an act that begins."""
+        """Process the start of an act."""
         self._disturbed.troubled(now, act)
         self.troubled.troubled(act)
 

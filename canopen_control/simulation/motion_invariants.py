@@ -52,7 +52,7 @@ class _Stop:
 
 
 class MotionInvariants:
-    """Check of a robot's motion; `tell(rule, text)` receives breaches.
+    """Check of a robot's motion; `report(rule, text)` receives breaches.
 
     `asked` and `sampled` are called as time passes.
     """

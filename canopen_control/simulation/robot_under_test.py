@@ -54,22 +54,22 @@ _ENOUGH: Final = 1 << 16
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SimulationObserver:
-    """Is called by a simulated robot in whose `observers` it is; does nothing but what is overridden. Times in ns."""
+    """Observer of a simulated robot; methods without an override do nothing. Times in ns."""
 
     def event(self, event: Event) -> None:
         """Add an event of the robot."""
 
     def played(self, now: int, act: ScenarioEvent) -> None:
-        """Take an act that begins."""
+        """Process the start of an act."""
 
     def asked(self, now: int, act: ScenarioEvent) -> None:
-        """Take what a client asks for."""
+        """Process a request of a client."""
 
     def taken(self, now: int, act: ScenarioEvent) -> None:
-        """Take a command that the robot has taken."""
+        """Process an accepted command."""
 
     def goal(self, now: int, act: ScenarioEvent, goal: TrajectoryGoal) -> None:
-        """Take a goal that the robot has taken."""
+        """Process an accepted goal."""
 
 
 class EventDigest:
@@ -94,7 +94,7 @@ class EventDigest:
             waiting.clear()
 
     def event(self, event: Event) -> None:
-        """Take an event of the robot."""
+        """Process an event of the robot."""
         self.events += 1
         self._waiting += self._pack(event.time)
         sentence = event.sentence

@@ -159,6 +159,6 @@ class ServedSimulation:
         self._here.append(self._clients.admit(OutsideClient(self._clients, sock, self._front)))
 
     def requested(self, record: RequestSeen) -> None:
-        """Take what a program asks for, as the acts that it stands for."""
+        """Record a request of a program as acts."""
         for act in self._requests.acts(record):
             self._player.asked(act)

@@ -116,7 +116,7 @@ class _Shaft:
 
 
 class StatusInvariants:
-    """Check of a robot's reports; `tell(rule, text)` receives breaches. `sampled` is called as time passes."""
+    """Check of a robot's reports; `report(rule, text)` receives breaches. `sampled` is called as time passes."""
 
     def __init__(
         self,
@@ -387,7 +387,7 @@ class _Open:
 
 
 class GoalInvariants:
-    """Check of the ends of goals; `tell(rule, text)` receives breaches.
+    """Check of the ends of goals; `report(rule, text)` receives breaches.
 
     `asked`, `taken` and `sampled` are called as time passes.
     """

@@ -117,7 +117,7 @@ class _Commanders:
 
 
 class TargetInvariants:
-    """Check of targets; `tell(rule, text)` receives breaches. `asked` and `sampled` are called as time passes."""
+    """Check of targets; `report(rule, text)` receives breaches. `asked` and `sampled` are called as time passes."""
 
     def __init__(
         self,

@@ -69,7 +69,7 @@ class _Configured:
 
 
 class ConfigurationInvariants:
-    """Check of the configuration of nodes; `tell(rule, text)` receives breaches. `sampled` is called as time passes."""
+    """Check of the configuration of nodes; `report(rule, text)` receives breaches. `sampled` is called as time passes."""
 
     def __init__(
         self,
@@ -214,7 +214,7 @@ _ABORT, _BLOCK = 4, (5, 6)
 
 
 class WireInvariants:
-    """Check of one bus; `tell(rule, text)` receives breaches.
+    """Check of one bus; `report(rule, text)` receives breaches.
 
     `heard` receives all frames, `sampled` is called periodically.
     """

@@ -69,7 +69,7 @@ _FEWEST = 1
 
 
 def uploaded(data: bytes, name: str) -> ParameterSet:
-    """Read a DCF that somebody has chosen; ConfigError or EdsError for what is none."""
+    """Read an uploaded DCF; ConfigError or EdsError if it is invalid."""
     if not data:
         raise ConfigError(f"{name} is empty")
     return parse_backup(data, name)
@@ -90,7 +90,7 @@ def backup(session: NodeSession, work: NodeJob) -> str:
 
 
 def compare(session: NodeSession, work: NodeJob, file: ParameterSet) -> str:
-    """Read what a file holds and keep what differs as a table: address, name, file, node."""
+    """Read the parameters of a file from the node and list the differences: address, name, file, node."""
     node, left_out = read_same(session, file, work.at)
     why = {unread.entry.address: unread.why for unread in left_out}
     changes = differences(file, node)
@@ -113,7 +113,7 @@ def compare(session: NodeSession, work: NodeJob, file: ParameterSet) -> str:
 def restore(
     session: NodeSession, work: NodeJob, file: ParameterSet, options: RestoreOptions, *, any_node: bool = False
 ) -> str:
-    """Write what a file holds and prove it; DriveError where the node has refused some."""
+    """Write and verify the parameters of a file; DriveError if the node refused some."""
     if session.od is None:
         session.od = file.od.for_node(session.node_id)
     if not any_node:
@@ -144,7 +144,7 @@ _LOOK_S: Final = 0.3
 
 
 def options_of(number: str, expected: str) -> ProgramOptions:
-    """Return the options of what a person has written; ConfigError with what it has to be."""
+    """Return the options of a form; ConfigError for an invalid field."""
     try:
         program = int(number or "1", 0)
         wanted = int(expected, 0) if expected.strip() else None
@@ -171,7 +171,7 @@ def check_image(image: bytes, name: str) -> None:
 
 
 def load_program(session: NodeSession, work: NodeJob, image: bytes, options: ProgramOptions) -> str:
-    """Load a program and start it; DriveError with what the node has now where that failed."""
+    """Load a program and start it; DriveError with the present state of the node if that failed."""
     identity = device_identity(session)
     refuse_stranger(session, identity)
     if is_loader(identity):
@@ -240,13 +240,13 @@ class NodeJob:
     _ending: threading.Event = field(default_factory=threading.Event)
 
     def at(self, done: int, total: int | None = None) -> None:
-        """Tell how far it is; DriveError where somebody has asked for its end."""
+        """Report progress; DriveError if the end was requested."""
         self.done, self.total = done, total
         if self._ending.is_set():
             raise DriveError("a page asked for its end")
 
     def pace(self, now: float) -> tuple[float, float] | None:
-        """Return how much is over in a second and how many seconds are left; None while nobody knows."""
+        """Return the fraction per second and the remaining seconds; None if unknown."""
         part, since, before = self._rated
         if part != self.doing or self.done < before or not self.done:
             self._rated = self.doing, now, self.done
@@ -262,7 +262,7 @@ class NodeJob:
 
     @property
     def over(self) -> bool:
-        """Whether it has ended."""
+        """Whether the job has ended."""
         return self.good is not None
 
 
@@ -280,7 +280,7 @@ class NodeJobs(NodeObjects):
         self._editing = threading.Lock()
 
     async def ask(self, work: Callable[[NodeSession], T]) -> T:
-        """Return what `work` returns of a session with the node, on a thread; raises what it raises."""
+        """Return the result of `work` with a session of the node, on a thread; raises its errors."""
         return await in_thread(partial(self.with_session, work))
 
     def with_session(self, work: Callable[[NodeSession], T]) -> T:
@@ -308,11 +308,11 @@ class NodeJobs(NodeObjects):
 
     @property
     def busy(self) -> bool:
-        """Whether a long piece of work goes on."""
+        """Whether a job runs."""
         return self.work is not None and not self.work.over
 
     def begin(self, work: NodeJob, function: Callable[[NodeSession, NodeJob], str]) -> str | None:
-        """Begin what takes long on a thread; `function` returns the sentence at its end. The reason if it may not."""
+        """Start a job on a thread; `function` returns the final sentence. Returns the reason if it may not start."""
         if self.work is not None and not self.work.over:
             return f"{self.place.name} is busy: {self.work.title}; wait for its end"
         self.work = work

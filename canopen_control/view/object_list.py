@@ -1,4 +1,4 @@
-"""The objects of a node as the page shows them: rows that stay, what they hold now, what a search means. No toolkit."""
+"""Objects of a node as the page shows them: rows, values and search; without the toolkit."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ _MODE = (0x6061, 0)
 
 
 def address_text(address: Address) -> str:
-    """Return an address as it is written on the page."""
+    """Return an address as the page shows it."""
     return f"0x{address[0]:04X}:{address[1]:02X}"
 
 
 class ObjectList:
-    """The objects of the dictionary `od` of a node; `sent` is up to which news a page has been told."""
+    """Objects of the dictionary `od` of a node; `sent` is the sequence number up to which a page was updated."""
 
     def __init__(self, od: ObjectDictionary, node_id: int) -> None:
         self._od, self._node_id = od, node_id
@@ -41,7 +41,7 @@ class ObjectList:
 
     @property
     def rows(self) -> list[TreeRow]:
-        """All objects by address, as they stay."""
+        """All objects by address."""
         entries = list(self._entries.values())
         rows = rows_of(self._od, [LiveObject(entry) for entry in entries], self._node_id)
         return [
@@ -63,16 +63,16 @@ class ObjectList:
         ]
 
     def _record(self, entry: Entry) -> str:
-        """Return the name of the record or array that an entry is a part of, "" where it stands alone."""
+        """Return the name of the record or array of an entry, "" without one."""
         info = self._od.objects.get(entry.index)
         return "" if info is None or info.code in SCALAR_CODES else info.name or f"0x{entry.index:04X}"
 
     def entry(self, address: str) -> Entry | None:
-        """Return the object of an address as it is written on the page."""
+        """Return the object of an address in the page's form."""
         return self._entries.get(address)
 
     def entries(self, addresses: Iterable[str]) -> list[Entry]:
-        """Return those of these addresses that there are."""
+        """Return the existing objects of these addresses."""
         return [self._entries[address] for address in addresses if address in self._entries]
 
     def entries_with_mode(self, addresses: Iterable[str]) -> list[Entry]:
@@ -83,7 +83,7 @@ class ObjectList:
         return [*selected, mode] if wants and mode is not None and mode not in selected else selected
 
     def search(self, text: str) -> tuple[list[str] | None, str]:
-        """Return the addresses that words mean, None for all, and what is to be said where they mean none."""
+        """Return the matching addresses (None for all), and a message if there are none."""
         if not (words := text.split()):
             return None, ""
         try:
@@ -92,12 +92,12 @@ class ObjectList:
             return [], str(error)
 
     def news(self, live: Mapping[Address, tuple[int, LiveObject]]) -> dict[str, ObjectWords]:
-        """Return what is known now of the objects that were told otherwise, or not at all."""
+        """Return the values that have changed since the last update."""
         since, self._sent = self._sent, max((number for number, _ in live.values()), default=self._sent)
         return self._words(live, [value for number, value in live.values() if number > since])
 
     def known(self, live: Mapping[Address, tuple[int, LiveObject]], addresses: Iterable[str]) -> dict[str, ObjectWords]:
-        """Return what is known of these objects, whatever was told of them."""
+        """Return the values of these objects."""
         present = [self._entries[address].address for address in addresses if address in self._entries]
         return self._words(live, [live[each][1] for each in present if each in live])
 

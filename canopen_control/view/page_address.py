@@ -69,7 +69,7 @@ class AccessRules:
 
     @property
     def url(self) -> str:
-        """Where a user of this computer, or of another one that reaches it, finds the page; whoever has it may use it.
+        """Address of the page with its token; everyone who has it may use the page.
 
         It is for the terminal of the user who started the page, and for nothing that others read.
         """
@@ -77,7 +77,7 @@ class AccessRules:
 
     @property
     def place(self) -> str:
-        """The same without the token: where the server is."""
+        """Address of the server without the token."""
         name = socket.gethostname() if self.host in _EVERY_ADDRESS else self.host
         return f"http://{f'[{name}]' if ':' in name else name}:{self.port}/"
 
@@ -102,7 +102,7 @@ class AccessRules:
         return None
 
     def response_headers(self, nonce: str = "") -> dict[str, str]:
-        """Return what every answer is sent with: the page may ask nobody but us.
+        """Return the headers of every response: the page may connect to this server only.
 
         Scripts are our own files and those that carry `nonce`: text that came over a bus runs no script, however it
         got into the page. The toolkit compiles its templates in the browser, which needs 'unsafe-eval', and sets styles
@@ -123,7 +123,7 @@ class AccessRules:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address can be reached from this computer alone; any name but localhost is taken as not."""
+    """Whether an address can be reached from this computer only; names except localhost cannot."""
     if host == "localhost":
         return True
     try:
@@ -198,7 +198,7 @@ def _remove_dead(robot: str, but: Path) -> None:
 
 
 def _read(path: Path) -> dict[str, str]:
-    """Return what a file of ours says; {} where there is none, or none that can be read."""
+    """Return the content of a file; {} if it is missing or invalid."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:

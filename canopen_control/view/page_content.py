@@ -45,7 +45,7 @@ class RecentEvents:
         return iter(self._events)
 
     def add(self, event: RobotEvent) -> None:
-        """Take an event; one that the runtime has counted takes the place of the one it began with."""
+        """Add an event; a repeated one replaces the first."""
         if event.count > 1:
             self._replace(event)
         else:
@@ -61,7 +61,7 @@ class RecentEvents:
 
 @dataclass(frozen=True, slots=True)
 class PageContent:
-    """What is known now. `state` is the newest one; `lost` says why nobody knows whether it is still so, else empty."""
+    """Present content. `state` is the newest sample; `lost` is the reason why it may be outdated, else empty."""
 
     state: StateSample
     events: RecentEvents
@@ -83,7 +83,7 @@ _TIMEOUT_S: Final = 1.0
 
 
 class FaultClient:
-    """Asks virtual drives for their faults and switches them; `nodes` are those of the robot, virtual or not."""
+    """Client for faults of virtual drives; `nodes` are those of the robot, virtual or not."""
 
     def __init__(self, nodes: Iterable[NodeAddress]) -> None:
         self._nodes = {node.name: node for node in nodes}

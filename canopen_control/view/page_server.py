@@ -49,7 +49,7 @@ _NOT_BELIEVED: Final = (b"x-forwarded-prefix", b"x-forwarded-for", b"x-forwarded
 
 
 class AccessMiddleware:
-    """Wraps `app`; what is let through is up to `rules`."""
+    """Middleware of `app`; access is decided by `rules`."""
 
     def __init__(self, app: App, rules: AccessRules) -> None:
         self.app, self._rules = app, rules  # the toolkit looks for `app` to find its server
@@ -278,7 +278,7 @@ def _stop_route(stop: Callable[[], str | None]) -> Callable[[Request], Any]:
 
 
 async def access_problem(rules: AccessRules) -> str | None:
-    """Ask as those would who are to be refused; return what is wrong if one of them is answered."""
+    """Send requests that must be refused; return the problem if one is answered."""
     host = f"127.0.0.1:{rules.port}"
     own, foreign = f"Host: {host}", f"Origin: http://{_STRANGER}"
     root = rules.root
@@ -315,7 +315,7 @@ async def _status(rules: AccessRules, path: str, headers: Sequence[str]) -> int:
 
 
 def silence(report: Callable[[str], None]) -> None:
-    """Let the toolkit tell errors by `say`, and nothing else."""
+    """Redirect the toolkit's errors to `report`, and suppress its other output."""
     import logging
     import traceback
 

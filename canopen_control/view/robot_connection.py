@@ -46,7 +46,7 @@ Pose = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class NodeAddress:
-    """Where a node would be if it were virtual: a bus's channel and a node id."""
+    """Address of a node if it is virtual: channel of its bus and node id."""
 
     name: str
     channel: str
@@ -55,7 +55,7 @@ class NodeAddress:
 
 @dataclass(frozen=True, slots=True)
 class RobotInfo:
-    """What stays as it is while a robot runs, and its state when one came."""
+    """Constant data of a running robot, with its state at the time."""
 
     robot: str
     urdf: str
@@ -70,7 +70,7 @@ class RobotInfo:
 
     @property
     def shape(self) -> object:
-        """What a page was built for; a robot with another one needs another page."""
+        """Key of the robot's structure; another one needs another page."""
         return self.urdf, self.nodes, self.buses, self.joints
 
 
@@ -102,12 +102,12 @@ def read_robot_info(robot: str, description: Description, listing: NodeListing, 
 
 
 def true_pose_of(state: StateSample) -> Pose | None:
-    """Return where a simulated base truly is, in the frame of its odometry; None where that is not known."""
+    """Return the true pose of a simulated base in the frame of its odometry; None if unknown."""
     return None if state.true_pose is None else state.true_pose.in_odometry
 
 
 def pose_of(state: StateSample) -> Pose | None:
-    """Return where the first base controller believes to be."""
+    """Return the odometry pose of the first base controller."""
     for sample in state.told(OdometrySample).values():
         return sample.x, sample.y, sample.heading
     return None
@@ -129,7 +129,7 @@ _HEARTBEAT_S: Final = 0.5  # this process says so 20 times a second; the robot b
 
 @dataclass(frozen=True, slots=True)
 class TeleopCommands:
-    """What moves and what rests; the robot forgets both when this process dies.
+    """Commands of a held button and at its end; both end with the connection.
 
     `again` is sent instead of `moving` while the same motion goes on, None: `moving` itself.
     """
@@ -154,7 +154,7 @@ def twist_motion(controller: str, linear: float, angular: float, lateral: float 
 def trajectory_motion(
     controller: str, joints: Sequence[str], positions: Sequence[float], seconds: float
 ) -> TeleopCommands:
-    """Return the motion of an arm to `positions`, at rest there after `seconds`; let go of, it brakes and is held."""
+    """Return the motion of an arm to `positions` in `seconds`; released, it brakes and is held."""
     point = TrajectoryPoint(positions=list(positions), velocities=[0.0] * len(positions), time_from_start=seconds)
     goal = SendTrajectory(
         controller=controller, joints=list(joints), points=[point], source=SOURCE, heartbeat=_HEARTBEAT_S
@@ -180,7 +180,7 @@ def joint_motion(
 
 
 class DeadMan:
-    """Ends a motion whose held button falls silent; `send(request)` is called with every command."""
+    """Ends a motion whose held button is not renewed; `send(request)` is called with every command."""
 
     def __init__(self, send: Callable[[Command], object]) -> None:
         self._send = send
@@ -199,7 +199,7 @@ class DeadMan:
         return None if self._driver is None else self._heard + LET_GO_NS
 
     def hold(self, page: str, motion: TeleopCommands, now: int) -> bool:
-        """Take note that a page holds a button; False if another one drives."""
+        """Register a held button; False if another page drives."""
         self.tick(now)
         if self._driver not in (None, page):
             return False
@@ -212,12 +212,12 @@ class DeadMan:
         return True
 
     def tick(self, now: int) -> None:
-        """Let go when nobody has held for too long."""
+        """Release after a timeout."""
         if self._driver is not None and now - self._heard >= LET_GO_NS:
             self.release()
 
     def leave(self, page: str) -> None:
-        """Let go, because the page has been closed; other pages' driving goes on."""
+        """Release because the page was closed; motions of other pages continue."""
         if page == self._driver:
             self.release()
 
@@ -228,7 +228,7 @@ class DeadMan:
             self._send(motion.resting)
 
     def forget(self) -> None:
-        """End the motion without a word: STOP has ended it."""
+        """Drop the motion without a command, after STOP."""
         self._driver, self._motion = None, None
 
 
@@ -244,16 +244,16 @@ class RobotConnection:
         self._client = RobotClient.connect(name, _TIMEOUT_S)
 
     def robot_info(self) -> RobotInfo:
-        """Ask for everything that stays as it is while the robot runs; waits. RemoteError when it is gone."""
+        """Request the constant data of the robot; waits. RemoteError if it has ended."""
         ask = self._client.ask
         return read_robot_info(self.name, ask(GetDescription()), ask(GetNodes()), ask(GetStatus()))
 
     def subscribe(self, rate: float) -> None:
-        """Ask for samples of the state, at `rate` in Hz, and for events; does not wait. RemoteError when it is gone."""
+        """Subscribe to samples at `rate` in Hz and to events; does not wait. RemoteError if the robot has ended."""
         self._client.notify(Subscribe(state_rate=rate, events=True))
 
     def messages(self) -> Iterator[StateSample | RobotEvent]:
-        """Yield what has come, of several samples the last one; RemoteError when the robot is gone."""
+        """Yield received messages, of several samples the last one; RemoteError if the robot has ended."""
         newest: StateSample | None = None
         for message in self._client.messages(0):
             if isinstance(message, StateSample):
@@ -272,7 +272,7 @@ class RobotConnection:
         self._client.notify(Stop(latch=True, source=SOURCE))
 
     def send(self, request: Request[Any]) -> None:
-        """Send a command that nobody waits for.
+        """Send a command without waiting for its answer.
 
         A robot that is gone is told by `messages`.
         """
@@ -289,7 +289,7 @@ class RobotConnection:
         return None
 
     def controllers(self) -> tuple[ControllerReading, ...]:
-        """Ask for the controllers, on a connection of its own; waits. CanopenError when the robot is gone."""
+        """Request the controllers on a separate connection; waits. CanopenError if the robot has ended."""
         with RobotClient.connect(self.name, _TIMEOUT_S) as client:
             return client.ask(ListControllers())
 
@@ -302,7 +302,7 @@ T = TypeVar("T")
 
 
 async def in_thread(function: Callable[[], T]) -> T:
-    """Return what `function` returns, or raise what it raises.
+    """Return the result of `function`, run on a thread; raises its errors.
 
     The loop's own executor is waited for when a program ends; a robot or a drive that hangs would hold that up.
     """

@@ -1,4 +1,4 @@
-"""Everything the view knows of one robot, for all its pages: what it is, how it is, and the last half minute."""
+"""Data of one robot for all pages: constant data, state, and the last half minute."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class WorldClient:
             return False
 
     def act(self, world_act: WorldAct) -> bool:
-        """Let it happen now, and return whether the robot tells of it; RemoteError where it is refused, or no world."""
+        """Apply a disturbance now, and return whether the robot reports it; RemoteError if it is refused."""
         if not self._nodes:
             with RobotClient.connect(self._robot, _TIMEOUT_S) as client:
                 client.ask(world_act)
@@ -129,14 +129,14 @@ class RobotView:
         return self._desks[node]
 
     def come_back(self, info: RobotInfo) -> bool:
-        """Go on with a robot that was started again; False if it is another one, for which this does not fit."""
+        """Continue with a restarted robot; False if it has another structure."""
         if info.shape != self.info.shape:
             return False
         self.info, self.state, self.events = info, info.state, RecentEvents(info.events)
         return True
 
     def take(self, state: StateSample) -> SceneChange:
-        """Take a sample of the stream; returns what of the scene has changed."""
+        """Process a sample of the stream; return the changes of the scene."""
         self.state = state
         self.history.add(state.time, self._sampler.take(state, commanded_interfaces(self.controllers, state)))
         if (pose := pose_of(state)) is not None:
@@ -156,7 +156,7 @@ class RobotView:
         return {"angles": angles, "pose": _rounded(pose), "truth": _rounded(truth), "tint": bad}
 
     def content(self, lost: str) -> PageContent:
-        """Return what the panels show; `lost` says why nobody knows how the robot is, empty if somebody does."""
+        """Return the content of the panels; `lost` is the reason if the state is unknown, else empty."""
         return PageContent(self.state, self.events, self.controllers, self.faults, lost)
 
 

@@ -41,7 +41,7 @@ class History:
         self._new = 0
 
     def add(self, time: float, values: Mapping[str, float | None]) -> None:
-        """Take a sample; of those within a tenth of a second the last is kept."""
+        """Add a sample; of those within a tenth of a second the last is kept."""
         slot = math.floor(time * RATE + 1e-6)
         if self._slot is not None and slot < self._slot:
             self.clear()  # the clock was set back
@@ -57,7 +57,7 @@ class History:
         return list(self._rows)
 
     def take_new_rows(self) -> list[Row]:
-        """Return the rows that are finished and have not been taken, oldest first."""
+        """Return complete rows not returned before, oldest first."""
         rows, count = list(self._rows), min(self._new, len(self._rows))
         if count < 2:
             return []
@@ -112,7 +112,7 @@ def names(joints: Sequence[str], buses: Sequence[str]) -> list[str]:
 
 
 def charts(joints: Sequence[str], buses: Sequence[str]) -> list[Chart]:
-    """Return what is drawn of a robot: "joints", then "cycle"."""
+    """Return the charts of a robot: "joints", then "cycle"."""
     shown = joints[:SHOWN_JOINTS]
     plots = [
         Chart(
@@ -132,7 +132,7 @@ def charts(joints: Sequence[str], buses: Sequence[str]) -> list[Chart]:
 
 
 def titles(interfaces: Mapping[str, str], linear: frozenset[str]) -> dict[str, str]:
-    """Return what is plotted of which chart now, with its unit."""
+    """Return the titles of a chart's plots, with units."""
 
     def unit(joint: str, interface: str) -> str:
         return (_LINEAR_UNITS if joint in linear else _UNITS)[interface]
@@ -188,14 +188,14 @@ class Sampler:
 
 
 class Stillness:
-    """Whether the robot stands: no joint has moved, and none was told anything new, for a second of its time."""
+    """Whether the robot stands still: no motion and no new command for a second of its time."""
 
     def __init__(self) -> None:
         self._known: dict[str, tuple[float, float | None]] = {}
         self._since = 0.0
 
     def take(self, state: StateSample) -> bool:
-        """Take a sample; return whether the robot stands."""
+        """Process a sample; return whether the robot stands still."""
         for name, joint in state.joints.items():
             place, command = joint.position or 0.0, joint.command
             before = self._known.get(name)

@@ -25,7 +25,7 @@ _JUMP: Final = 1.0  # m; further than a robot drives between two samples: the od
 
 
 class _VisualDocument(TypedDict):
-    """A shape at its link: m, and the quaternion w, x, y, z; `url` is that of a mesh."""
+    """Shape at its link: m, and the quaternion w, x, y, z; `url` is that of a mesh."""
 
     shape: str
     size: Sequence[float]
@@ -59,7 +59,7 @@ class SceneDocument(TypedDict):
 
 
 class SceneTree:
-    """`tree` is what the browser draws, `notes` says what could not be drawn.
+    """Scene of a robot: `tree` is drawn by the browser, `notes` lists parts that cannot be drawn.
 
     `publish(content, type)` serves the content of a mesh and returns its path on the page's server.
     """
@@ -117,7 +117,7 @@ class SceneTree:
 
 
 def angles_of(model: RobotModel, positions: Mapping[str, float | None]) -> list[float | None]:
-    """Return where each joint of the tree is, by its order; rad or m, None where nobody knows."""
+    """Return the joint positions by index in rad or m, None if unknown."""
     return [_rounded(joint.position_in(positions)) for joint in model.from_root]
 
 
@@ -132,7 +132,7 @@ class Trail:
         self.points: deque[tuple[float, float]] = deque(maxlen=_TRAIL_POINTS)
 
     def add(self, pose: Pose) -> None:
-        """Take note where the base is; a jump begins anew."""
+        """Add a pose of the base; a jump starts a new path."""
         x, y, _ = pose
         last = self.points[-1] if self.points else (math.inf, math.inf)
         moved = math.hypot(x - last[0], y - last[1])

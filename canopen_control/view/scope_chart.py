@@ -31,7 +31,7 @@ _LINE: Final[Options] = {"color": "#16324f", "width": 1, "type": "solid"}
 
 
 def thinned(shot: Shot, place: int, most: int = MOST_POINTS) -> list[tuple[float, float | None]]:
-    """Return times from its zero and values of a signal; None where it is not known."""
+    """Return times (from the zero) and values of a signal; None for unknown values."""
     points = [(round(time - shot.zero, 6), _known(row[place])) for time, row in shot.rows]
     if len(points) <= most:
         return points

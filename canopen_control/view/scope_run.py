@@ -41,7 +41,7 @@ _TIMEOUT_S: Final = 2.0
 
 @dataclass(frozen=True, slots=True)
 class ScopeForm:
-    """What is looked at: `trigger` as the verb takes it, "" for none; `rolling`: shot after shot."""
+    """Form of a scope: `trigger` as in the verb, "" for none; `rolling` captures repeatedly."""
 
     signals: tuple[str, ...]
     length: float = 2.0
@@ -50,7 +50,7 @@ class ScopeForm:
     rolling: bool = False
 
     def check(self) -> None:
-        """Raise ConfigError for what is none, before anything is asked."""
+        """Raise ConfigError for invalid input before a request is sent."""
         if not self.signals:
             raise ConfigError("choose what to look at: one signal at least")
         if len(self.signals) > MOST_SIGNALS:
@@ -86,15 +86,15 @@ class ScopeRun:
         self._ending = threading.Event()
 
     def start(self) -> None:
-        """Begin on a thread."""
+        """Start the thread."""
         threading.Thread(target=self.run, name="page scope", daemon=True).start()
 
     def end(self) -> None:
-        """End it: what is being taken is a shot, what waits is none."""
+        """End the run: a capture in progress is kept, a waiting one dropped."""
         self._ending.set()
 
     def run(self) -> None:
-        """Look until the shots are taken or it is ended; the body of the thread."""
+        """Capture until complete or ended; body of the thread."""
         try:
             with self._desk.session() as session, self._connect(self._desk.robot, _TIMEOUT_S) as client:
                 self._look(session, client)

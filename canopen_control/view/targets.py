@@ -1,4 +1,4 @@
-"""Targets of a position controller's sliders: what nobody has set is where the joint is, and a drive does not move it.
+"""Targets of position sliders: untouched ones follow the joint and do not move it.
 
 A slider that somebody sets keeps that target until the drive that follows has ended; all others follow their joints,
 whoever moves those. While somebody drives, a joint that was not set stays where it was at first.
@@ -50,7 +50,7 @@ class DriveTarget:
 
     @property
     def quantity(self) -> str:
-        """What a target is now, "" for none."""
+        """Quantity of the target, "" for none."""
         return MODES.get(self.mode, "")
 
     @property
@@ -60,7 +60,7 @@ class DriveTarget:
 
 
 def drive_targets(state: StateSample, controllers: Iterable[ControllerReading]) -> tuple[DriveTarget, ...]:
-    """Return the drives whose active controller takes a target, in the order of the controllers."""
+    """Return the drives with an active target controller, in the order of the controllers."""
     axes = {axis.joint: (node, axis) for node, reading in state.nodes.items() for axis in reading.axes}
     targets = []
     for controller in controllers:
@@ -88,7 +88,7 @@ class TargetSliders:
         self._held_at: float | None = None
 
     def set(self, joint: str, value: float) -> None:
-        """Take note that somebody has set a slider."""
+        """Register a moved slider."""
         low, high = self._limits[joint]
         self.values[joint] = min(max(value, low), high)
         self._set.add(joint)
@@ -112,7 +112,7 @@ class TargetSliders:
         return moved
 
     def targets(self, positions: Mapping[str, float | None]) -> list[float]:
-        """Return what a held button sends, by the order of the sliders."""
+        """Return the targets of a held button, in the order of the sliders."""
         now = self._clock()
         if not self._driven(now):
             self._rest = {joint: at for joint, at in positions.items() if at is not None}
@@ -120,7 +120,7 @@ class TargetSliders:
         return [value if joint in self._set else self._rest.get(joint, value) for joint, value in self.values.items()]
 
     def rest(self, positions: Mapping[str, float | None]) -> list[float]:
-        """Return what ends the drive: where the joints are, as far as that is known."""
+        """Return the command that ends the motion: the present positions, as far as known."""
         values = {**self.values, **self._rest}
         values |= {joint: at for joint, at in positions.items() if at is not None}
         return [values[joint] for joint in self.values]

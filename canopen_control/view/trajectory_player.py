@@ -1,4 +1,4 @@
-"""Playing a trajectory for a page: who plays, on which connection, and what ends it. No toolkit.
+"""Player of trajectories for pages: connections and their ends; without the toolkit.
 
 A trajectory lives as long as the page that plays it says again and again that it is there.
 Silence for `SILENT_S`, a closed page and a click on Cancel end it in a decelerated hold, told by the robot's own
@@ -41,7 +41,7 @@ MOST_BYTES: Final = 1_000_000  # what is read here is read beside STOP; the shel
 
 @dataclass(frozen=True, slots=True)
 class LoadedTrajectory:
-    """A file's joints and points; `name` is what the user called it. Times are s from its start."""
+    """Joints and points of a file; `name` is that of the upload. Times in s from its start."""
 
     name: str
     joints: list[str]
@@ -86,7 +86,7 @@ def follows_trajectories(controller: ControllerReading) -> bool:
 
 
 def progress_of(sample: TrajectorySample | None, duration: float) -> tuple[float, str]:
-    """Return how much of a trajectory is done, from 0 to 1, and in words, by what its controller tells."""
+    """Return the progress of a trajectory from 0 to 1, and in words."""
     if sample is None or not sample.executing:
         return 0.0, "Playing."
     at = min(max(sample.reference.time_from_start, 0.0), duration)
@@ -96,7 +96,7 @@ def progress_of(sample: TrajectorySample | None, duration: float) -> tuple[float
 
 
 def place_text(loaded: LoadedTrajectory, number: int) -> str:
-    """Say which point is previewed, and that nothing moves."""
+    """Return a sentence about the previewed point."""
     at = loaded.points[number].time_from_start
     return f"Preview, the robot does not move: point {number + 1} of {len(loaded.points)}, at {at:.2f} s"
 
@@ -138,14 +138,14 @@ _SILENT: Final = "the page that played it has fallen silent"
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryOutcome:
-    """How it ended: whether its goal was reached, and the robot's sentence."""
+    """Result: whether the goal was reached, and the robot's sentence."""
 
     reached: bool
     text: str
 
 
 class TrajectoryPlayer:
-    """Plays for pages by name; `may_play` says which may, `connect` makes a connection, `clock` gives s."""
+    """Plays for pages by name; `may_play` decides which, `connect` opens a connection, `clock` returns s."""
 
     def __init__(
         self,
@@ -160,11 +160,11 @@ class TrajectoryPlayer:
 
     @property
     def page(self) -> str | None:
-        """The page that plays, None if nobody does."""
+        """Page that plays, None if none does."""
         return self._page
 
     async def play(self, page: str, controller: str, trajectory: LoadedTrajectory) -> TrajectoryOutcome:
-        """Play to the end, whatever that is."""
+        """Play to the end."""
         if not self._may_play(page):
             return TrajectoryOutcome(False, "this page may not move the robot")
         if self._run is not None:
@@ -179,12 +179,12 @@ class TrajectoryPlayer:
             self._page, self._run = None, None
 
     def here(self, page: str) -> None:
-        """Take note that a page is there."""
+        """Register a page as present."""
         if page == self._page:
             self._heard = self._clock()
 
     def tick(self) -> None:
-        """Say that this process is at work; end what a page plays that has said nothing for too long."""
+        """Send heartbeats; end the trajectory of a page that was silent for too long."""
         if self._run is None:
             return
         self._run.beat()
@@ -192,22 +192,22 @@ class TrajectoryPlayer:
             self._run.cancel(_SILENT)
 
     def leave(self, page: str) -> None:
-        """End what a page plays, because it has been closed."""
+        """End the trajectory of a closed page."""
         self.cancel(page, _GONE)
 
     def cancel(self, page: str, why: str | None = None) -> None:
-        """End what a page plays; what others play goes on."""
+        """End the trajectory of a page; others continue."""
         if self._run is not None and page == self._page:
             self._run.cancel(why)
 
     def end(self) -> None:
-        """End it without another word: the connection is what it lives by."""
+        """Close the connection, which ends the trajectory."""
         if self._run is not None:
             self._run.close()
 
 
 class _Run:
-    """One trajectory on a connection of its own: `play` waits on a thread, everything else is called meanwhile."""
+    """One trajectory on its own connection: `play` waits on a thread, other methods are called meanwhile."""
 
     def __init__(self, controller: str, trajectory: LoadedTrajectory) -> None:
         self._controller, self._trajectory = controller, trajectory
@@ -224,7 +224,7 @@ class _Run:
             return TrajectoryOutcome(False, str(error))
 
     def cancel(self, why: str | None) -> None:
-        """End it: the joints brake. What has not been sent yet is not sent, a second call changes nothing."""
+        """Cancel: the joints brake, remaining points are not sent; a second call does nothing."""
         if self._cancelled:
             return
         self._cancelled, self._why = True, why
@@ -255,7 +255,7 @@ class _Run:
         return TrajectoryOutcome(result.state == "succeeded", result.text)
 
     def beat(self) -> None:
-        """Have the robot know that this process is at work."""
+        """Send a heartbeat."""
         if self._sent and not self._cancelled:
             self._notify(TrajectoryHeartbeat())
 

@@ -41,7 +41,7 @@ _HUNDREDTHS: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class TuneForm:
-    """What is asked for: speeds in rad/s, travel in rad each way, torque and current in per mille, crossover in Hz.
+    """Form of a tuning run: speeds in rad/s, travel each way in rad, torque and current in per mille, crossover in Hz.
 
     `axis` is that of the drive, of one with several.
     """
@@ -61,7 +61,7 @@ class TuneForm:
 
     @property
     def request(self) -> TuneRequest:
-        """The same for who excites; ConfigError for a speed that is none."""
+        """Request of the run; ConfigError for an invalid speed."""
         return TuneRequest(
             test=self.test,
             seconds=self.seconds,
@@ -75,18 +75,18 @@ class TuneForm:
 
     @property
     def limits(self) -> JogLimits:
-        """Where it ends."""
+        """Limits of the run."""
         return JogLimits(self.most_speed, self.most_travel, self.most_current)
 
     def check(self) -> None:
-        """Raise ConfigError for what is beyond the limits, before anything moves."""
+        """Raise ConfigError for values beyond the limits before the drive moves."""
         if self.test is TuneTest.STEP and not self.speed:
             raise ConfigError("a step to 0 moves nothing")
         self.request.check(self.limits, SCALE)
 
 
 def confirmed_words(wish: TuneForm) -> list[str]:
-    """Return what somebody confirms before the drive moves."""
+    """Return the sentence to confirm before the drive moves."""
     limits = wish.limits
     return [
         wish.request.words(SCALE),
@@ -97,7 +97,7 @@ def confirmed_words(wish: TuneForm) -> list[str]:
 
 @dataclass(slots=True)
 class TuneFound:
-    """What came of the last run: curves, a frequency response, gains that can be set; written by its thread."""
+    """Results of the last run: curves, frequency response, gains; written by its thread."""
 
     wish: TuneForm
     curves: NamedShot | None = None
@@ -107,12 +107,12 @@ class TuneFound:
 
 
 class JobProgress(Protocol):
-    """The piece of work that pages look at: how far it is, which raises where it is to end, and what came of it."""
+    """Job as seen by pages: its progress, end request and result."""
 
     lines: list[str]
 
     def at(self, done: int, total: int | None = None) -> None:
-        """Tell how far it is."""
+        """Report progress."""
 
 
 def refusal(controllers: Sequence[ControllerReading], place: NodePlace, axis: int, robot: str) -> str:
@@ -142,11 +142,11 @@ class PagePresence:
         self._clock, self._seen = clock, clock()
 
     def here(self) -> None:
-        """Say that it is there."""
+        """Register the page as present."""
         self._seen = self._clock()
 
     def check(self) -> None:
-        """Raise DriveError where it is gone."""
+        """Raise DriveError if the page was closed."""
         if self._clock() - self._seen > GONE_S:
             raise DriveError("the page that began it is gone: stopped and disabled")
 
@@ -159,7 +159,7 @@ def tune(
     presence: PagePresence,
     run: Callable[..., TuneRun] = TuneRun,
 ) -> str:
-    """Excite an axis of a node within its limits, and keep what it shows; the sentence at its end."""
+    """Excite an axis of a node within its limits and store the results; return the final sentence."""
     wish, request = result.wish, result.wish.request
     wish.check()
     mode = "PV" if request.kind is JogKind.VELOCITY else "TQ"

@@ -65,7 +65,7 @@ _ELEMENTS: Final = Path(__file__).parent / "elements"
 
 @dataclass(frozen=True, slots=True)
 class PanelSlot:
-    """A panel and where it stands: "side", "middle" or "right"; without a title it has no frame of its own."""
+    """Panel and its place: "side", "middle" or "right"; without a title it has no frame."""
 
     key: str
     where: str
@@ -97,7 +97,7 @@ def stop_html() -> str:
 
 
 def build_waiting(robot: str, why: str) -> None:
-    """Make the page of a robot that has never been there: STOP, and why it does not reach anybody."""
+    """Build the page before the robot was found: STOP, and the reason why it reaches none."""
     ui.add_body_html(stop_html())
     text = f"<div class='cc-head'><span class='cc-name'>{escape(robot)}</span></div>"
     note = f"<div class='cc-cause cc-bad'>not connected<span>{escape(why)}</span></div>"
@@ -133,18 +133,18 @@ class Page:
             return slot.make(self._context)
 
     def show(self, content: PageContent) -> None:
-        """Show what is known now; a few times a second."""
+        """Update the page a few times a second."""
         with self.client:
             for panel in self._panels:
                 panel.show(content)
             self._drive.show(content)
 
     def leave(self) -> None:
-        """End what this page alone reads: it is closed."""
+        """End reads of this page, which was closed."""
         self._drive.leave()
 
     def changes(self, content: PageContent) -> FeedMessage:
-        """Return what the feed has to tell this page: what of the content has changed since the last time."""
+        """Return the feed message of this page: the changes since the last one."""
         message: FeedMessage = {}
         if content.commanded != self._commanded:
             self._commanded = content.commanded
@@ -156,16 +156,16 @@ class Page:
         return message
 
     def send(self, data: FeedMessage) -> None:
-        """Send to the page's scene and plots; nothing at all says that the view is alive."""
+        """Send to the scene and plots; an empty message is a sign of life."""
         self._feed.send(data)
 
     def reload(self) -> None:
-        """Load it anew: the robot is another one."""
+        """Reload the page for another robot."""
         self.client.run_javascript("location.reload()")
 
 
 def _query() -> dict[str, str]:
-    """Return what the page was asked for, which says where in it the user was."""
+    """Return the query of the page's address."""
     return dict(ui.context.client.request.query_params)
 
 
@@ -212,7 +212,7 @@ class ViewApp:
 
     @property
     def robot(self) -> RobotView:
-        """What is known of the robot; only pages of a robot that was there ask."""
+        """The robot as known; only for pages built after it was found."""
         if self._known is None:
             raise RemoteError("BusClosed", self._lost)
         return self._known
@@ -258,7 +258,7 @@ class ViewApp:
             self._complain(error)
 
     def _complain(self, error: BaseException) -> None:
-        """Say it and go on: a page that cannot be drawn must not take the STOP button with it."""
+        """Report the error and continue, so that the STOP button remains."""
         self._say("".join(traceback.format_exception(error)).rstrip())
 
     # ------------------------------------------------------------------------------------ what a page may do
@@ -291,7 +291,7 @@ class ViewApp:
         )
 
     def hold(self, page: str, motion: TeleopCommands, on_refusal: Callable[[str], None]) -> None:
-        """Take note that a page holds a button; `told` gets a sentence if it may not drive."""
+        """Register a held button of a page; `on_refusal` gets a sentence if it may not drive."""
         if page not in self._pages or not self.teleop:
             return  # it was closed while this was on its way
         if not self._dead_man.hold(page, motion, time.monotonic_ns()):
@@ -300,11 +300,11 @@ class ViewApp:
             self._watch_hold()
 
     def release(self, page: str) -> None:
-        """End what a page drives, now."""
+        """End the motion of a page now."""
         self._dead_man.leave(page)
 
     def _watch_hold(self) -> None:
-        """Let go in time, and look again as long as somebody holds."""
+        """Release after the timeout, and check again while a button is held."""
         now = time.monotonic_ns()
         self._dead_man.tick(now)
         deadline = self._dead_man.deadline
@@ -318,7 +318,7 @@ class ViewApp:
     # ------------------------------------------------------------------------------------ who looks
 
     def _build(self) -> None:
-        """Make a page for who has just opened it."""
+        """Build the page that was opened."""
         if self._known is None:
             build_waiting(self.name, self._lost)
             ui.timer(1.0, lambda: ui.navigate.reload() if self._known is not None else None)
@@ -381,7 +381,7 @@ class ViewApp:
             page.send(changes)
 
     def _judge_silence(self) -> None:
-        """Take a robot that is connected and says nothing for lost, until it says something again."""
+        """Mark a connected robot as lost after a silence, until it sends again."""
         silent_s = time.monotonic() - self._heard
         self._silent = self._connection is not None and silent_s > _SILENT_S
         if self._silent:
@@ -401,7 +401,7 @@ class ViewApp:
             page.send({"scene": changed})
 
     async def _follow_controllers(self, robot: RobotView) -> None:
-        """Ask until the robot answers, or is gone: a busy one must not leave the page without its buttons."""
+        """Request the controllers until the robot answers or ends."""
         connection, asked_for = self._connection, self._controller_states
         while connection is not None and connection is self._connection and asked_for is self._controller_states:
             with contextlib.suppress(CanopenError):
@@ -424,7 +424,7 @@ class ViewApp:
             await asyncio.sleep(_FAULTS_S)
 
     async def _watch_world(self) -> None:
-        """Follow what stands in the world of a simulated robot while somebody looks."""
+        """Update the objects of a simulated world while a page is open."""
         while True:
             robot, moves = self._known, False
             if robot is not None and self._pages and robot.state.true_pose is not None:
@@ -464,7 +464,7 @@ class ViewApp:
             return None
 
     def _learn(self, info: RobotInfo) -> None:
-        """Take what the robot says of itself; pages made for another one are loaded anew."""
+        """Process the constant data of the robot; pages of another structure are reloaded."""
         if self._known is not None and self._known.come_back(info):
             return
         self._known = RobotView(info, self._publish)
@@ -480,7 +480,7 @@ class ViewApp:
         return path.removeprefix("/")  # an address of the page is relative: it begins with the token
 
     def _announce(self, connection: RobotConnection) -> None:
-        """Print where the page is; started by `run`, tell it without the token as an event of the robot.
+        """Print the page's address; started by `run`, publish it without the token as an event.
 
         Events are recorded, reported and published as ROS topics; `run` prints the token from `page_addresses`.
         """
@@ -504,7 +504,7 @@ class ViewApp:
             self._drop(str(error))
 
     def _drop(self, why: str) -> None:
-        """Take note that the robot is gone."""
+        """Mark the robot as lost."""
         if self._connection is None:
             return
         self._leave()
@@ -523,7 +523,7 @@ class ViewApp:
 
 
 def _meet(name: str) -> tuple[RobotConnection, RobotInfo]:
-    """Connect and ask for all that a page needs to begin; waits."""
+    """Connect and request the initial data of a page; waits."""
     connection = RobotConnection(name)
     try:
         return connection, connection.robot_info()

@@ -30,7 +30,7 @@ LATE_S: Final = 0.25  # a drive that has not been heard of for so long is shown 
 
 @dataclass(frozen=True, slots=True)
 class Banner:
-    """The robot in one line, how good that is, what is the matter, what to do, and the runtime's name for doing it."""
+    """Banner: the robot, its level, the problem, the next step, and its name in the API."""
 
     words: str
     tone: str
@@ -70,7 +70,7 @@ _FEW: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class AxisRow:
-    """One axis of a node, or a node without axes; `tone` is how good its state is, `age` in words."""
+    """Row of one axis, or of a node without axes; `tone` is the level of its state, `age` in words."""
 
     node: str
     node_id: int
@@ -83,7 +83,7 @@ class AxisRow:
 
 
 def banner(state: StateSample) -> Banner:
-    """Say how the robot is, what is the matter, and what to do next."""
+    """Return state, problem and next step of the robot."""
     if state.latched:
         by = f" (by {state.latched_by})" if state.latched_by else ""
         return Banner(
@@ -106,7 +106,7 @@ def _who_is_off(off: list[AxisReading], axes: int) -> str:
 
 
 def lost_banner(why: str) -> Banner:
-    """Say that nobody knows how the robot is."""
+    """Return the banner of a robot whose state is unknown."""
     return Banner(
         "not connected", BAD, f"STOP on this page does not reach the robot. {why}".strip(),
         "What is shown here is old. Use another way to stop it (emergency stop, terminal); "
@@ -115,7 +115,7 @@ def lost_banner(why: str) -> Banner:
 
 
 def _causes(rows: Iterable[AxisRow]) -> str:
-    """Say which drives are in a fault or missing, and why."""
+    """Return which drives are in a fault or missing, and why."""
     texts = dict.fromkeys(f"{row.node}: {row.error or row.state}" for row in rows if row.tone == BAD)
     return " · ".join(texts) or "A drive is missing or in a fault."
 
@@ -269,7 +269,7 @@ def quirk_text(quirk: QuirkListing | None) -> str:
 
 
 def active_faults(active: Mapping[str, Iterable[str]]) -> str:
-    """Say which faults are on, by drive, as HTML."""
+    """Return the active faults by drive, as HTML."""
     lines = [f"{escape(drive)}: {escape(', '.join(names))}" for drive, names in active.items() if names]
     if not lines:
         return "<p class='cc-note'>No fault is on.</p>"

@@ -1,4 +1,4 @@
-"""What stands in the world of a simulated robot, for the 3D scene: asked of its virtual drives, told where it changes.
+"""Objects in the world of a simulated robot, for the 3D scene.
 
 The scene is drawn in the frame of odometry, the world has one of its own; where that is follows
 from the true pose. A real drive has no socket that could be asked.
@@ -29,20 +29,20 @@ class _ShapeDocument(TypedDict):
 
 
 class WorldDocument(TypedDict):
-    """The world as the browser takes it: `place` is where its frame is in that of odometry, x, y in m and rad."""
+    """World for the browser: `place` is its frame in that of odometry, x, y in m and rad."""
 
     place: list[float]
     shapes: list[_ShapeDocument]
 
 
 class WorldView:
-    """The shapes of a world and where it is; `take` returns what the pages are to be told, None: nothing new."""
+    """Shapes of a world and its place; `take` returns the message for pages, None without a change."""
 
     def __init__(self) -> None:
         self.document: WorldDocument | None = None
 
     def take(self, shapes: Sequence[WorldShape], state: StateSample) -> WorldDocument | None:
-        """Take shapes as they are now."""
+        """Update the shapes."""
         truth = state.true_pose
         if truth is None or truth.odom is None or not (shapes or self.document):
             return None

@@ -1,1 +1,1 @@
-"""What verbs share: targets and arguments, tables and progress, files and layouts, completion, parts of large verbs."""
+"""Common parts of verbs: targets, arguments, tables, progress, files, completion."""

@@ -1,4 +1,4 @@
-"""What a verb that listens knows of a bus: from a running robot, from a robot's files, or from EDS files.
+"""Description of a bus for verbs that listen: of a running robot, a robot's files, or EDS files.
 
 A robot's files win over what runs, what runs wins over nothing; and whoever has no description
 still sees every frame, by the predefined connection set.
@@ -47,7 +47,7 @@ class WatchedBus:
     nameless: bool = False
 
     def report_notes(self) -> None:
-        """Say that there are no names, and what the description notes."""
+        """Print missing names and the notes of the description."""
         if self.nameless:
             print(_NO_NAMES, file=sys.stderr)
         _report(self.network)
@@ -70,7 +70,7 @@ def add_network_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def watched_bus(args: argparse.Namespace, channel: str | None) -> WatchedBus:
-    """Return the bus to listen to: `channel`, else that of the running robot; ConfigError where there is none."""
+    """Return the bus to listen to: `channel`, else that of the running robot; ConfigError without one."""
     layout: BusLayout | None
     if channel is None:
         _refuse_channel(args.config)
@@ -116,7 +116,7 @@ def described(args: argparse.Namespace, *, units: bool = False) -> NetworkDescri
 
 
 def _described(args: argparse.Namespace, channel: str, *, units: bool = False) -> NetworkDescription | None:
-    """Return what the arguments describe, None where they describe nothing; --eds adds to a robot's nodes."""
+    """Return the network of the arguments, None without any; --eds adds to a robot's nodes."""
     by_eds = network_of_eds(channel, args.eds, find_eds) if args.eds else None
     if args.config is None:
         return by_eds
@@ -152,7 +152,7 @@ def _linear_axes(config: str, bus: BusConfig) -> LinearAxes:
 
 
 def _chosen(buses: Mapping[str, T], name: str | None, whose: str) -> T:
-    """Return the one that is meant of several buses."""
+    """Return the selected one of several buses."""
     if not buses:
         raise ConfigError(f"{whose} has no bus: it runs on mock hardware, or simulated")
     if name is None and len(buses) == 1:
@@ -184,7 +184,7 @@ def _report(network: NetworkDescription) -> None:
 
 
 class FlightSource:
-    """The frames of one bus of a flight recording, to be read as a `Recording` is; `network` says who is on it."""
+    """Frames of one bus of a flight recording, with the interface of `Recording`; `network` describes it."""
 
     def __init__(self, path: str, bus: str | None) -> None:
         from canopen_control.trace.flight_file import read_flight
@@ -211,7 +211,7 @@ def open_frames(path: str, bus: str | None = None) -> Source:
 
 
 def report_gaps(source: Source) -> None:
-    """Say on standard error, after a reading, what of a source was left out and why it ends too early, if it does."""
+    """Print on standard error the gaps of a source after reading, and the reason of an early end."""
     if source.skipped:
         lines = "1 line is no frame" if source.skipped == 1 else f"{source.skipped} lines are no frames"
         print(f"canopen-control: {source.path}: {lines} of classic CAN, left out", file=sys.stderr)
@@ -220,7 +220,7 @@ def report_gaps(source: Source) -> None:
 
 
 def network_for(args: argparse.Namespace, source: Source) -> NetworkDescription:
-    """Describe the bus of a source by the arguments, else by what the source knows, else not at all."""
+    """Return the network of a source: of the arguments, else of the source, else empty."""
     own = source.network if isinstance(source, FlightSource) else None
     by_arguments = args.config is not None or args.name is not None or bool(args.eds)
     return described(args) if by_arguments or own is None else own

@@ -48,7 +48,7 @@ def add_repeat_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def send(args: argparse.Namespace, moving: Command, zeros: Command | None) -> int:
-    """Send `moving` once or at 10 Hz, and `zeros` at the end of it; RemoteError for what the robot refuses.
+    """Send `moving` once or at 10 Hz, and `zeros` at the end; RemoteError if the robot refuses it.
 
     Without `zeros` it ends with the connection alone.
     """
@@ -116,7 +116,7 @@ def ask_for_controllers(robot: str | None) -> Sequence[ControllerReading]:
 
 
 def values_at_the_end(controllers: Sequence[ControllerReading], name: str, values: list[float]) -> list[float] | None:
-    """Return what ends a command: zeros, but positions as they are, which the joints hold once the connection is gone.
+    """Return the final values of a command: zeros, and present positions.
 
     Where nothing is known of the controller, or it takes another number of values, these are zeros; None for outputs,
     which have safe values of their own.
@@ -130,7 +130,7 @@ def values_at_the_end(controllers: Sequence[ControllerReading], name: str, value
 
 
 def target_interface(controllers: Iterable[ControllerReading], name: str) -> str | None:
-    """Return what a target is in the mode that its drive is in, which may change; None where that cannot."""
+    """Return the interface of a target in the drive's present mode; None without one."""
     interfaces = [
         controller.interface for controller in controllers if controller.name == name and controller.topic == TARGET
     ]

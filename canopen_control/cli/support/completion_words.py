@@ -1,4 +1,4 @@
-"""Completion in a shell of verbs, options and the names of robots that run, as argcomplete asks for it.
+"""Shell completion of verbs, options and names of running robots, by argcomplete.
 
 Nothing here raises and nothing waits: what cannot be known at once is not offered. Only the module
 of the verb that stands on the line is imported.
@@ -54,7 +54,7 @@ class KnownNode:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What a user may call it."""
+        """Words that select it."""
         return (self.name, str(self.node_id), *self.joints)
 
 
@@ -64,7 +64,7 @@ def known_nodes(channel: str | None = None) -> list[KnownNode]:
 
 
 def ask_nodes(channel: str | None = None) -> tuple[list[KnownNode], dict[str, CanopenError]]:
-    """Return the nodes as `known_nodes`, and why robots that run have told none: they hang, or end just now."""
+    """Return the nodes as `known_nodes`, and the reason for robots that do not answer."""
     selected = None if channel is None else str(parse_channel(channel))
     nodes: list[KnownNode] = []
     silent: dict[str, CanopenError] = {}
@@ -100,7 +100,7 @@ _CAN_HARDWARE: Final = "280"  # ARPHRD_CAN, the type of a network interface in /
 
 
 def answer_shell() -> None:
-    """Tell the shell that has asked (its script sets _ARGCOMPLETE and COMP_LINE) what may stand there, and end."""
+    """Answer the completion request of a shell (its script sets _ARGCOMPLETE and COMP_LINE), and exit."""
     line = os.environ.get("COMP_LINE", "")[: int(os.environ.get("COMP_POINT", "0"))]
     argcomplete.autocomplete(
         parser_for(line.split()[1:]), always_complete_options=False, default_completer=SuppressCompleter()
@@ -139,7 +139,7 @@ def _attach_completers(parser: argparse.ArgumentParser, verb: str) -> None:
 
 
 class _Completer:
-    """What argcomplete asks for the values of one option or positional."""
+    """Completer of one option or positional."""
 
     def __init__(self, kind: Callable[[argparse.Namespace], Found]) -> None:
         self.kind = kind
@@ -147,7 +147,7 @@ class _Completer:
     def __call__(
         self, *, prefix: str, action: argparse.Action, parser: argparse.ArgumentParser, parsed_args: argparse.Namespace
     ) -> dict[str, str]:
-        """Return explanations by word, as far as they can be known at once."""
+        """Return explanations by word, without waiting."""
         words: dict[str, str] = {}
         with contextlib.suppress(CanopenError, OSError, KeyError, ValueError):
             for word, text in self.kind(parsed_args):

@@ -1,4 +1,4 @@
-"""Who a node says it is, which EDS file describes it, and how that fits to what a bus.yml expects.
+"""Identity of a node, its EDS file, and the comparison with bus.yml.
 
 Vendor and product decide which EDS a node has (0x1018:01 and 02); the revision only chooses among
 several. What is expected is what the boot would refuse (CiA 302-2), where 0 stands for anything.
@@ -55,7 +55,7 @@ class KnownEds:
 
 
 def identity_of(data: Mapping[tuple[int, int], object]) -> ScannedDevice:
-    """Make the identity of what was read: bytes by address, anything else where the node has refused."""
+    """Return the identity in objects that were read by address; refused ones are None."""
     numbers = {field: _number(data.get(address)) for field, (address, _) in FIELDS.items()}
     name = data.get(NAME)
     text = name.rstrip(b"\0").decode("latin-1") if isinstance(name, bytes) else None
@@ -63,13 +63,13 @@ def identity_of(data: Mapping[tuple[int, int], object]) -> ScannedDevice:
 
 
 def _number(data: object) -> int | None:
-    """Return an UNSIGNED32, as all of `FIELDS` are; None for what is none."""
+    """Return an UNSIGNED32, as all of `FIELDS` are; None for other data."""
     padded = fitted(data, DataType.UNSIGNED32) if isinstance(data, bytes) else None
     return None if padded is None else int.from_bytes(padded, "little")
 
 
 def read_known(paths: Iterable[Path]) -> tuple[list[KnownEds], list[str]]:
-    """Read the identities of EDS files; the second list says which could not be read and why."""
+    """Read the identities of EDS files; the second list has the unreadable ones with the reason."""
     candidates, refused = [], []
     for path in paths:
         try:
@@ -85,7 +85,7 @@ def read_known(paths: Iterable[Path]) -> tuple[list[KnownEds], list[str]]:
 
 
 def vendor_and_product(path: Path) -> tuple[int, int]:
-    """Return vendor and product that an EDS is for, 0 for what it does not say; (0, 1) for a file that is none."""
+    """Return vendor and product of an EDS, 0 if missing; (0, 1) for an unreadable file."""
     try:
         od = read_eds(path).od
     except EdsError:
@@ -94,7 +94,7 @@ def vendor_and_product(path: Path) -> tuple[int, int]:
 
 
 def _default(od: ObjectDictionary, subindex: int, device: int | None) -> int:
-    """Return what a device of the file answers; 0 where the file lacks the subindex: nothing can be asked then."""
+    """Return the default of a subindex; 0 if the file lacks it."""
     entry = od.get(0x1018, subindex)
     if entry is None:
         return 0
@@ -118,13 +118,13 @@ def match_eds(identity: ScannedDevice, candidates: Iterable[KnownEds]) -> tuple[
 
 
 def _of_the_vendor(identity: ScannedDevice, candidates: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
-    """Return the one file of the vendor that has no product code, as some vendors write theirs."""
+    """Return the only file of the vendor without a product code."""
     same = [eds for eds in candidates if not eds.product_code and eds.vendor_id and eds.vendor_id == identity.vendor_id]
     return (same[0], "without a product code, chosen by its vendor") if len(same) == 1 else (None, "")
 
 
 def differences(identity: ScannedDevice, expected: Mapping[str, int]) -> list[str]:
-    """Return what is not as expected, in words; `expected` has the fields of `FIELDS`, 0 for anything."""
+    """Return the differences from `expected` in words; 0 in `expected` accepts any value."""
     texts = []
     for field, (_, label) in FIELDS.items():
         expected_number, has = expected.get(field, 0), getattr(identity, field)

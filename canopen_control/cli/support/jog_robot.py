@@ -55,7 +55,7 @@ def choose_jog(device: Device, interface: str, *, allow_unsupervised: bool) -> N
 
 
 def dead_man_words(supervision: Supervision) -> str:
-    """Say what stops the drive by itself when this process dies."""
+    """Return how the drive stops if this process ends."""
     if supervision.consumer:
         return (
             f"the drive watches this computer's heartbeat (0x1016) and stops by itself {DEAD_MAN_S:g} s after its end"
@@ -69,7 +69,7 @@ def dead_man_words(supervision: Supervision) -> str:
 def own_robot(
     robot: NewRobot, axis: AxisChoice, channel: str, speed: float, events: RobotObserver
 ) -> Iterator[JogDrive]:
-    """Boot a robot of the one drive in this process, capped at `speed` rad/s; stop and end it with the block."""
+    """Run a robot of one drive in this process, capped at `speed` rad/s, within the block."""
     with tempfile.TemporaryDirectory(prefix="canopen-control-jog-") as folder:
         path = Path(folder) / BUS
         path.write_text(bus_text(robot), encoding="utf-8")
@@ -93,7 +93,7 @@ def own_robot(
 
 
 def _read(robot: NewRobot, path: Path, channel: str) -> RobotSetup:
-    """Read the robot; a mistake is one of the EDS, and is told without the file that was made of it for a moment."""
+    """Read the robot; an error is reported as one of the EDS."""
     try:
         return read_robot(find_robot(None, bus=str(path)), name=robot.name, can=[channel], real=True)
     except ConfigError as error:

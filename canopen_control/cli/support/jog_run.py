@@ -1,4 +1,4 @@
-"""The loop of a jog: keys to commands, samples to a line, and the stop at its end, whatever ends it.
+"""Loop of a jog: keys to commands, samples to a line, and the stop at its end.
 
 Each command dies with this connection (`dead_man`), and every way out of `run` asks for the
 stop and waits until the drive is disabled. What the terminal shows never decides what moves.
@@ -202,7 +202,7 @@ class JogRun:
             motion.key(key, now)
 
     def _look(self, client: RobotClient, motion: JogMotion) -> None:
-        """Take the newest sample, and the current a few times a second."""
+        """Read the newest sample, and the current a few times a second."""
         for message in client.messages(0):
             if isinstance(message, StateSample):
                 self._sample = message
@@ -219,7 +219,7 @@ class JogRun:
             )
 
     def _command(self, client: RobotClient, motion: JogMotion) -> None:
-        """Send what is commanded, if anything is."""
+        """Send the present command."""
         value = motion.command
         if value is not None and not self._sender.send(client, value):
             motion.end(JogEnd.STATE)
@@ -238,7 +238,7 @@ class JogRun:
 
 
 class _Line:
-    """One line that is written over on a terminal, a few times a second; elsewhere a line each second."""
+    """Status line, rewritten on a terminal a few times a second; otherwise one line per second."""
 
     def __init__(self) -> None:
         self._live = sys.stdout.isatty()
@@ -246,7 +246,7 @@ class _Line:
         self._shown = 0.0
 
     def show(self, words: Callable[[], str]) -> None:
-        """Show the line if it is time; a terminal that is gone shows nothing."""
+        """Print the line if it is due."""
         now = time.monotonic()
         if now - self._shown < self._period:
             return

@@ -1,4 +1,4 @@
-"""Objects of a node as tables, trees and CSV: what the EDS says of them, and what they hold, in words.
+"""Objects of a node as tables, trees and CSV, with values and meanings.
 
 Values come one by one through the session, and through a running robot no faster than
 `READS_PER_S`, so that its own requests to the node never wait behind them; heartbeats and process data go beside SDO.
@@ -27,7 +27,7 @@ _WIDEST: Final = 60  # of a value in words
 
 
 def live_objects(session: NodeSession, entries: Sequence[Entry], *, title: str = "reading") -> list[LiveObject]:
-    """Read those of the entries that a look at everything reads; RemoteProtocolError where the node is silent."""
+    """Read the scannable entries; RemoteProtocolError if the node does not answer."""
     read = [entry for entry in entries if is_scanned(entry)]
     with Progress(f"{title} {session}", "objects") as progress:
         values, refused = read_values(session, _paced(read, session, progress))
@@ -36,7 +36,7 @@ def live_objects(session: NodeSession, entries: Sequence[Entry], *, title: str =
 
 
 def _paced(entries: Sequence[Entry], session: NodeSession, progress: Progress) -> Iterator[Entry]:
-    """Yield them no faster than a running robot should be asked; as fast as they are read on a bare bus."""
+    """Yield entries at a limited rate on a running robot."""
     gap = 1.0 / READS_PER_S if session.robot else 0.0
     due = time.monotonic()
     for number, entry in enumerate(entries):
@@ -48,7 +48,7 @@ def _paced(entries: Sequence[Entry], session: NodeSession, progress: Progress) -
 
 
 def table_lines(rows: Sequence[ObjectRow], *, live: bool) -> list[str]:
-    """Return a table: `*` before a value that is not the default; the value and its meaning only of a live look."""
+    """Return a table: `*` marks values other than the default; values only if they were read."""
     headings = ["address", "name", "type", "access", "PDO", "default"]
     table = Table([*headings, *(["", "value", "unit", "meaning"] if live else ["unit"])])
     for row in rows:
@@ -88,7 +88,7 @@ def tree_lines(od: ObjectDictionary, rows: Sequence[ObjectRow], *, live: bool) -
 
 
 def _told(row: ObjectRow, *, live: bool) -> str:
-    """Return what stands behind a name in a tree."""
+    """Return the text after a name in a tree."""
     shown = row.value if live else row.default
     unit = f" {row.unit}" if row.unit and shown else ""
     value = f" = {_cut(shown)}{unit}" if shown is not None else ""
@@ -113,5 +113,5 @@ def csv_text(rows: Sequence[ObjectRow]) -> str:
 
 
 def values_of(objects: Iterable[LiveObject]) -> Mapping[Address, Value]:
-    """Return the values that can be written back, by address: what a DCF has ParameterValues for."""
+    """Return the writable values by address: those with a ParameterValue in a DCF."""
     return {entry.entry.address: entry.value for entry in objects if entry.value is not None and entry.entry.writable}

@@ -62,7 +62,7 @@ def add_session_arguments(parser: argparse.ArgumentParser, *, node: bool = True)
 
 @contextlib.contextmanager
 def open_session(args: argparse.Namespace, node: str | None = None) -> Iterator[NodeSession]:
-    """Open a session with `node`, else with that of the arguments; raises CanopenError where nobody answers.
+    """Open a session with `node`, else with that of the arguments; CanopenError without an answer.
 
     Where --can names the channel of a running robot, its nodes are reached through that robot.
     """
@@ -153,7 +153,7 @@ class BusTransfers(Transfers):
 def running_drive(
     args: argparse.Namespace, name: str | None, mode: str, stack: contextlib.ExitStack
 ) -> tuple[JogDrive, JogScale]:
-    """Return a drive of a running robot, in a mode of operation; the robot knows its units."""
+    """Return a drive of a running robot in a mode of operation, with the scale of its joint."""
     client = stack.enter_context(RobotClient.connect(name))
     drive = drive_of_robot(client, args.node, args.axis, mode)
     text = f"node {args.node} is {drive.joint} of the running robot {client.robot}, and moved through it"

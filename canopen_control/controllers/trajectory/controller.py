@@ -112,7 +112,7 @@ class Acceptance:
         return PointLimiter([given.hard(known.lower, known.upper, known.velocity) for known, given in pairs])
 
     def take_limits(self) -> None:
-        """Take the limits that the hardware interfaces know beside the description's.
+        """Store the limits of the hardware interfaces, in addition to those of the description.
 
         A joint whose positions are bounded by its interface does not turn without end, whatever its type.
         """
@@ -124,7 +124,7 @@ class Acceptance:
             self.limits[joint] = JointLimits(lower, upper, known.velocity, endless)
 
     def mistake(self, message: JointTrajectory, now: int, begin: Sequence[float]) -> Refused | None:
-        """Say why a trajectory is refused, None if it is taken.
+        """Return the reason why a trajectory is refused, None if it is accepted.
 
         `now` in ns; `begin` are the positions of the joints from which it would lead on.
         """
@@ -149,17 +149,17 @@ class Acceptance:
         return None if unbearable is None else Refused(None, unbearable)
 
     def doubt(self, message: JointTrajectory) -> str | None:
-        """Say what of a trajectory that is taken the joints cannot do, where that is to be told, else None."""
+        """Return the part of an accepted trajectory that the joints cannot follow, else None."""
         return self._unreachable(message) if self._params.unreachable_points == "warn" else None
 
     def _unreachable(self, message: JointTrajectory) -> str | None:
-        """Say which point a joint cannot reach in time; a limiter of points is there for those."""
+        """Return the point that a joint cannot reach in time, unless a limiter of points handles it."""
         return None if self._params.joint_limiter_type else unreachable(message, survey_of(message), self.limits)
 
     def _range_refusal(
         self, message: JointTrajectory, survey: TrajectorySummary, here: Mapping[str, float]
     ) -> str | None:
-        """Say which position the object behind a command cannot hold, None if it holds all.
+        """Return the position beyond the range of an interface's object, None if all are within.
 
         A joint that turns without end goes there on the turn on which it is.
         """
@@ -218,7 +218,7 @@ class _Tolerated:
         self._more = any(each.velocity > 0.0 or each.acceleration > 0.0 for each in tolerances)
 
     def exceeded(self, error: Point) -> int:
-        """Return the last joint whose error is beyond its tolerance, or nobody."""
+        """Return the last joint whose error exceeds its tolerance, or None."""
         found, off, most = _NOBODY, error.positions, self._positions
         for joint in range(len(most)):
             if abs(off[joint]) > most[joint] or (self._more and not within(self._all[joint], error, joint)):
@@ -256,7 +256,7 @@ class ToleranceMonitor:
         self.late = self.outside >= 0 and 0.0 < tolerances.goal_time < past
 
     def verdict(self, tolerances: SegmentTolerances) -> ToleranceResult | None:
-        """Return how the trajectory ends by what was found, None if it goes on."""
+        """Return the result of the tolerance checks, None while the trajectory continues."""
         joints, errors = self._group.joints, self._group.error.positions
         if self.left >= 0:
             off, allowed = errors[self.left], tolerances.path[self.left].position
@@ -457,19 +457,19 @@ class JointTrajectoryController(Controller):
         self.speed = SpeedScaling(given.initial_scaling_factor, allowed=positions)
 
     def on_set(self, params: Params) -> None:
-        """Take other gains, and tolerances of trajectories to come, in the next cycle; a time-out once activated."""
+        """Apply other gains, and tolerances of later trajectories, in the next cycle."""
         self.change(read_params(params, self.name))
 
     def command_interface_names(self) -> list[str]:
-        """Return those of each commanded joint, and that of the speed scaling."""
+        """Return the interfaces of each commanded joint, and of the speed scaling."""
         return self._group.command_names + ([self.params.scaling_command] if self.params.scaling_command else [])
 
     def state_interface_names(self) -> list[str]:
-        """Return those of each joint, and that of the speed scaling."""
+        """Return the interfaces of each joint, and of the speed scaling."""
         return self._group.state_names + ([self.params.scaling_state] if self.params.scaling_state else [])
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Take the interfaces and hold the joints where they are."""
+        """Store the interfaces and hold the joints."""
         super().on_activate(commands, states, now)
         if self._changed is not None:  # while it was inactive
             self._take_changes(self._changed)
@@ -495,7 +495,7 @@ class JointTrajectoryController(Controller):
         self._follower.hold()
 
     def on_deactivate(self, now: int) -> None:
-        """Stop: the goal is aborted, positions stay as they are, all other targets become 0."""
+        """Stop: the goal is aborted, positions are kept, other targets become 0."""
         text = f"{self.name} was deactivated; activate it and send again"
         self._end(GoalState.ABORTED, ResultCode.INVALID_GOAL, text)
         super().on_deactivate(now)
@@ -516,7 +516,7 @@ class JointTrajectoryController(Controller):
         self._brake()
 
     def change(self, params: TrajectoryParams) -> None:
-        """Take other parameters in the next cycle: tolerances of trajectories to come, and the gains."""
+        """Apply other parameters in the next cycle: gains, and tolerances of later trajectories."""
         self._changed = params
 
     # -------------------------------------------------------------------------------------------------- commands
@@ -533,7 +533,7 @@ class JointTrajectoryController(Controller):
         self._queue(message, now)
 
     def send_goal(self, goal: TrajectoryGoal | JointTrajectory, now: int) -> None:
-        """Execute a goal from the next cycle on, in the place of the one before; ControlError if it is refused.
+        """Start a goal in the next cycle, replacing the previous one; ControlError if it is refused.
 
         A trajectory alone is set, see `set_trajectory`.
         """
@@ -555,14 +555,14 @@ class JointTrajectoryController(Controller):
         raise self.refusal("takes trajectories and no numbers; send it one, or a goal")
 
     def cancel(self, goal: TrajectoryGoal, why: str | None = None) -> None:
-        """Cancel a goal: if it is the one that is being executed, the joints brake and hold; `why` is told."""
+        """Cancel a goal: if it is executed, the joints brake and hold; `why` is in the event."""
         if goal is self.goal:
             text = "the goal was cancelled" if why is None else f"the goal was cancelled: {why}"
             self._end(GoalState.CANCELED, ResultCode.SUCCESSFUL, text)
             self._brake()
 
     def cancel_goal(self, why: str | None = None, only: TrajectoryGoal | None = None) -> None:
-        """Cancel what is followed, be it a goal or none, or `only` this goal; ControlError if nothing is."""
+        """Cancel the active trajectory, or `only` this goal; ControlError if there is none."""
         goal = only or self.goal
         if goal is not None:
             self.cancel(goal, why)
@@ -573,17 +573,17 @@ class JointTrajectoryController(Controller):
             self._brake()
 
     def set_speed_scaling(self, factor: float) -> None:
-        """Let the time of trajectories run slower or faster; ControlError below 0 and where it cannot be scaled."""
+        """Set the speed scaling of trajectories; ControlError below 0 or if it cannot be scaled."""
         if (wrong := self.speed.mistake(factor)) is not None:
             raise self.refusal(wrong)
         self.speed.set(factor)
 
     def query(self, t: int, out: Point) -> bool:
-        """Write what the trajectory says at `t`, in ns, into `out`; False, with where the joints are, if nothing."""
+        """Write the trajectory's state at `t` in ns to `out`; False, with the actual state, if it has none."""
         return self._follower.query(t, out)
 
     def trajectory_at(self, t: int) -> TrajectoryAt:
-        """Return what the trajectory says at `t`, in ns; where it says nothing, where the joints are."""
+        """Return the trajectory's state at `t` in ns; the actual state if it has none."""
         if self.state.value != "active":
             return TrajectoryAt(known=False, text=f"{self.name} is {self.state.value}; activate it first")
         return self._follower.told(t, self.name)
@@ -601,17 +601,17 @@ class JointTrajectoryController(Controller):
 
     @property
     def desired(self) -> Point:
-        """Where the joints were to be in the last cycle."""
+        """Desired state of the last cycle."""
         return self._follower.desired
 
     @property
     def output(self) -> Point:
-        """What they were commanded then, for the next one."""
+        """Commanded state of the last cycle."""
         return self._follower.output
 
     @property
     def actual(self) -> Point:
-        """Where the joints were in the last cycle."""
+        """Actual state of the last cycle."""
         return self._group.actual
 
     @property
@@ -638,7 +638,7 @@ class JointTrajectoryController(Controller):
     # ----------------------------------------------------------------------------------------------------- cycle
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Command what the trajectory says one period ahead, and judge where the joints are."""
+        """Command the trajectory's state one period ahead, and check the tolerances."""
         self.speed.update()
         if self._changed is not None:
             self._take_changes(self._changed)
@@ -681,7 +681,7 @@ class JointTrajectoryController(Controller):
             self._take_verdict(judgement.verdict(self.tolerances))
 
     def _take_verdict(self, verdict: ToleranceResult | None) -> None:
-        """End the goal, or the trajectory, by what was found."""
+        """End the goal or the trajectory by the result of the checks."""
         if verdict is None:
             return
         if verdict.state is GoalState.SUCCEEDED:
@@ -710,14 +710,14 @@ class JointTrajectoryController(Controller):
         self._group.release()
 
     def _why(self, joint: str) -> str:
-        """Say why a joint does not follow, and what to do."""
+        """Return the reason why a joint does not follow, with the advice."""
         waiting = [each for each in self.commands if not each.enabled]
         if waiting:
             return self.enable_status.reason(waiting)
         return f"{joint}: its position is unknown; wait for its feedback"
 
     def _brake(self) -> None:
-        """Come to rest: with the deceleration of each joint where all have one, else at once; then stay."""
+        """Brake at the deceleration of each joint if all have one, else at once; then hold."""
         self.life.end()
         if not self.params.decelerate_on_cancel or self._acceptance.cannot_brake() is not None:
             self._follower.hold()

@@ -1,4 +1,4 @@
-"""What the joints are commanded from cycle to cycle: a trajectory, a hold, or the way to rest.
+"""Command of the joints from cycle to cycle: a trajectory, a hold, or the ramp to rest.
 
 Rules (ros2_controllers jazzy): what is queued begins in the next cycle; the command is what it says one
 period ahead. Ours, and safer: a stop is computed as it is sampled, and a hold is one point.
@@ -39,7 +39,7 @@ MOST_WAITING: Final = 8
 
 
 class _Track:
-    """A motion, and the joints that follow it; `said` is its last sample."""
+    """Motion and the joints that follow it; `said` is its last sample."""
 
     __slots__ = ("joints", "motion", "said")
 
@@ -69,14 +69,14 @@ class Blend(JointSetpoint):
         self._end = 0
 
     def take(self, trajectory: ActiveTrajectory, handoff: int, joints: Sequence[int]) -> None:
-        """Have a trajectory take over these joints at `handoff`; what was to begin later than that is dropped."""
+        """Set the trajectory that takes over these joints at `handoff`; one queued for later is dropped."""
         kept = [each for each in self._waiting if each.handoff < handoff][: MOST_WAITING - 1]
         self._waiting = [*kept, _Waiting(trajectory, handoff, list(joints))]
         self.start = trajectory.start or handoff
         trajectory.begin(handoff)
 
     def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
-        """Do nothing: it goes on from what it follows."""
+        """Do nothing: the trajectory continues from its own state."""
 
     def time_of(self, index: int) -> int:
         """Return when all are over, from start in ns."""
@@ -91,7 +91,7 @@ class Blend(JointSetpoint):
         return found
 
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
-        """Write the point at `t` into `out`, see `JointSetpoint`; who begins by then takes over."""
+        """Write the point at `t` to `out`, see `JointSetpoint`; queued trajectories take over by then."""
         while self._waiting and self._waiting[0].handoff <= t:
             self._hand_over(self._waiting.pop(0))
         found = self._mix(t, out, ahead=ahead)
@@ -102,7 +102,7 @@ class Blend(JointSetpoint):
         return found
 
     def query(self, t: int, out: Point) -> bool:
-        """Write what is said of any time into `out`; before the first point of one to come it is the old one's."""
+        """Write the state at any time to `out`; before the first point of a queued trajectory it is the old one's."""
         later = [each for each in self._waiting if each.trajectory.start + each.trajectory.time_of(0) <= t]
         found = self._mix(t, out, ahead=True, asked=True)
         for each in later:
@@ -113,7 +113,7 @@ class Blend(JointSetpoint):
         return found
 
     def _hand_over(self, coming: _Waiting) -> None:
-        """Let joints follow another trajectory, from where the one that they follow is then."""
+        """Switch joints to another trajectory, from their present commanded state."""
         self._lead(coming)
         tracks = []
         for each in self._tracks:
@@ -123,13 +123,13 @@ class Blend(JointSetpoint):
         self._tracks = [*tracks, _Track(coming.trajectory, coming.joints)]
 
     def _lead(self, coming: _Waiting) -> None:
-        """Let a trajectory lead on from where the joints are when it takes over."""
+        """Start a trajectory from the state of the joints at its takeover."""
         before = Point()
         self._mix(coming.handoff, before, ahead=True)
         coming.trajectory.set_before(coming.handoff, before, self._wrap)
 
     def _mix(self, t: int, out: Point, *, ahead: bool, asked: bool = False) -> bool:
-        """Write what each joint's motion says at `t`; where one says nothing, what stands stays."""
+        """Write each joint's state at `t`; joints without one are unchanged."""
         joints = len(self._wrap)
         if len(out.positions) != joints or len(out.effort) != joints or len(out.velocities) != joints:
             out.positions[:] = out.velocities[:] = out.accelerations[:] = out.effort[:] = [0.0] * joints
@@ -181,7 +181,7 @@ class StopMotion(JointSetpoint):
         self._slopes, self._times, self._targets = [0.0] * joints, [0.0] * joints, [0.0] * joints
 
     def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
-        """Take where the joints are and how fast they go: from there they come to rest."""
+        """Set the initial positions and velocities of the ramp to rest."""
         del time, wrap
         self._positions[:] = point.positions
         self._velocities[:] = point.velocities or [0.0] * len(self._decelerations)
@@ -241,7 +241,7 @@ def scaled(time: int, factor: float) -> int:
 
 
 class SpeedScaling:
-    """`factor` of the time of trajectories: 1 is their own speed, 0 lets it stand.
+    """Factor of the time of trajectories: 1 is nominal, 0 stops it.
 
     `allowed` says that users may set it: where positions alone are commanded, since the velocities of a trajectory that
     runs slower would have to be scaled too.
@@ -254,11 +254,11 @@ class SpeedScaling:
         self._command: CommandInterface | None = None
 
     def take(self, state: StateInterface | None, command: CommandInterface | None) -> None:
-        """Take the interfaces, where there are some."""
+        """Store the interfaces, if there are any."""
         self._state, self._command = state, command
 
     def mistake(self, factor: float) -> str | None:
-        """Say why a factor cannot be set, None if it can."""
+        """Return the reason why a factor is invalid, None if it is valid."""
         if not self.allowed:
             return "cannot scale its speed: it commands more than positions"
         return None if 0.0 <= factor < math.inf else f"cannot scale its speed by {factor:g}; give 0 or more"
@@ -280,7 +280,7 @@ NS: Final = 1_000_000_000
 
 
 class TrajectoryExecutor:
-    """Moves a group of joints; `holding` says that it stays, or comes to rest, where it is.
+    """Moves a group of joints; `holding` while it holds or comes to rest.
 
     `desired` is what was to be in the last cycle, `output` what was commanded for the next one; `limiter` keeps that
     within limits, None for none, and `limited` is the joint that it has held back first. `motion` is what is
@@ -309,7 +309,7 @@ class TrajectoryExecutor:
     # ------------------------------------------------------------------------------------------- what is followed
 
     def begin(self) -> None:
-        """Begin anew where the group was read; `hold` tells it to stay there."""
+        """Start from the state that was read; `hold` keeps the group there."""
         group = self._group
         self.motion = self._queued = self._taken = None
         self._last_time = 0
@@ -332,13 +332,13 @@ class TrajectoryExecutor:
         self.holding = holding
 
     def set_gains(self, params: TrajectoryParams) -> None:
-        """Go on with the gains of other parameters."""
+        """Set the gains of other parameters."""
         self._params = params
         if self._loops is not None:
             self._loops.set_gains(params.gains)
 
     def follow(self, message: JointTrajectory) -> None:
-        """Begin with a trajectory in the next cycle."""
+        """Start a trajectory in the next cycle."""
         if isinstance(message.points, SurveyedPoints) and 0 in message.points.survey.sizes[0]:
             message.points = list(message.points)  # what is deduced of a point has to stay with it
         self._queued, self.holding = message, False
@@ -353,7 +353,7 @@ class TrajectoryExecutor:
         point.effort[:] = zeros if group.has_effort else ()
 
     def hold_at_end(self) -> None:
-        """Stay at the last point, with all that it says."""
+        """Hold the last point, with all its values."""
         end = None if self.motion is None else self.motion.end_point()
         if end is not None:
             self._hold_at(end)
@@ -370,7 +370,7 @@ class TrajectoryExecutor:
     # ----------------------------------------------------------------------------------------------------- cycle
 
     def take_queued(self) -> None:
-        """Begin what was queued; joints that it does not name stay, or go on where it is blended in."""
+        """Start the queued trajectory; joints it does not contain hold, or continue if it is blended in."""
         message, group = self._queued, self._group
         if message is self._taken:
             return
@@ -394,7 +394,7 @@ class TrajectoryExecutor:
 
     @property
     def follows(self) -> JointSetpoint | None:
-        """The trajectory that a new one would be blended into, None where it would take its place at once."""
+        """Trajectory into which a new one is blended, None if it replaces it at once."""
         taken, motion = self._taken, self.motion
         if not (self._params.allow_trajectory_replacement and self._splines) or motion is None or motion.is_over:
             return None
@@ -408,16 +408,16 @@ class TrajectoryExecutor:
         return self._group.actual.positions
 
     def _start_of(self, stamp: int) -> int:
-        """Return when a trajectory with this stamp starts, in the time that passes as it is scaled."""
+        """Return the start of a trajectory with this stamp, in scaled time."""
         return self._commanded_until if stamp == 0 else self._time + stamp - self._now
 
     @property
     def _commanded_until(self) -> int:
-        """The time whose positions the drives have already: what takes over leads on from there."""
+        """Time up to which drives have their positions; the next trajectory starts from there."""
         return self._time + self._period_ns
 
     def sample(self, now: int, period: float, scaling: float) -> bool:
-        """Work out what is desired and what to command; False where nothing is to be commanded. Period in s."""
+        """Compute desired state and command; False without a command. Period in s."""
         motion = self.motion
         if motion is None:
             return False
@@ -434,7 +434,7 @@ class TrajectoryExecutor:
         return found
 
     def write(self, now: int, period: float) -> None:
-        """Command what was worked out; `group.error` is that of this cycle.
+        """Write the command; `group.error` is that of this cycle.
 
         A limiter measures from what was commanded last, which the joints reach some cycles later.
         """
@@ -460,12 +460,12 @@ class TrajectoryExecutor:
 
     @property
     def time_since_end(self) -> float:
-        """How long ago the point was at which it is, in s; once it is over, how long it is over."""
+        """Time since the last point in s, after the end since the end."""
         motion = self.motion
         return 0.0 if motion is None else self._time / 1e9 - (motion.start + motion.time_of(motion.first)) / 1e9
 
     def query(self, t: int, out: Point) -> bool:
-        """Write what is said of `t`, in ns, into `out`; False, with where the joints are, if nothing."""
+        """Write the state at `t` in ns to `out`; False, with the actual state, if there is none."""
         motion = self.motion
         if motion is None or not motion.query(t, out):
             out.take(self._group.actual)
@@ -473,14 +473,14 @@ class TrajectoryExecutor:
         return not motion.is_over
 
     def told(self, t: int, name: str) -> TrajectoryAt:
-        """Return what is said of `t`, in ns; where nothing is, where the joints of controller `name` are."""
+        """Return the state at `t` in ns; the actual state of controller `name` if there is none."""
         point = Point()
         known = self.query(t, point)
         text = "" if known else f"{name} follows nothing at that time; this is where the joints are, or are to end"
         return TrajectoryAt(known=known, text=text, joints=list(self._group.joints), point=_told(point))
 
     def sample_of(self, time: float, executing: bool, factor: float) -> TrajectorySample:
-        """Return what the last cycle was, of `time` in Unix seconds."""
+        """Return the sample of the last cycle, `time` in Unix s."""
         return TrajectorySample(
             time=time,
             joints=self._group.joints,
@@ -494,7 +494,7 @@ class TrajectoryExecutor:
         )
 
     def _begin(self, motion: JointSetpoint, now: int, scaling: float) -> None:
-        """Take where the joints are, or were to be, before the first point; a hold is where they are, on that turn."""
+        """Set the state before the first point: the desired one, or the actual one of a hold."""
         wrap = () if self._taken is self._hold else self._group.wrap
         if self._params.from_desired and self._last.positions:
             self._last_time = self._last_time or now

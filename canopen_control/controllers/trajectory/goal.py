@@ -1,4 +1,4 @@
-"""A goal of control_msgs/FollowJointTrajectory: what is wanted, where it is, and what became of it."""
+"""Goal of control_msgs/FollowJointTrajectory: request, progress and result."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class TrajectoryGoal:
         return self.code is not None
 
     def end(self, state: GoalState, code: ResultCode, text: str) -> None:
-        """Take the result; only the first one counts."""
+        """Store the result; only the first one counts."""
         if self.code is None:
             self.state, self.code, self.text = state, code, text
             self._ended_now()

@@ -1,4 +1,4 @@
-"""The joints of a trajectory as interfaces: what is read of them, and what is written to those that are commanded.
+"""Interfaces of a trajectory's joints: states, and commands of the commanded ones.
 
 Where velocity or effort alone is commanded, it is that of a PID for each joint.
 """
@@ -49,12 +49,12 @@ class JointGroup:
         self.take([], [])
 
     def blank(self) -> Point:
-        """Return a point with a place for whatever is read."""
+        """Return a point with all quantities that are read."""
         zeros = [0.0] * len(self.joints)
         return Point(zeros, zeros if self.knows_velocity else (), zeros if self.knows_acceleration else ())
 
     def take(self, commands: Sequence[CommandInterface], states: Sequence[StateInterface]) -> None:
-        """Take the interfaces, in the order of the names."""
+        """Store the interfaces, in the order of the names."""
         self.commands = {each: [one for one in commands if one.interface == each] for each in self._kinds}
         self._states = {each: [one for one in states if one.interface == each] for each in self._read}
         self._positions = self._states.get(POSITION, [])
@@ -65,7 +65,7 @@ class JointGroup:
         self._targets = self.commands.get(POSITION, [])
 
     def read(self) -> None:
-        """Read the states into `actual`; what was commanded as effort stands for the effort."""
+        """Read the states into `actual`; the commanded effort stands for the measured one."""
         actual = self.actual
         _copy(self._positions, actual.positions)
         _copy(self._velocities, actual.velocities)
@@ -77,7 +77,7 @@ class JointGroup:
                 actual.effort[index] = self._efforts[index].value
 
     def begin_with_commands(self) -> None:
-        """Let what stands commanded be what was read, quantity by quantity, where all of it is known."""
+        """Set the commanded state to the measured one, by quantity, where it is known."""
         if not self._all:
             return
         for kind, values in (
@@ -91,7 +91,7 @@ class JointGroup:
                 values[:] = found
 
     def waits_for(self) -> str | None:
-        """Return the joint that cannot follow, because it is not enabled or nobody knows where it is; else None."""
+        """Return a joint that cannot follow: not enabled, or with an unknown position; else None."""
         for each in self._positions:
             value = each.value
             if value - value != 0.0:  # is not finite
@@ -102,7 +102,7 @@ class JointGroup:
         return None
 
     def compare(self, wanted: Point) -> None:
-        """Write into `error` by how much the joints are off, as far as it is commanded and measured."""
+        """Compute the errors of commanded and measured quantities into `error`."""
         error, actual, wrap, joints = self.error, self.actual, self.wrap, len(self.joints)
         off, there, asked = error.positions, actual.positions, wanted.positions
         for i in range(min(joints, len(asked))):
@@ -115,7 +115,7 @@ class JointGroup:
                 error.accelerations[i] = wanted.accelerations[i] - actual.accelerations[i]
 
     def write(self, kind: str, values: Sequence[float]) -> None:
-        """Command a quantity of all joints; where nothing is wanted of it, what stands stays."""
+        """Command a quantity of all joints; without values it is unchanged."""
         commands, places = self.commands[kind], self.places
         if not values:
             return
@@ -145,7 +145,7 @@ class Loops:
         self._forward = [gains[joint].ff_velocity_scale for joint in joints]
 
     def set_gains(self, gains: Sequence[JointGains]) -> None:
-        """Go on with other gains."""
+        """Set other gains."""
         for index, joint in enumerate(self._joints):
             self._pids[index].set_gains(gains[joint].pid())
             self._forward[index] = gains[joint].ff_velocity_scale
@@ -156,7 +156,7 @@ class Loops:
             each.reset()
 
     def compute(self, index: int, wanted: Point, error: Point, period: float) -> float:
-        """Return the command to the commanded joint `index`: feed-forward of what is wanted, and the loop's."""
+        """Return the command of joint `index`: feed-forward plus the output of its loop."""
         joint = self._joints[index]
         forward = self._forward[index] * wanted.velocities[joint] if joint < len(wanted.velocities) else 0.0
         if self._with_effort and joint < len(wanted.effort):

@@ -32,7 +32,7 @@ STATES: Final = (POSITION, VELOCITY, ACCELERATION)
 
 
 def wrong_commands(given: Sequence[str]) -> str | None:
-    """Say what is wrong with a list of command interfaces, None if nothing is."""
+    """Return the error in a list of command interfaces, None without one."""
     if (wrong := _wrong_list("command_interfaces", given, COMMANDS)) is not None:
         return wrong
     if VELOCITY in given and len(given) > 1 and POSITION not in given:
@@ -45,7 +45,7 @@ def wrong_commands(given: Sequence[str]) -> str | None:
 
 
 def wrong_states(given: Sequence[str]) -> str | None:
-    """Say what is wrong with a list of state interfaces, None if nothing is."""
+    """Return the error in a list of state interfaces, None without one."""
     if (wrong := _wrong_list("state_interfaces", given, STATES)) is not None:
         return wrong
     if VELOCITY in given and POSITION not in given:
@@ -56,7 +56,7 @@ def wrong_states(given: Sequence[str]) -> str | None:
 
 
 def wrong_together(commands: Collection[str], states: Collection[str]) -> str | None:
-    """Say which states the loops over these commands lack, None if none."""
+    """Return the states that the loops over these commands lack, None without any."""
     looped = set(commands) in ({VELOCITY}, {EFFORT}, {POSITION, EFFORT})
     if looped and not {POSITION, VELOCITY}.issubset(states):
         return (
@@ -67,7 +67,7 @@ def wrong_together(commands: Collection[str], states: Collection[str]) -> str | 
 
 
 def wrong_joints(joints: Sequence[str], command_joints: Sequence[str]) -> str | None:
-    """Say what is wrong with the joints that are commanded, None if nothing is.
+    """Return the error in the commanded joints, None without one.
 
     As many as joints may have any names, those of another hardware; fewer are some of the joints.
     """
@@ -102,7 +102,7 @@ _FLOAT_EPSILON: Final = 2.0**-23
 
 @dataclass(frozen=True)
 class StateTolerance:
-    """The largest errors of a joint: rad, rad/s, rad/s2 (m); 0 and less are none."""
+    """Maximum errors of a joint: rad, rad/s, rad/s2 (m); 0 and less disable them."""
 
     position: float = 0.0
     velocity: float = 0.0
@@ -111,14 +111,14 @@ class StateTolerance:
 
 @dataclass(frozen=True)
 class JointTolerance(StateTolerance):
-    """What a goal says of one joint (control_msgs/JointTolerance)."""
+    """Tolerances of one joint in a goal (control_msgs/JointTolerance)."""
 
     name: str = ""
 
 
 @dataclass(frozen=True)
 class GoalTolerances:
-    """What a goal says of its tolerances; `goal_time` in s."""
+    """Tolerances of a goal; `goal_time` in s."""
 
     path: tuple[JointTolerance, ...] = ()
     goal: tuple[JointTolerance, ...] = ()
@@ -135,7 +135,7 @@ class SegmentTolerances:
 
 
 def within(tolerance: StateTolerance, error: Point, joint: int) -> bool:
-    """Whether the errors of a joint are within; an error of nan is, and so is one that nobody knows."""
+    """Whether the errors of a joint are within; unknown ones (nan) are."""
     if tolerance.position > 0.0 and abs(error.positions[joint]) > tolerance.position:
         return False
     speeds = error.velocities
@@ -198,14 +198,14 @@ class JointGains(LoopGains):
 
     @property
     def integral_limits(self) -> tuple[float, float]:
-        """The most and the least of the integral; `i_clamp` stands for those that are not given."""
+        """Limits of the integral; `i_clamp` is their default."""
         high, low, both = self.i_clamp_max, self.i_clamp_min, abs(self.i_clamp)
         return high if math.isfinite(high) else both, low if math.isfinite(low) else -both
 
 
 @dataclass(frozen=True)
 class JointConstraints:
-    """How far a joint may be off on the way and at the end, and how it may brake: rad, rad/s2 (m); 0 is none."""
+    """Tolerances of a joint and its braking deceleration: rad, rad/s2 (m); 0 disables them."""
 
     trajectory: float = setting(0.0, help="rad or m off the path that abort; 0: any")
     goal: float = setting(0.0, help="rad or m off the end within which it is reached; 0: any")
@@ -229,7 +229,7 @@ class LimitParams:
     )
 
     def hard(self, lower: float, upper: float, velocity: float) -> HardLimits:
-        """Return the limits that hold, with what the description says of positions and velocities."""
+        """Return the effective limits, with those of the description for positions and velocities."""
         return HardLimits(
             _limit(self.has_position_limits, self.min_position, lower, -math.inf),
             _limit(self.has_position_limits, self.max_position, upper),
@@ -349,7 +349,7 @@ class TrajectoryParams(CommonParams):
         return self.open_loop_control or self.interpolate_from_desired_state
 
     def tolerances(self) -> SegmentTolerances:
-        """Return the tolerances of trajectories that say nothing of their own."""
+        """Return the default tolerances of trajectories."""
         path = tuple(StateTolerance(each.trajectory) for each in self.constraints)
         goal = tuple(StateTolerance(each.goal, self.stopped_velocity_tolerance) for each in self.constraints)
         return SegmentTolerances(path, goal, self.goal_time)
@@ -375,7 +375,7 @@ class TrajectoryParams(CommonParams):
 
 
 def read_params(params: Params, name: str) -> TrajectoryParams:
-    """Return the parameters of controller `name`; raise RobotConfigError with what is wrong in them."""
+    """Return the parameters of controller `name`; RobotConfigError with every error."""
     del name  # it stands in the place of each mistake
     node = params.flat.get("joints")
     joints = tuple(dict.fromkeys(each.text for each in node.elements())) if node is not None else ()
@@ -400,7 +400,7 @@ _WITHOUT_EFFECT: Final = (
 
 
 def _with_joints(joints: tuple[str, ...]) -> type[TrajectoryParams]:
-    """Return the class of the parameters with those of each joint, which have its name in their keys."""
+    """Return the parameter class with a section for each joint."""
     fields: list[tuple[str, Any, Any]] = []
     for index, joint in enumerate(joints):
         fields += [

@@ -1,4 +1,4 @@
-"""The points of a joint trajectory: what they say of its joints, in which order, and on which turn.
+"""Points of a joint trajectory: values, order of joints, and turns.
 
 Rules (ros2_controllers jazzy): joints that a trajectory does not name stay, and its values are put into
 the order of the controller.
@@ -68,7 +68,7 @@ class Points:
 
 
 class JointTrajectory:
-    """What is sent to be followed (trajectory_msgs/JointTrajectory): joint names, points, and the stamp of its start.
+    """Trajectory to follow (trajectory_msgs/JointTrajectory): joint names, points, and the stamp of its start.
 
     `stamp` in ns of the clock of the cycle; 0 begins when it is taken up.
     """
@@ -81,7 +81,7 @@ class JointTrajectory:
 
 
 class Arrangement:
-    """How the values of a trajectory become those of all joints in the order of `joints`: `apply` does it to a point.
+    """Order of a trajectory's joints; `apply` rearranges the values of a point.
 
     Those it does not name stay at what is commanded to them, else where they are; nan is unknown. `names` are the
     joints in the order that the message then has.

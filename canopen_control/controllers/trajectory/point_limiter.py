@@ -33,7 +33,7 @@ class PointLimiter:
         self._places = self._speeds = False  # whether the desired point has positions and velocities
 
     def enforce(self, actual: Point, desired: Point, period: float) -> bool:
-        """Clamp what is desired and return whether anything was; `period` in s, none at or below 0.
+        """Clamp the desired state and return whether it was clamped; `period` in s.
 
         Nothing is done without the positions where the joints are, or without positions or velocities to be.
         """
@@ -110,7 +110,7 @@ class PointLimiter:
         self._accelerate(joint, math.copysign(most, acceleration), here, speed, period)
 
     def _accelerate(self, joint: int, acceleration: float, here: float, speed: float, period: float) -> None:
-        """Take what an acceleration makes of where a joint is and how fast it is."""
+        """Integrate an acceleration into position and velocity."""
         self._accelerations[joint] = acceleration
         self._velocities[joint] = speed + acceleration * period
         if self._places:

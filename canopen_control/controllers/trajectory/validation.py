@@ -1,4 +1,4 @@
-"""Which trajectories are taken: the rules of upstream in their order, then ours of what a joint can bear.
+"""Checks of trajectories: the rules of joint_trajectory_controller in their order, then limits of the joints.
 
 Rules (ros2_controllers jazzy): the first rule that is broken rejects. Ours, and safer: what is no number,
 is beyond the limits of its joint, names a joint twice or begins far from where the joint is, is rejected as well.
@@ -80,7 +80,7 @@ class Extremes:
         self.highest: list[float] = []
 
     def add(self, found: Range) -> None:
-        """Take those of the next points."""
+        """Add the values of the next points."""
         self.ranges.append(found)
         if len(found.lowest) != len(self.lowest):
             self.lowest, self.highest = found.lowest, found.highest
@@ -90,7 +90,7 @@ class Extremes:
 
 
 class TrajectorySummary:
-    """Where points break the rules, as indices of the first ones that do; `count` is how many there are.
+    """Summary of a trajectory: indices of the first points that break each rule; `count` of points.
 
     `not_increasing` is not after the point before it, `empty` has neither positions nor velocities nor accelerations,
     `infinite` has a number that is none. `sizes` are the first points by the number of values that they have, of
@@ -109,7 +109,7 @@ class TrajectorySummary:
         self._place: Sequence[float] = ()  # where the last point is
 
     def add(self, points: Sequence[Values], times: Sequence[int]) -> None:
-        """Look at the next points; `times` are theirs from start in ns."""
+        """Add the next points; `times` from start in ns."""
         if not points:
             return
         begin, before = self.count, self._last
@@ -137,7 +137,7 @@ class TrajectorySummary:
             self._look_at_ways(begin, columns[0], before, times)
 
     def _look_at_ways(self, begin: int, places: list[list[float]], before: int, times: Sequence[int]) -> None:
-        """Take the mean velocities up to the next points, all of which have positions."""
+        """Compute the mean velocities up to the next points."""
         last, self._place = self._place, places[-1]
         whens = [each * 1e-9 for each in ((before, *times) if last else times)]
         seconds = list(map(operator.sub, whens[1:], whens))
@@ -200,7 +200,7 @@ class TimedValues(Values, Protocol):
 
 
 class _Column:
-    """One quantity of the points of a piece: as many values for each, or whatever each has."""
+    """Column of one quantity in a piece of points."""
 
     __slots__ = ("_odd", "_values", "_width")
 
@@ -218,7 +218,7 @@ class _Column:
 
 
 class SurveyedPoints(Points):
-    """Points of which is known what they come to: `survey`."""
+    """Points with their summary `survey`."""
 
     survey: TrajectorySummary
 
@@ -233,7 +233,7 @@ class PointBuffer(SurveyedPoints):
         self._pieces: list[tuple[_Column, _Column, _Column, _Column]] = []
 
     def add(self, points: Sequence[TimedValues]) -> None:
-        """Take the next points; ControlError, and none is taken, for a time that no clock can hold."""
+        """Add the next points; ControlError, and none is added, for a time out of range."""
         seconds = [each.time_from_start for each in points]
         for index, time in enumerate(seconds, len(self)):
             if not -_FARTHEST_S <= time <= _FARTHEST_S:
@@ -331,7 +331,7 @@ class Refused:
 
 @dataclass(frozen=True)
 class Rules:
-    """What a controller takes, by the names of its parameters."""
+    """Rules of a controller, by the names of its parameters."""
 
     joints: tuple[str, ...]
     partial: bool = False
@@ -342,7 +342,7 @@ class Rules:
 
 @dataclass(frozen=True)
 class JointLimits:
-    """What the description allows a joint, in rad and rad/s (m): infinite where it says nothing.
+    """Limits of a joint in the description, in rad and rad/s (m): infinite without one.
 
     `continuous` turns without end.
     """
@@ -354,7 +354,7 @@ class JointLimits:
 
 
 def survey_of(message: JointTrajectory) -> TrajectorySummary:
-    """Return what the points of a trajectory come to: made as they came, or now."""
+    """Return the summary of a trajectory's points, computed on reception or now."""
     if isinstance(message.points, SurveyedPoints):
         return message.points.survey
     made = TrajectorySummary()
@@ -446,7 +446,7 @@ def _wrong_sizes(index: int, point: Point, joints: int, rules: Rules) -> Refused
 
 
 def beyond(message: JointTrajectory, survey: TrajectorySummary, limits: dict[str, JointLimits]) -> str | None:
-    """Say what in a trajectory is no number or beyond the limits of its joint, None if nothing is."""
+    """Return the first value that is not finite or beyond its joint's limits, None without one."""
     names = message.joint_names
     for name in names:
         if names.count(name) > 1:
@@ -468,7 +468,7 @@ def beyond(message: JointTrajectory, survey: TrajectorySummary, limits: dict[str
 
 
 def unreachable(message: JointTrajectory, survey: TrajectorySummary, limits: dict[str, JointLimits]) -> str | None:
-    """Say which point a joint cannot reach in time from the one before within its velocity limit, None if none."""
+    """Return the point that a joint cannot reach in time within its velocity limit, None without one."""
     for index, name in enumerate(message.joint_names if survey.means.ranges else ()):
         most = limits.get(name, JointLimits()).velocity
         if most == math.inf:
@@ -524,7 +524,7 @@ def _place(
 def far_start(
     message: JointTrajectory, here: dict[str, float], limits: dict[str, JointLimits], allowed: float
 ) -> str | None:
-    """Say which joint is too far from the first point, None if none; `here` are the positions, `allowed` in rad or m.
+    """Return the joint too far from the first point, None without one; `allowed` in rad or m.
 
     A joint that has time until the first point may be as much farther off as its velocity limit lets it go until then.
     """
@@ -546,7 +546,7 @@ def far_start(
 
 
 def lost_start(message: JointTrajectory, begin: int) -> str | None:
-    """Say that nothing leads to a first point without positions, None if it follows from where the joints are.
+    """Return the error of a first point without positions, None if it starts at the actual state.
 
     `begin` is the time in ns at which it would be taken up.
     """

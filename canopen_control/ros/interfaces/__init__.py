@@ -37,7 +37,7 @@ _PROBED: Final = "std_msgs/msg/Header"
 
 
 def provide(packages: Iterable[str] = PACKAGES) -> list[str]:
-    """Make the packages that are not installed importable, in any program with rclpy; return those.
+    """Provide the missing packages for `import`, in any program with rclpy; return their names.
 
     Call it before they are imported. `packages` are by default all of `PACKAGES`. CanopenError when this ROS is not
     known, before anything is made; a package that is neither installed nor one of `PACKAGES` is a CanopenError too.
@@ -56,7 +56,7 @@ def provide(packages: Iterable[str] = PACKAGES) -> list[str]:
 
 
 class MissingInterface(CanopenError):
-    """An interface that this ROS does not have, `name`: its package is older or newer than what asks for it."""
+    """Interface that ROS lacks, `name`: its package has another version."""
 
     def __init__(self, name: str) -> None:
         super().__init__(f"this ROS has no {name}")
@@ -78,13 +78,13 @@ def interface(name: str) -> Any:  # noqa: ANN401 - a class made by somebody's ge
 
 
 def made(kind: Any, **values: object) -> Any:  # noqa: ANN401 - as above
-    """Return a message with those of the values that its type has a field for on this host."""
+    """Return a message with the values for which its type has a field on this host."""
     field_types = kind.get_fields_and_field_types()
     return kind(**{name: value for name, value in values.items() if name in field_types})
 
 
 def put(message: Any, **values: object) -> None:  # noqa: ANN401 - as above
-    """Put those of the values into a message that its type has a field for on this host."""
+    """Set the values of a message for which its type has a field on this host."""
     field_types = message.get_fields_and_field_types()
     for name, value in values.items():
         if name in field_types:
@@ -92,7 +92,7 @@ def put(message: Any, **values: object) -> None:  # noqa: ANN401 - as above
 
 
 class _Factory:
-    """Makes classes of definitions; one for the process, as C keeps pointers to what it made."""
+    """Factory of classes from definitions; one for the process, since C keeps pointers to them."""
 
     def __init__(self) -> None:
         self.registry = Registry(_shares())
@@ -133,7 +133,7 @@ class _Factory:
         return self._classes[name]
 
     def install(self, package: str) -> None:
-        """Put the modules of a package where `import` finds them."""
+        """Add the modules of a package to `sys.modules`."""
         top = _module(package)
         for kind, make in (("msg", self.class_of), ("srv", self.service_of), ("action", self.action_of)):
             module = _module(f"{package}.{kind}")
@@ -145,7 +145,7 @@ class _Factory:
         sys.modules[package] = top
 
     def _maker(self, prefix: str, make: Callable[[str], type]) -> Callable[[str], type]:
-        """Return what a module does for a name that it does not have yet: the class, or AttributeError."""
+        """Return the `__getattr__` of a module: the class, or AttributeError."""
 
         def made(short: str) -> type:
             name = f"{prefix}/{short}"

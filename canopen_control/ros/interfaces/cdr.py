@@ -48,7 +48,7 @@ class Codecs:
         return bytes(body)
 
     def decode(self, name: str, body: bytes) -> Any:  # noqa: ANN401 - a message of the class of that name
-        """Return the message; ValueError when the body is none of that type. What follows it is ignored."""
+        """Return the message; ValueError if the body is invalid. Trailing bytes are ignored."""
         try:
             return self.codec(name)[1](memoryview(body), 0)[0]
         except (struct.error, IndexError) as error:

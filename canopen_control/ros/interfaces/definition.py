@@ -38,7 +38,7 @@ _LINE: Final = re.compile(
 
 
 class Shape(enum.IntEnum):
-    """How many of a type a field holds."""
+    """Multiplicity of a field."""
 
     SCALAR = 0
     ARRAY = 1
@@ -79,7 +79,7 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class Structure:
-    """A message, or the structure that stands for a service; `name` is "package/msg/Name"."""
+    """Message, or the structure of a service; `name` is "package/msg/Name"."""
 
     name: str
     fields: tuple[Field, ...]

@@ -83,11 +83,11 @@ class Libraries:
         )
 
     def set_body(self, message: int, body: bytes) -> bool:
-        """Let a message in C hold a body."""
+        """Set the body of a C message."""
         return bool(self._assign(message, body, len(body)))
 
     def body_of(self, message: int) -> bytes:
-        """Return what a message in C holds."""
+        """Return the body of a C message."""
         body = Bytes.from_address(message)
         return ctypes.string_at(body.data, body.size) if body.size else b""
 
@@ -102,7 +102,7 @@ class Libraries:
 
 
 class Callbacks:
-    """The functions of `callbacks.c`, as addresses; OSError when there is none for this processor."""
+    """Addresses of the functions in `callbacks.c`; OSError if there are none for this processor."""
 
     def __init__(self, put: int, position: int, assign: int, end_offset: int) -> None:
         path = Path(__file__).with_name(f"callbacks_{platform.machine()}.so")
@@ -133,7 +133,7 @@ class Callbacks:
         return int(self._slot(slot))
 
     def newly_dropped(self) -> list[str]:
-        """Return the types of which messages of another layout came, and were dropped, since the last call."""
+        """Return the types whose messages were dropped since the last call for another layout."""
         if self._dropped_in_all.value == self._told_in_all:
             return []
         self._told_in_all = self._dropped_in_all.value
@@ -144,7 +144,7 @@ class Callbacks:
 
 
 def _library_folder() -> Path:
-    """Return where this ROS has its libraries: beside the site-packages that its generators are in."""
+    """Return the folder of the libraries of ROS."""
     generator = importlib.import_module("rosidl_generator_py")
     return Path(str(generator.__file__)).resolve().parents[4] / "lib"
 
@@ -210,7 +210,7 @@ class TypeDescription(TypedDict):
 
 
 class Registry:
-    """Structures by full name: the ones that were added, and those of installed packages below `shares`."""
+    """Structures by full name: added ones, and those of installed packages below `shares`."""
 
     def __init__(self, shares: Iterable[Path] = ()) -> None:
         self._shares = list(shares)
@@ -225,7 +225,7 @@ class Registry:
                 del self._structures[structure_name]
 
     def get(self, name: str) -> Structure:
-        """Return a structure; LookupError if nobody has it, neither a definition nor an installed package.
+        """Return a structure; LookupError if there is no definition and no installed package.
 
         ValueError names a bad line of a definition.
         """
@@ -324,7 +324,7 @@ class Capsules(NamedTuple):
 
 
 class _Message(NamedTuple):
-    """Where the supports of a message are: for dispatching, for Fast CDR, for introspection and its members."""
+    """Addresses of a message's type supports: dispatch, Fast CDR, introspection and members."""
 
     dispatch: int
     fast: int
@@ -342,7 +342,7 @@ class Supports:
         self._layouts: dict[str, int] = {}
 
     def message(self, name: str) -> Capsules:
-        """Make the supports of a message; once for each name."""
+        """Create the type supports of a message, once per name."""
         support = self._message(name)
         libraries, codecs = self._libraries, self._codecs
 
@@ -372,7 +372,7 @@ class Supports:
         )
 
     def service(self, name: str) -> object:
-        """Make the support of a service, and return its capsule."""
+        """Create the type support of a service and return its capsule."""
         libraries, callbacks = self._libraries, self._libraries.callbacks
         parts = [self._message(f"{name}_{part}") for part in ("Request", "Response", "Event")]
         request, response, event = parts
@@ -393,7 +393,7 @@ class Supports:
         return _capsule(self._described("service_support", name, supports)[0])
 
     def action(self, name: str, cancel: object, status: object) -> object:
-        """Make the support of an action of its parts' and of the capsules of the installed ones; return its capsule."""
+        """Create the type support of an action and return its capsule."""
         send, get = (_pointer(self.service(f"{name}_{part}")) for part in ("SendGoal", "GetResult"))
         feedback = self._message(f"{name}_FeedbackMessage").dispatch
         support = abi.ActionSupport(send, get, _pointer(cancel), feedback, _pointer(status))
@@ -477,7 +477,7 @@ class Supports:
     # ---------------------------------------------------------------------------------------------- descriptions
 
     def _described(self, kind: str, name: str, supports: Sequence[Any]) -> list[int]:
-        """Let the supports of an interface tell its hash, description, sources and one another; return where they are.
+        """Set hash, description and sources in the type supports of an interface; return their addresses.
 
         `kind` is the structure in `callbacks.c` that they are.
         """

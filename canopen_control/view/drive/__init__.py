@@ -1,4 +1,4 @@
-"""The Drive view: one node of the robot, in tabs. STOP and the robot's state stay beside it, on a phone around it.
+"""Drive view: one node of the robot, in tabs, next to STOP and the robot's state.
 
 How to add a tab: a file NAME_tab.py in this folder with a class that is a `drive_tab.DriveTab`, and a line for it in
 `drive_tabs.TABS`. A tab is made when it is opened first, for one node, in the place that is current; what it is given

@@ -145,7 +145,7 @@ class ScopeTab:
     # ------------------------------------------------------------------------------------ what the frame asks of it
 
     def show(self, content: PageContent) -> None:
-        """Show the scope of the node, whichever page started it."""
+        """Show the scope of the node, started by any page."""
         run = self._desk.scope
         goes_on = run is not None and not run.over
         for button in (self._single, self._rolling):
@@ -239,7 +239,7 @@ class ScopeTab:
             ui.download.content(csv_of(self._shown).encode(), f"{self._context.node}.csv")
 
     async def _save_png(self) -> None:
-        """Save the picture as the browser has drawn it, zoom and cursors as they are."""
+        """Save the picture as shown, with zoom and cursors."""
         look = {"type": "png", "pixelRatio": 2, "backgroundColor": "#ffffff"}
         try:
             address = await self._chart.run_chart_method("getDataURL", look, timeout=5.0)

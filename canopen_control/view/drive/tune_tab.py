@@ -1,4 +1,4 @@
-"""The Tune tab: excites the drive within limits that are confirmed; curves, metrics, and gains set and taken back."""
+"""Tune tab: excitation of the drive within confirmed limits, curves, metrics, gains."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ class TuneTab:
     # ------------------------------------------------------------------------------------ what the frame asks of it
 
     def show(self, content: PageContent) -> None:
-        """Show the run, whichever page started it, and its result."""
+        """Show the run, started by any page, and its result."""
         self._period = content.state.cycle.period_s or self._period
         self._bar.show()
         free = not content.lost and not self._desk.busy and self._context.panel.teleop
@@ -218,7 +218,7 @@ class TuneTab:
         self._dialog.open()
 
     def _begin(self) -> None:
-        """Start the run as confirmed, whatever the inputs are meanwhile."""
+        """Start the run as confirmed, not as the inputs are now."""
         self._dialog.close()
         wish, self._confirmed = self._confirmed, None
         if wish is None or not self._context.panel.teleop:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class SceneChange(TypedDict, total=False):
-    """What has moved: joints by their order in the tree, in rad or m, the base's pose, joints of drives in a fault.
+    """Changes of the scene: joints by index, in rad or m, pose of the base, joints of drives in a fault.
 
     `truth` is the true pose of a simulated base, in the frame of odometry as `pose` is.
     """
@@ -40,14 +40,14 @@ class SceneChange(TypedDict, total=False):
 
 
 class PlotRows(TypedDict, total=False):
-    """Rows that are new; `anew`: they are all there is."""
+    """New rows of plots; `anew`: they replace all."""
 
     anew: bool
     rows: list[Row]
 
 
 class FeedMessage(TypedDict, total=False):
-    """One message; a key that is not there has not changed. `titles` are those of charts.
+    """Message of the feed; missing keys are unchanged. `titles` are those of charts.
 
     `trail` are points in m where odometry was, `truth` where the base was. `ghost` is a place of the joints that is
     previewed, by their order in the tree, null for none; `world` is what stands beside the robot.
@@ -139,7 +139,7 @@ class RobotScene(Element, component="robot_scene.js", esm={"nicegui-scene": str(
 
 
 class StripCharts(Element, component="strip_charts.js"):
-    """Draws what the feed brings: `plots` {"rows": [[time, value, ...], ...]} by `names`, and `titles` by chart."""
+    """Charts of the feed: `plots` {"rows": [[time, value, ...], ...]} by `names`, and `titles` by chart."""
 
     def __init__(self, charts: Sequence[Chart], names: Sequence[str], span: float) -> None:
         super().__init__()
@@ -170,7 +170,7 @@ class TreeRow(TypedDict):
 
 
 class ObjectWords(TypedDict):
-    """What an object holds now in words, and its bits: number, name, whether it is set."""
+    """Present value of an object in words, and its bits: number, name, whether set."""
 
     value: str | None
     meaning: str | None
@@ -213,7 +213,7 @@ class ObjectTree(Element, component="object_tree.js"):
         self.run_method("matches", None if addresses is None else list(addresses), problem, text)
 
     def answer(self, address: str, text: str, *, good: bool) -> None:
-        """Say at an object what came of writing it."""
+        """Show the result of writing at its object."""
         self.run_method("answer", address, text, good)
 
 
@@ -230,7 +230,7 @@ def _written(args: Any, user: TreeUser) -> None:  # noqa: ANN401 - what a browse
 
 
 class FileUpload(ui.upload):
-    """Takes one file as soon as it is chosen; `taken` gets it, `refused` is called for one of more than `most` bytes.
+    """Upload of one file; `on_upload` gets it, `refused` is called for more than `most` bytes.
 
     `ui.upload` makes a FastAPI route for each element, and FastAPI keeps the functions of its routes in a cache as long
     as the process lives: each page that was ever opened would stay in memory. This one makes a route of Starlette,

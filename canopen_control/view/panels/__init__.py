@@ -1,1 +1,1 @@
-"""The parts of the page, one file each; `page.PANELS` says where they stand."""
+"""Panels of the page, one module each; `page.PANELS` has their order."""

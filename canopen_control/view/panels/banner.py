@@ -1,4 +1,4 @@
-"""Who the robot is and how: its state in words, what is the matter, what to do; and the way on."""
+"""Banner of the page: the robot, its state, the problem and the next step."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _UNKNOWN = "<p class='cc-note'>No connection: the state of the drives is unknown
 
 
 class DrivesPanel:
-    """The table of drives; empty without a connection, since what was known is not what is."""
+    """Table of drives; empty without a connection."""
 
     def __init__(self, context: PanelContext) -> None:
         del context
@@ -70,7 +70,7 @@ _ACTIONS: Final[dict[str, tuple[str, str, Request[Any]]]] = {
 
 
 class BannerPanel:
-    """The robot's state in words, never greyed: a lost connection is said here. The next thing to do is a button."""
+    """State of the robot in words, also during a lost connection; the next step is a button."""
 
     def __init__(self, context: PanelContext) -> None:
         self._context = context

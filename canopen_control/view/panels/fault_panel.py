@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class FaultPanel:
-    """Chooses a drive and a fault, says what it does, switches it, and shows what is on."""
+    """Choice of a drive and a fault, with its description, switch, and the active faults."""
 
     def __init__(self, context: PanelContext) -> None:
         self._context = context
@@ -54,7 +54,7 @@ class FaultPanel:
             self._active = Html()
 
     def show(self, content: PageContent) -> None:
-        """Show who is there to be broken, and what is on."""
+        """Show the virtual drives and their active faults."""
         board = content.faults
         if board is None or board == self._board:
             return

@@ -1,4 +1,4 @@
-"""What a panel of the page is, what it is given, and what all of them show things with: HTML and notices.
+"""Base of the panels: their context, and HTML, notices and sliders for all.
 
 What is in a piece of HTML has been escaped by `words`.
 """
@@ -28,12 +28,12 @@ class PanelContext(Protocol):
 
     @property
     def robot(self) -> RobotView:
-        """What is known of the robot."""
+        """The robot as known."""
         ...
 
     @property
     def player(self) -> TrajectoryPlayer:
-        """Who plays trajectories for all pages."""
+        """Player of trajectories, shared by all pages."""
         ...
 
     async def ask(self, request: Request[Any]) -> str | None:
@@ -41,11 +41,11 @@ class PanelContext(Protocol):
         ...
 
     def hold(self, page: str, motion: TeleopCommands, on_refusal: Callable[[str], None]) -> None:
-        """Take note that a page holds a button; `told` gets a sentence if it may not drive."""
+        """Register a held button of a page; `on_refusal` gets a sentence if it may not drive."""
         ...
 
     def release(self, page: str) -> None:
-        """End what a page drives, now."""
+        """End the motion of a page now."""
         ...
 
     def refresh_faults(self) -> None:
@@ -54,14 +54,14 @@ class PanelContext(Protocol):
 
 
 class Panel(Protocol):
-    """A part of a page: made in its place, then given what it shows a few times a second. A line in `page.PANELS`."""
+    """Part of a page: created in its place, then updated a few times a second. Listed in `page.PANELS`."""
 
     def __init__(self, context: PanelContext) -> None:
-        """Make the widgets in the place that is current."""
+        """Create the widgets in the current container."""
         ...
 
     def show(self, content: PageContent) -> None:
-        """Show what is known now; what has not changed is not sent again."""
+        """Update the widgets; unchanged ones are not sent again."""
         ...
 
 
@@ -95,7 +95,7 @@ LOOK: Final = "<p class='cc-note'>This page only looks. To drive: <code>canopen-
 
 
 def value_slider(label: str, low: float, high: float, step: float, value: float) -> ui.slider:
-    """Make a slider between its name and its value."""
+    """Create a slider between its name and its value."""
     with ui.element("div").classes("cc-slider"):
         ui.label(label)
         slider = ui.slider(min=low, max=high, step=step, value=value).props(f'dense aria-label="{label}"')
@@ -106,7 +106,7 @@ def value_slider(label: str, low: float, high: float, step: float, value: float)
 def hold_buttons(
     context: PanelContext, buttons: Sequence[HoldButton], motion: Callable[[str], TeleopCommands | None], kind: str = ""
 ) -> HoldButtons:
-    """Make buttons that send `motion(key)` while they are held, nothing for None; the end is the page's."""
+    """Create buttons that send `motion(key)` while held, nothing for None; the page ends the motion."""
     client = ui.context.client
 
     def told(why: str) -> None:

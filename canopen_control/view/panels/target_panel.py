@@ -87,7 +87,7 @@ class EnableButton:
             self._why = ui.tooltip(_LATCHED)
 
     def show(self, content: PageContent) -> None:
-        """Follow the latch; nothing is sent while it stays as it is."""
+        """Update from the latch; nothing is sent without a change."""
         latched = content.state.latched
         if latched is not self._latched:
             self._latched = latched
@@ -104,7 +104,7 @@ _SHOWS: Final = {"position": "Hold to go there", "velocity": "Hold to turn", "ef
 
 
 class TargetPanel:
-    """Stands in the page while a controller takes a drive's target; a row for each drive, or for those of `node`."""
+    """Sliders of target controllers: a row for each drive, or for those of `node`."""
 
     def __init__(self, context: PanelContext, node: str = "") -> None:
         self._context, self._node = context, node
@@ -133,7 +133,7 @@ class TargetPanel:
 
 
 class _Row:
-    """One drive: its buttons, and what it is driven by in the mode that it is in."""
+    """Row of one drive: its buttons, and the input of its present mode."""
 
     def __init__(self, context: PanelContext, drive: DriveTarget) -> None:
         self._context, self._client = context, ui.context.client
@@ -154,7 +154,7 @@ class _Row:
             self._body = ui.element("div").classes("cc-body")
 
     def show(self, drive: DriveTarget, position: float | None) -> None:
-        """Follow the drive; what drives it is built anew for another quantity."""
+        """Update from the drive; the input is rebuilt for another quantity."""
         self._drive, self._position = drive, position
         if self._mode.value != (drive.mode or None):
             self._mode.value = drive.mode or None
@@ -181,7 +181,7 @@ class _Row:
         self._slider = value_slider(f"target, {drive.unit}", -end, end, end / 200, min(max(here, -end), end))
 
     def _stretch(self, end: float | None) -> None:
-        """Let the slider reach as far as was asked for."""
+        """Change the range of the slider."""
         if self._slider is None or not end or not 0.0 < end <= _MOST:
             return
         self._slider.props(f"min={-end} max={end} step={end / 200}")

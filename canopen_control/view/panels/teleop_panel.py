@@ -53,7 +53,7 @@ _INACTIVE: Final = "<p class='cc-note'>{} takes commands, and is not active.</p>
 
 
 class TeleopPanel:
-    """Follows the controllers; built anew when they have changed."""
+    """Teleop inputs of the active controllers, rebuilt when those change."""
 
     def __init__(self, context: PanelContext) -> None:
         self._context, self._client = context, ui.context.client
@@ -108,7 +108,7 @@ class TeleopPanel:
             self._choice(takers, active)
 
     def _choice(self, takers: tuple[ControllerReading, ...], active: list[ControllerReading]) -> None:
-        """Let choose who moves the joints, where there is a choice."""
+        """Create the choice of the controller, if there are several."""
         names = [taker.name for taker in takers]
         if len(names) < 2:
             return
@@ -139,7 +139,7 @@ class TeleopPanel:
         angular = value_slider("turn, rad/s", *_ANGULAR)
 
     def _values(self, controller: ControllerReading) -> None:
-        """Make a slider for each value of the controller, and one button that sends them while it is held."""
+        """Create a slider for each value of the controller, and a button that sends them while held."""
         limits = {joint: self._range(joint, controller.interface or "") for joint in controller.joints}
         if controller.interface == "position":
             self._targets = TargetSliders(limits)
@@ -152,7 +152,7 @@ class TeleopPanel:
         hold_buttons(self._context, [HoldButton("drive", "Hold to drive")], lambda _key: self._motion(controller))
 
     def _reach(self, controller: ControllerReading) -> None:
-        """Make a slider for each joint of an arm, and one button: while it is held, the arm goes where they are."""
+        """Create a slider for each joint of an arm, and a button that moves it there while held."""
         limits = {joint: self._range(joint, "position") for joint in controller.joints}
         targets = self._targets = TargetSliders(limits)
         targets.follow(self._positions)
@@ -172,7 +172,7 @@ class TeleopPanel:
         hold_buttons(self._context, [HoldButton("drive", "Hold to move")], motion)
 
     def _way(self, controller: ControllerReading, positions: Sequence[float], percent: float) -> TeleopCommands | None:
-        """Return the way to where the sliders are, within each joint's limits; None where nobody knows where one is.
+        """Return the trajectory to the sliders' positions, within the joints' limits; None if a position is unknown.
 
         From rest to rest on a cubic the velocity peaks at 1.5 times its mean, the acceleration at 6 d/T^2.
         """
@@ -200,7 +200,7 @@ class TeleopPanel:
         )
 
     def _range(self, joint: str, interface: str) -> tuple[float, float]:
-        """Return what a slider may be set to, by the description's limits as far as it has any."""
+        """Return the range of a slider by the limits of the description."""
         found = self._joints.get(joint)
         limits = found.limits if found is not None else UrdfLimits()
         if interface == "position" and math.isfinite(limits.lower) and math.isfinite(limits.upper):

@@ -1,4 +1,4 @@
-"""Trajectories of the user's files: choose one, look at its points as a preview, play it. With a controller for it.
+"""Trajectories from the user's files: choose one, preview its points, play it.
 
 What is previewed moves nothing: it is drawn transparent beside the robot and told in numbers. To play takes `--teleop`.
 """
@@ -80,7 +80,7 @@ class TrajectoryPanel:
         self._arrange()
 
     def show(self, content: PageContent) -> None:
-        """Follow controllers, joints and what is played."""
+        """Update controllers, joints and the playing trajectory."""
         if content.lost:
             return
         self._follow_controllers(trajectory_takers(content.controllers))
@@ -105,7 +105,7 @@ class TrajectoryPanel:
             self._choice.visible = len(takers) > 1
 
     async def _take(self, event: UploadEventArguments) -> None:
-        """Read what the user has chosen."""
+        """Read the chosen file."""
         self._upload.reset()
         try:
             if event.file.size() > MOST_BYTES:
@@ -171,7 +171,7 @@ class TrajectoryPanel:
         self._table.show(preview_table(loaded, number, self._now, self._context.robot.linear))
 
     def _feed_ghost(self) -> None:
-        """Draw the previewed place beside the robot; a joint that the point does not place is where it is."""
+        """Draw the previewed point next to the robot; joints it does not contain stay."""
         positions = self._loaded.positions(self._number()) if self._loaded is not None and self._playing is None else {}
         angles = angles_of(self._context.robot.model, {**self._now, **positions}) if positions else None
         self._feed.send({"ghost": angles})

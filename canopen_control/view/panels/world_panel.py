@@ -1,4 +1,4 @@
-"""What happens in the world of a robot in physics: payloads, pushes, blocked joints and the grip of the floor.
+"""Disturbances of a robot in physics: payloads, pushes, blocked joints and friction of the floor.
 
 Nothing is there where no drive is in such a world. What was asked for stands in the robot's events.
 """
@@ -58,7 +58,7 @@ class WorldPanel:
                 _button("Set the floor", self._friction)
 
     def show(self, content: PageContent) -> None:
-        """Look for a world again where other drives are there than before."""
+        """Update the panel when other drives are present."""
         drives = frozenset(content.faults.drives) if content.faults is not None else frozenset()
         if drives != self._asked:
             self._asked = drives
@@ -98,7 +98,7 @@ class WorldPanel:
         return "" if self._link.value == _HEAVIEST else str(self._link.value)
 
     async def _act(self, world_act: WorldAct, text: str) -> None:
-        """Let it happen, and tell everybody who watches the robot."""
+        """Apply a disturbance, and publish it as an event."""
         try:
             refusal = await in_thread(partial(self._context.robot.world_client.act, world_act))
         except CanopenError as error:
@@ -117,7 +117,7 @@ def _button(label: str, act: Callable[..., object]) -> None:
 
 
 def _read(field: ui.number) -> float | None:
-    """Return the number of a field; None, and a notice, where there is none."""
+    """Return the number of a field; None, with a notice, if it is invalid."""
     if field.value is None:
         show_notice("Not done", "a field has no number")
         return None
