@@ -213,7 +213,7 @@ _OF_MASTER = {  # by the first letters of the ids of the checks of a master
     "MH": "A device that supervises this master by its heartbeat will stop, or will not notice its end.",
     "MY": "A drive that interpolates between SYNCs will move unevenly, or not at all.",
     "MP": "A device will ignore process data of this master, or report them as errors.",
-    "MW": "A drive may not be enabled, or be enabled when nobody expects it.",
+    "MW": "A drive may not be enabled, or be enabled unexpectedly.",
     "MF": "After a fault of a device this master will go on, or the drive will start again without a command.",
 }
 _STYLE = """body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:62em;padding:0 1em;color:#1b1b1b}

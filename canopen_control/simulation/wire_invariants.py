@@ -69,7 +69,7 @@ class _Configured:
 
 
 class ConfigurationInvariants:
-    """Check of the configuration of nodes; `report(rule, text)` receives breaches. `sampled` is called as time passes."""
+    """Check of node configurations; `report(rule, text)` receives breaches. `sampled` is called as time passes."""
 
     def __init__(
         self,
