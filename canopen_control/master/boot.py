@@ -15,7 +15,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.nmt import NmtCommand, NmtState
-from canopen_control.cia402.objects import CONTROLWORD, STATUSWORD, SUPPORTED_DRIVE_MODES, TARGET_VELOCITY
+from canopen_control.cia402.objects import (
+    CONTROLWORD,
+    MODES_OF_OPERATION,
+    STATUSWORD,
+    SUPPORTED_DRIVE_MODES,
+    TARGET_VELOCITY,
+)
 from canopen_control.errors import CanopenError, SdoAbort, SdoLengthError, SdoTimeout
 from canopen_control.master.boot_config import (
     RESTORE,
@@ -202,6 +208,10 @@ def _prepare_drive(plan: NodePlan, transfers: BootTransfers, running: bool) -> G
                 value = yield from _answered(plan, "J", transfers, actual + offset, 0, signed=True)
                 if value is not None:
                     transfers.presets[target + offset, 0] = transfers.presets[actual + offset, 0] = value
+        if (MODES_OF_OPERATION + offset, 0) in transfers.presets:  # the mode that bus.yml writes stays until another
+            for write in plan.writes:
+                if write.address == (MODES_OF_OPERATION + offset, 0):
+                    transfers.presets[write.address] = int.from_bytes(write.data, "little", signed=True)
         has_velocity = (TARGET_VELOCITY + offset, 0) in plan.entry_names and not running
         if has_velocity and (yield from _answered(plan, "J", transfers, TARGET_VELOCITY + offset, 0)):
             yield from _silently(transfers, TARGET_VELOCITY + offset, bytes(4))

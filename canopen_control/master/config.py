@@ -65,8 +65,8 @@ _TRANSITIONS = range(17)  # of the CiA 402 power state machine; 0 and 1 are the 
 def tolerated(section: Node, keys: Collection[str], unused: Mapping[str, str], misnamed: Mapping[str, str]) -> set[str]:
     """Check a section for keys that are not `known`; return those that the conversion ignores.
 
-    A key similar to a known one, or listed in `misnamed`, is an error. Any other is a warning: ros2_canopen ignores
-    unknown keys, so that files with such keys are in use.
+    A key similar to a known one that is not there too, or listed in `misnamed`, is an error. Any other is a warning:
+    ros2_canopen ignores unknown keys, so that files with such keys are in use.
     """
     tolerated_keys = set(unused)
     for key, place in section.keys().items():
@@ -77,7 +77,7 @@ def tolerated(section: Node, keys: Collection[str], unused: Mapping[str, str], m
             place.error(f"unknown key {key!r}; write {meant}")
         elif _node_id_below(section, key) is not None:
             place.error(f"unknown key {key!r}: a node belongs at the margin or under `nodes:`; it is indented too far")
-        elif close := difflib.get_close_matches(key, [*keys, *unused], 1, 0.6):
+        elif (close := difflib.get_close_matches(key, [*keys, *unused], 1, 0.6)) and section.get(close[0]) is None:
             place.error(f"unknown key {key!r}, did you mean {close[0]!r}?")
         else:
             place.warning(f"unknown key {key!r}: it has no effect, here as in ros2_canopen; remove it")
@@ -90,6 +90,7 @@ def _node_id_below(section: Node, key: str) -> Node | None:
     return below.get("node_id") if below is not None else None
 
 
+_SPELLING: Final = re.compile(r"`(\w+)`")
 _PDO_KEY: Final = re.compile(r"(?i)([rt]pdo)_?(\d+)")
 _MODES: Final = {1: "position", 7: "position", 8: "position", 2: "velocity", 3: "velocity", 9: "velocity"} | {
     4: "effort",
@@ -106,6 +107,16 @@ def _meant(key: str, section: Node, keys: Collection[str], misnamed: Mapping[str
     if "velocity_mode" in meant and type(number) is int and number in _MODES:
         return f"`{_MODES[number]}_mode: {number}` ({OperationMode(number).name})"
     return meant
+
+
+def _respelled(section: Node, misnamed: Mapping[str, str]) -> Node:
+    """Return the section with the right keys for those in `misnamed`: no mistake follows from a reported one."""
+    pairs = {key.text: (key, value) for key, value in section.pairs()}
+    for key, pair in list(pairs.items()):
+        if (meant := _SPELLING.fullmatch(misnamed.get(key, ""))) and meant[1] not in pairs:
+            pairs[meant[1]] = pair
+    whole = Node("mapping", section.line, section.column, section.where, section.problems)
+    return Node.mapping(whole, pairs)
 
 
 def _require_modes(motion: MotionKeys, node: Node) -> None:
@@ -185,6 +196,7 @@ def _brief(value: object) -> str:
 def node_config(name: str, node: Node, master: MasterConfig, options: FileOptions) -> NodeConfig | None:
     """Convert and check the keys of one node; None if they are unusable."""
     ignored = tolerated(node, keys_of(NodeConfig), UNUSED_NODE, MISNAMED_NODE)
+    node = _respelled(node, MISNAMED_NODE)
     keys: NodeConfig | None = convert(node, NodeConfig, None, ignored=ignored)
     if keys is None:
         return None

@@ -108,6 +108,7 @@ UNUSED_NODE = {
     "num_channels": "axes are taken from the EDS",
     "channel": "a joint names its axis in the description",
     "joint_name": "the description says which joint a node moves",
+    "scale_eff_to_dev": "efforts are commanded in the unit of 0x6071, as in ros2_canopen",
     "enable_ros_interfaces": "the ROS bridge's business",
     "software_file": "firmware is never downloaded; a wrong software_version is boot error I",
 }

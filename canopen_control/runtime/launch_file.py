@@ -29,6 +29,10 @@ _VARIABLE: Final = re.compile(r"\$\((?:var|arg) +([\w.-]+)\)")
 _PACKAGE: Final = re.compile(r"\$\((?:find|find-pkg-share) +([\w.-]+)\)")
 _EXECUTABLE: Final = re.compile(r"\$\((?:find-exec|find) +xacro\)(?:/xacro)?")
 _COMMAND: Final = re.compile(r"\$\(command +(['\"])(.*?)\1")
+_COMPUTED_ENDING: Final = re.compile(r"ends in '([^']*)'")
+_SUBSTITUTION: Final = re.compile(r"\$\([^()]*\)")
+_HELD: Final = str.maketrans(" ()", "\0\1\2")  # what a shell would split at, in a substitution
+_RELEASED: Final = str.maketrans("\0\1\2", " ()")
 _NAMED_FILE: Final = re.compile(r"/[^\s'\"]+")
 _TRUE: Final = ("true", "1")  # launch.conditions.IfCondition
 _DEEPEST: Final = 8  # launch files that include each other
@@ -237,11 +241,7 @@ class _Reading:
         """Report computed expressions and unknown packages."""
         named = [word for text in launch.texts if text.text for word in words_of(text.text) if _kind(word)]
         absent = [package for word in named for package in launch.absent_packages(word)]
-        computed = [
-            (line, expression)
-            for line, expression in launch.computed
-            if "command" in expression or "file" in expression
-        ]
+        computed = [(line, expression) for line, expression in launch.computed if _concerns_robot(expression)]
         for line, expression in computed:
             self.doubts.append(f"{launch.path}:{line}: {expression} is computed, which only running it would show")
         for name in dict.fromkeys(absent):
@@ -249,6 +249,14 @@ class _Reading:
                 f"{launch.path}: package {name!r} is nowhere to be found; source its workspace, or add the folder that "
                 "holds it to ROS_PACKAGE_PATH"
             )
+
+
+def _concerns_robot(what: str) -> bool:
+    """Whether what a launch file computes may be a file of the robot, or an argument of its description."""
+    if found := _COMPUTED_ENDING.search(what):
+        return bool(_kind(found[1])) or found[1] in (".yaml", ".yml")
+    # the program master.bin is for the master of ros2_canopen alone
+    return ("command" in what or "file" in what) and "master_bin" not in what
 
 
 def spawned_names(words: Sequence[str]) -> list[str]:
@@ -282,10 +290,14 @@ def _take(launch: LaunchFile, text: str, arguments: dict[str, str], files: dict[
     words = words_of(text)
     pairs = [match for word in words if (match := _PAIR.fullmatch(word))]
     for word in words:
-        kind = _kind(word)
-        if kind and (name := launch.resolved(word)) is not None:
-            files.setdefault(kind, launch.path.parent / name)
-    if any(_kind(word) == "description" for word in words):
+        pair = _PAIR.fullmatch(word)
+        name = launch.resolved(pair[2] if pair else word)
+        kind = "" if name is None else _kind(name)
+        if kind and (pair is None or kind == "bus"):  # the bus may be an argument of the description
+            path = launch.path.parent / str(name)
+            if kind not in files or (path.is_file() and not files[kind].is_file()):
+                files[kind] = path
+    if any(_names_description(launch, word) for word in words):
         for pair in pairs:
             if (value := launch.resolved(pair[2])) is not None:
                 arguments[f"{pair[1]}?"] = _unquoted(value)
@@ -299,23 +311,28 @@ def _unquoted(value: str) -> str:
         return value
 
 
+def _names_description(launch: LaunchFile, word: str) -> bool:
+    return _kind(launch.resolved(word) or word) == "description"
+
+
 def _used(launch: LaunchFile, text: str) -> set[str]:
     """Return the arguments used in file names and in the description's xacro command."""
     words = words_of(text)
-    described = any(_kind(word) == "description" for word in words)
-    used = [word for word in words if _kind(word) or (described and _PAIR.fullmatch(word))]
+    described = any(_names_description(launch, word) for word in words)
+    used = [word for word in words if _kind(launch.resolved(word) or word) or (described and _PAIR.fullmatch(word))]
     return {name for word in used for name in launch.arguments_in(word)}
 
 
 def words_of(text: str) -> list[str]:
     """Split a command as a shell does, its substitutions whole."""
-    command = _EXECUTABLE.sub("xacro", text)
-    joined = re.sub(r"\$\([^()]*\)", lambda match: match[0].replace(" ", "\0"), command)
+    joined, count = _EXECUTABLE.sub("xacro", text), 1
+    while count:  # the innermost substitution first
+        joined, count = _SUBSTITUTION.subn(lambda match: match[0].translate(_HELD), joined)
     try:
         words = shlex.split(joined)
     except ValueError:
         words = joined.split()
-    return [word.replace("\0", " ") for word in words]
+    return [word.translate(_RELEASED) for word in words]
 
 
 def _kind(word: str) -> str:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final, NoReturn
 
 from canopen_control.bus.channel import name_and_channel
 from canopen_control.data_files import data_names, data_path
-from canopen_control.errors import RobotConfigError
+from canopen_control.errors import CanopenError, RobotConfigError
 from canopen_control.physics import SDF_SUFFIXES
 from canopen_control.urdf.package_search import installed_packages
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 MAIN_BUS = "can"  # the name of the bus of bus.yml; that of bus_NAME.yml is NAME
 BUS, CONTROLLERS = "bus.yml", "ros2_controllers.yaml"
 _BUS_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
+_COPIES: Final = frozenset({"template", "example", "sample", "backup", "bak", "copy", "orig", "old"})
 _ARGUMENT = re.compile(r"[A-Za-z_]\w*")
 _DESCRIPTIONS = ("*.urdf.xacro", "*.urdf", "*.system.xacro")
 _CHANNEL_VALUE: Final = re.compile(r"(v|vx|sl)?can\d+|(local|memory|virtual|socketcan):\S+")
@@ -216,6 +217,8 @@ def find_robot(
         needed = control == described == Path() or bool(more) or bus is not None
         _refuse_missing(launch if folder is None else None, launched, no_bus, missing, needed=needed)
     words = {} if alone else _heeded(words, launched, hardware, described)
+    if no_bus and (main := _bus_of_description(described, words)) != Path():
+        no_bus.clear()
     idle = launched.idle if launched is not None else ()
     _refuse_unheeded(idle)
     name = _name((folder or (described if no_bus else main).resolve().parent).resolve())
@@ -234,6 +237,25 @@ def find_robot(
         variables,
         world,
     )
+
+
+def _bus_of_description(described: Path, words: Mapping[str, str]) -> Path:
+    """Return the bus.yml that a hardware plugin of the description names (`bus_config`), as ros2_canopen reads it.
+
+    Path() if there is none. Mistakes of the description are reported where it is read for the robot.
+    """
+    from canopen_control.urdf.description import DescriptionReader  # only for a robot without a bus.yml
+
+    try:
+        text = described.read_text(encoding="utf-8")
+        if "canopen_ros2_control" not in text and ".xacro" not in described.name:
+            return Path()
+        with DescriptionReader(described, mappings=words) as reader:
+            tags = reader.result().hardware
+    except (CanopenError, OSError, UnicodeDecodeError):
+        return Path()
+    named = (Path(tag.parameters.get("bus_config", "").strip().strip("\"'")) for tag in tags)
+    return next((path.resolve() for path in named if path.is_file()), Path())
 
 
 def _world(hardware: AskedHardware, launch: str | None, missing: list[str]) -> Path | None:
@@ -462,8 +484,9 @@ def _irregular(paths: Iterable[Path]) -> Iterator[str]:
 
 
 def _more_buses(folder: Path, missing: list[str]) -> dict[str, Path]:
-    """Find the files of further buses."""
-    buses = {path.stem.removeprefix("bus_"): path for path in sorted(folder.glob("bus_*.yml"))}
+    """Find the files of further buses; what its name calls a copy, such as bus_template.yml, is none."""
+    files = {path.stem.removeprefix("bus_"): path for path in sorted(folder.glob("bus_*.yml"))}
+    buses = {name: path for name, path in files.items() if name.lower().rpartition("_")[2] not in _COPIES}
     for name, path in buses.items():
         if not _BUS_NAME.fullmatch(name) or name == MAIN_BUS:
             missing.append(f"{path}: {name!r} is no name for a further bus: letters, digits, _ and -, not {MAIN_BUS!r}")

@@ -448,6 +448,14 @@ def test_process_data_begin_with_what_the_drive_says_and_an_old_target_velocity_
     assert (0x60FF, 0, bytes(4)) in device.written
 
 
+def test_a_mode_that_bus_yml_writes_is_what_the_rpdo_carries_at_first():
+    layout = PlannedPdo(2, 0x303, 255, (MappedObject(0x6060, 0, 8, DataType.INTEGER8),))
+    device = Device({(0x6061, 0): b"\x03", (0x6060, 0): b"\x03"})
+    writes = (PlannedWrite(0x6060, 0, b"\x01", "mode"),)
+    result = device.run(boot(scripted(axes=(0,), rpdos=(layout,), writes=writes), reset=True))
+    assert result.presets == {(0x6060, 0): 1, (0x6061, 0): 3}
+
+
 def test_a_node_nobody_watches_and_that_sends_nothing_is_started_without_proof():
     device = Device(state=None)
     device.run(boot(scripted(heartbeat_timeout_ns=0), reset=False))

@@ -158,6 +158,23 @@ def test_a_node_that_is_indented_too_far_is_named(tmp_path, section):
     assert "defaults.nodes: unknown key 'nodes'; write `nodes:` at the margin" in mistakes(tmp_path, inside)
 
 
+def test_a_misspelt_key_is_one_mistake_and_its_value_is_read(tmp_path):
+    text = NESTED.replace("dcf: TMCM-1270.eds", "eds: TMCM-1271.eds")
+    said = mistakes(tmp_path, text)
+    assert "unknown key 'eds'; write `dcf`" in said
+    assert "missing key" not in said
+    assert "no file 'TMCM-1271.eds'" in said
+
+
+def test_a_key_near_one_that_is_there_too_has_no_effect(tmp_path):
+    text = NESTED.replace("{node_id: 2}", "{node_id: 2, position_modes: 1, position_mode: 1}")
+    (warning,) = [note for note in warnings_of(write(tmp_path, text)) if "position_modes" in note]
+    assert "it has no effect, here as in ros2_canopen; remove it" in warning
+    text = NESTED.replace("{node_id: 2}", "{node_id: 2, scale_eff_to_dev: 1.0}")
+    (note,) = [note for note in read_bus(write(tmp_path, text)).notes if "scale_eff_to_dev" in note]
+    assert "has no meaning here: efforts are commanded in the unit of 0x6071" in note
+
+
 def test_the_length_of_a_mapped_object_may_be_given_and_is_compared(tmp_path):
     text = MERGED.replace("{index: 0x6040}", "{index: 0x6040, bits: 16}")
     assert not [note for note in warnings_of(write(tmp_path, text)) if "bits" in note]

@@ -140,6 +140,9 @@ def test_a_command_is_split_as_a_shell_does_with_its_substitutions_whole():
     assert words_of("$(find-exec xacro) $(find-pkg-share a)/b.xacro n:='left right' c:=$(var d)") == [
         "xacro", "$(find-pkg-share a)/b.xacro", "n:=left right", "c:=$(var d)"
     ]  # fmt: skip
+    assert words_of("$(find $(var p))/a.xacro n:=$(find $(var q))/b c") == [
+        "$(find $(var p))/a.xacro", "n:=$(find $(var q))/b", "c"
+    ]  # fmt: skip
     assert words_of("a 'b") == ["a", "'b"]
 
 
@@ -160,6 +163,44 @@ def test_a_launch_file_of_a_bus_alone_is_enough_for_one(tmp_path):
     files = find_robot(None, launch=str(path))
     assert files.bus_alone
     assert files.bus == tmp_path / "robby_bringup/config/first/bus.yml"
+
+
+def test_what_a_bus_alone_does_not_need_may_be_computed(tmp_path):
+    computed = DEVICES.replace(".items()", ', "master_bin": found()}.items()').replace("}, ", ", ")
+    path = make_package(tmp_path, computed.replace("SHARE =", 'slave = open(which() + "slave.eds")\nSHARE =', 1))
+    assert find_robot(None, launch=str(path)).bus_alone
+
+
+ALL_BY_ARGUMENTS = """\
+def launch_setup(context):
+    bus_config = PathJoinSubstitution([FindPackageShare(LaunchConfiguration("package")), LaunchConfiguration("bus_file")])
+    description = Command([FindExecutable(name="xacro"), " ", PathJoinSubstitution(
+        [FindPackageShare(LaunchConfiguration("package")), "urdf/base", LaunchConfiguration("description_file")]
+    ), " ", "bus_config:=", bus_config, " "])
+    return [Node(package="controller_manager", executable="ros2_control_node", parameters=[
+        {"robot_description": description},
+        PathJoinSubstitution([FindPackageShare("robby_bringup"), "config/first/ros2_controllers.yaml"]),
+    ])]
+
+
+def generate_launch_description():
+    return LaunchDescription([
+        DeclareLaunchArgument("package", default_value="robby_bringup"),
+        DeclareLaunchArgument("description_file", default_value="robby.urdf.xacro"),
+        DeclareLaunchArgument("bus_file", default_value="config/first/bus.yml"),
+        OpaqueFunction(function=launch_setup),
+    ])
+"""  # noqa: E501 - as long as such lines are
+
+
+def test_packages_and_files_may_be_arguments_and_the_bus_one_of_the_description(tmp_path):
+    found = launched_robot(make_package(tmp_path, ALL_BY_ARGUMENTS), {})
+    assert found.doubts == ()
+    assert found.files == {
+        "description": tmp_path / "robby_bringup/urdf/base/robby.urdf.xacro",
+        "controllers": tmp_path / "robby_bringup/config/first/ros2_controllers.yaml",
+        "bus": tmp_path / "robby_bringup/config/first/bus.yml",
+    }
 
 
 ASKING = LAUNCH.replace(

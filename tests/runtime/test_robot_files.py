@@ -121,6 +121,32 @@ def test_further_buses_stand_beside_the_first_by_their_names(tmp_path):
     assert find_robot(str(folder), bus=str(folder / "bus_arm.yml")).buses == {"can": folder / "bus_arm.yml"}
 
 
+def test_a_copy_of_a_bus_file_is_no_further_bus(tmp_path):
+    folder = robot(tmp_path / "r", "bus.yml", "bus_template.yml", "bus_arm_old.yml", "ros2_controllers.yaml", "x.urdf")
+    assert find_robot(str(folder)).buses == {"can": folder / "bus.yml"}
+
+
+PLUGIN = """\
+<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="base"/>
+  <ros2_control name="wheels" type="system"><hardware>
+    <plugin>canopen_ros2_control/RobotSystem</plugin><param name="bus_config">{bus}</param>
+  </hardware></ros2_control>
+</robot>
+"""
+
+
+def test_the_bus_that_a_hardware_plugin_names_is_read_where_nothing_else_names_one(tmp_path):
+    folder = robot(tmp_path / "r", "ros2_controllers.yaml")
+    other = robot(tmp_path / "config", "bus.yml") / "bus.yml"
+    (folder / "x.urdf").write_text(PLUGIN.format(bus=f'"{other}"'))
+    assert find_robot(str(folder)).bus == other
+    robot(folder, "bus.yml")
+    assert find_robot(str(folder)).bus == folder / "bus.yml"
+    (folder / "bus.yml").unlink()
+    (folder / "x.urdf").write_text(PLUGIN.format(bus="${bus_config}"))
+    assert find_robot(str(folder)).bus is None
+
+
 @pytest.mark.parametrize("name", ["bus_can.yml", "bus_a b.yml", "bus_.yml"])
 def test_a_further_bus_needs_a_name_that_a_channel_may_have(tmp_path, name):
     folder = robot(tmp_path / "r", "bus.yml", name, "ros2_controllers.yaml", "x.urdf")
