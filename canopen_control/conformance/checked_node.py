@@ -31,6 +31,7 @@ KEPT = 20  # maximum number of frames of a check in the report
 MS = 1_000_000
 NS_PER_S = 1_000_000_000
 MAX_NODE_ID = 127
+_UNBOOTED, _UNBOOTED_S = 2, 1.0  # resets without a boot-up message, and the time to wait after further ones
 
 
 class CheckFailed(Exception):
@@ -73,6 +74,7 @@ class CheckedNode:
         self.state: NmtState | None = None  # as in the last heartbeat
         self.notes: list[str] = []  # of the current check
         self.log: deque[str] = deque(maxlen=KEPT)
+        self._unbooted = 0  # resets without a boot-up message
         self.heard: dict[int, int] = {}  # node ids with a boot-up or heartbeat, and the time of the last one in ns
         self.rates: dict[int, int] = {}  # identifier to the most frames within a second
         self._second, self._counts = 0, Counter[int]()
@@ -147,8 +149,12 @@ class CheckedNode:
             self.reactor.run_for(MS)
 
     def reset(self, command: NmtCommand, seconds: float = 10.0) -> float | None:
-        """Reset the node; return the time to its boot-up message in s, None if there is none."""
+        """Reset the node; return the time to its boot-up message in s, None if there is none.
+
+        A node that sent none after two resets is not waited for as long.
+        """
         self.nmt(command)
+        seconds = seconds if self._unbooted < _UNBOOTED else min(seconds, _UNBOOTED_S)
         begin = self.reactor.now()
         can_id = ERROR_CONTROL_COB_ID + self.node_id  # a heartbeat from before the reset may still arrive
 
@@ -157,6 +163,7 @@ class CheckedNode:
 
         self.reactor.run_until(lambda: self._lost is not None or booted(), round(seconds * 1e9))
         self._check_bus()
+        self._unbooted = 0 if booted() else self._unbooted + 1
         return (self.reactor.now() - begin) / 1e9 if booted() else None
 
     # -- SDO

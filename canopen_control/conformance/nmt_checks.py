@@ -89,7 +89,7 @@ def _reset_node(node: CheckedNode) -> None:
     expect(not more, f"{1 + len(more)} boot-up messages", "one")
 
 
-@_add("N02", "7.3.2.2.1", "reset communication: one boot-up message, and 0x1017 as at power-on")  # T 10.1
+@_add("N02", "7.3.2.2.1", "reset communication: one boot-up, and 0x1017 as at power-on", touch=_CONFIGURE)  # T 10.1
 def _reset_communication(node: CheckedNode) -> None:
     with node.kept(0x1017):
         boot(node)

@@ -14,6 +14,16 @@ def test_a_node_that_does_not_answer_is_an_error_of_usage(bench):
         run_checks(bench(node_id=6), choose("all", NOT_STORED))
 
 
+@pytest.mark.parametrize("eds", ["generic_cia402.eds", "generic_cia402_program.eds", "generic_cia401.eds"])
+def test_without_an_option_no_node_is_commanded_and_no_value_written(bench, eds):
+    node = bench(eds)
+    version = node.device.store.version
+    run_checks(node, choose("all", [CheckTouch.READ]))
+    sent = [frame for label, frame in node.bus.history if label == "conform"]
+    assert {frame.can_id for frame in sent} <= {0x605, 0x7E5}
+    assert node.device.store.version == version
+
+
 def test_ids_of_checks_are_unique():
     assert len({check.id for check in CHECKS}) == len(CHECKS)
 
