@@ -168,7 +168,9 @@ def _run_master(args: argparse.Namespace) -> int:
         try:
             NodeIdCheck(reactor, port, [node_id]).finish()
             seconds = DEFAULT_S if args.duration is None else args.duration
-            run = MasterRun(reactor, port, make_device(eds.od, node_id), seconds, _say)
+            device = make_device(eds.od, node_id)
+            run = MasterRun(reactor, port, device, seconds, _say)
+            _say(f"node {node_id} ({device.name}) is on {args.can}, and waits for its master")
             reactor.handle_signals({signal.SIGINT: run.stop})
             with Progress(f"checking the master of node {node_id}", "s", rate=True) as progress:
                 report = run.run(progress.at)
