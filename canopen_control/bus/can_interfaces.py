@@ -455,7 +455,7 @@ def bring_up(
     sample_point: float | None = None,
     run: Run = run_command,
 ) -> None:
-    """Bring an interface up with these settings and report each step, or that nothing was to do.
+    """Bring an interface up with these settings and report each step.
 
     ConfigError with the commands to type if rights are missing, or with the missing or refused setting.
     """

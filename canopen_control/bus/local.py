@@ -197,7 +197,7 @@ class LocalPort:
         raise BusClosed(self.channel, self._gone)
 
     def close(self) -> None:
-        """Leave the bus; a second call does nothing. Queued records are sent as far as the socket accepts them."""
+        """Close the port; a second call does nothing. Queued records are sent as far as the socket accepts them."""
         if self._gone == _CLOSED_HERE:
             return
         if not self._gone:

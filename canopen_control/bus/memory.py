@@ -314,7 +314,7 @@ class MemoryPort:
             raise BusClosed(self.channel, self._gone)
 
     def close(self) -> None:
-        """Leave the bus; a second call does nothing."""
+        """Close the port; a second call does nothing."""
         self._gone = self._gone or "closed on this side"
         self.bus.leave(self)
         if self._wake is not None:

@@ -156,7 +156,7 @@ class LocalBus(can.BusABC):
             raise can.CanOperationError(f"{self.channel_info}: cannot operate on a closed bus")
 
     def shutdown(self) -> None:
-        """Leave the bus, even while a thread receives; a second call does nothing."""
+        """Close the port, even while a thread receives; a second call does nothing."""
         if self._is_shutdown:
             return
         super().shutdown()

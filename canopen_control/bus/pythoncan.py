@@ -181,7 +181,7 @@ class PythonCanPort:
         return records
 
     def ask_stamps(self) -> None:
-        """Keep the adapter's time of each frame from now on; a second call does nothing."""
+        """Enable time stamps of the adapter; a second call does nothing."""
         with self._lock:
             if self._adapter_clock is None:
                 self._adapter_clock = AdapterClock()

@@ -38,7 +38,7 @@ class FindingDocument(Document, frozen=True):
 
 
 class FrameShare(Document, frozen=True):
-    """A frame: its data bytes, and how often it comes per cycle."""
+    """Frame with its data bytes and rate per cycle."""
 
     name: str
     cob_id: int
@@ -60,7 +60,7 @@ class BudgetDocument(Document, frozen=True, kw_only=True):
 
 
 class StopCaseDocument(Document, frozen=True):
-    """A reason to stop: s until it is noticed, s of the ramp, what makes it; None where nothing bounds that."""
+    """Stop reason with the time to detect it and the ramp in s; None without a bound."""
 
     cause: str
     detection_s: float

@@ -78,7 +78,7 @@ def _axis_line(axis: AxisState) -> str:
 
 
 def quality_lines(quality: SetPointQuality) -> Iterator[str]:
-    """Yield how the set-points of a cyclic mode came, and what they made of the motion."""
+    """Yield timing and effect of the set-points of a cyclic mode."""
     yield (
         f"set-points: {quality.taken} taken, {quality.missed} missed, {quality.doubled} doubled, "
         f"{quality.overwritten} overwritten"

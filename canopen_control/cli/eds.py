@@ -100,7 +100,7 @@ class ChangeDocument(Document, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class MappedDocument(Document, frozen=True):
-    """An object in a PDO; `name` None where the file does not have it."""
+    """Object in a PDO; `name` None if the file lacks it."""
 
     index: str
     subindex: int

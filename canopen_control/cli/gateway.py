@@ -153,7 +153,7 @@ class RobotNetwork:
         return self._robot.fileno()
 
     def take_in(self) -> None:
-        """Keep the robot's events; RemoteError when it has ended."""
+        """Store the robot's events; RemoteError after its end."""
         for message in self._robot.messages(0):
             if isinstance(message, RobotEvent):
                 where = f"{message.node}: " if message.node else ""
@@ -168,7 +168,7 @@ class RobotNetwork:
         self._target.write(self._node(node_id, timeout_s), index, subindex, data)
 
     def nmt(self, command: NmtCommand, node_id: int) -> None:
-        """Have the robot send the command; 204 if the nodes do not confirm it."""
+        """Send the command through the robot; 204 if the nodes do not confirm it."""
         everybody = node_id == BROADCAST
         asked = self._target.nodes if everybody else [self._node(node_id)]
         timeout = ROBOT_TIMEOUTS.get(command, TIMEOUT_S)

@@ -109,7 +109,7 @@ def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCo
 def command_robot(
     target: RobotTarget, command: NmtCommand, asked: list[TargetNode], timeout: float, *, everybody: bool
 ) -> tuple[list[TargetNode], dict[str, NodeReading]]:
-    """Have a robot command nodes; return those that do not confirm within `timeout` s, and the last readings of all."""
+    """Command nodes through a robot; return those without a confirmation in `timeout` s, and the last readings."""
     begin = time.monotonic()
     name = next(name for name, known in COMMAND_NAMES.items() if known is command)
     target.robot.ask(NmtRequest(command=name, node=ALL if everybody else str(asked[0].node_id)))

@@ -310,7 +310,7 @@ class Jog:
         return {joint: self._of(joint)["position"] for joint in self.joints}
 
     def _until(self, speeds: Mapping[str, float], condition: Callable[[], bool]) -> bool:
-        """Command these joints, and no other, until `condition` or until the time is over."""
+        """Command these joints only, until `condition` or the timeout."""
         deadline = time.monotonic() + _TIMEOUT_S + self._hold_s
         self._commanded = time.monotonic()
         while not condition():

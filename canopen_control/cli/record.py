@@ -69,7 +69,7 @@ class RecordedBag:
 
 
 def record_bag(name: str | None, folder: str, seconds: float | None, rate: float | None = None) -> RecordedBag:
-    """Write the bag and return what became of it; `rate` of the samples in Hz, by default as controllers publish.
+    """Write the bag and return the result; `rate` of the samples in Hz, by default that of the controllers.
 
     ConfigError when no robot runs, rosbags is missing, or `folder` is there already.
     """
@@ -181,7 +181,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the verb; 1 when the bus went away meanwhile, or the disk was full."""
+    """Run the verb; 1 if the bus was lost, or the disk was full."""
     _understand_old_form(args)
     if (args.output is None) is (args.bag is None):
         raise ConfigError("say where to record to, as in: canopen-control record -o run.log, or record --bag run")

@@ -90,7 +90,7 @@ def _recording(
 
 
 def _list(args: argparse.Namespace) -> int:
-    """Print when, which robot, and what went wrong first, of every flight recording; one that is damaged is named."""
+    """Print time, robot and first problem of every flight recording; damaged files are listed."""
     from canopen_control.cli.support.output import json_text
     from canopen_control.trace.flight_file import read_meta
     from canopen_control.trace.report_facts import clock

@@ -285,7 +285,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
 
 @contextlib.contextmanager
 def _collector_off() -> Iterator[None]:
-    """Keep the garbage collector from the modules and files of a start: next to nothing of them is garbage."""
+    """Disable the garbage collector during the start, which creates almost no garbage."""
     gc.disable()
     try:
         yield
@@ -373,7 +373,7 @@ def _check_like(args: argparse.Namespace, setup: RobotSetup) -> None:
 
 
 def _check_physics(args: argparse.Namespace, setup: RobotSetup) -> None:
-    """Raise ConfigError where there is no physics, or nothing that it could move."""
+    """Raise ConfigError if physics is not available, or has nothing to move."""
     from canopen_control.physics import require_physics
     from canopen_control.runtime.physics_plant import check_physics
 
@@ -487,7 +487,7 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
 
 
 def world_of(args: argparse.Namespace, files: RobotFiles) -> Path | None:
-    """Return the file of the world that --world or an argument names; ConfigError where they name two."""
+    """Return the world file of --world or an argument; ConfigError if they differ."""
     path = None if getattr(args, "world", None) is None else Path(args.world).resolve()
     if path is not None and files.world not in (None, path):
         raise ConfigError(f"{files.asked.world_word} contradicts --world {args.world}; leave one of them away")

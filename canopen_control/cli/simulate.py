@@ -171,7 +171,7 @@ def _add_served(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate; 0 good, 1 with a breach, or where the robot never runs."""
+    """Simulate; 0 good, 1 with a breach, or if the robot never runs."""
     try:
         if args.world is not None and not names_robot(args):
             return _run_world(args)

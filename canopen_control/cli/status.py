@@ -174,7 +174,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def render(state: Snapshot, width: int | None = None) -> list[str]:
-    """Return the table of one sample, at most `width` columns wide: a line of the robot, then one for each axis."""
+    """Return the table of one sample, at most `width` columns wide: one line for the robot and each axis."""
     cycle = state.cycle
     head = f"{state.state}, cycle {cycle.count} of {1e3 * cycle.period_s:g} ms, {cycle.missed} missed"
     table = Table(_COLUMNS)
@@ -331,7 +331,7 @@ class _LiveTable:
         self._size: os.terminal_size | None = None
 
     def draw(self, sample: StateSample) -> None:
-        """Draw a sample."""
+        """Draw the table of a sample."""
         former, self._size = self._size, _terminal_size()
         lines = _within(render(sample, self._size.columns), self._size.lines - 1)
         up = f"\x1b[{self._height}A" if self._height else ""
@@ -341,7 +341,7 @@ class _LiveTable:
         self._height = len(lines)
 
     def add_event(self, text: str) -> None:
-        """Print an event where the table was; the next sample draws the table below."""
+        """Print an event above the table, which is drawn again with the next sample."""
         up = f"\x1b[{self._height}A" if self._height else ""
         line = textwrap.fill(text, _terminal_size().columns, subsequent_indent="    ")
         print(f"{up}\x1b[J{line}\n", end="", flush=True)

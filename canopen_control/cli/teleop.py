@@ -45,7 +45,7 @@ _WHEEL_SPEEDS: Final = (5.0, 5.0)  # rad/s of the wheels
 
 
 class TeleopTarget(Protocol):
-    """Whoever takes velocities, `sideways` too if it can; `title` says who, `units` are those of linear and angular."""
+    """Receiver of velocities, `sideways` too if it can; `title` names it, `units` are those of linear and angular."""
 
     title: str
     sideways: bool
@@ -59,7 +59,7 @@ class TeleopTarget(Protocol):
         """Return sentences that the user should see."""
 
     def close(self) -> None:
-        """Let go."""
+        """Close the connection."""
 
 
 _speed = number("speed above 0", lambda value: value > 0)
@@ -118,7 +118,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _drive(keyboard: Keyboard, teleop: Teleop, target: TeleopTarget, screen: Screen) -> None:
-    """Take keys and send velocities until the user leaves."""
+    """Process keys and send velocities until the user quits."""
     decoder, sender = KeyDecoder(), Sender(target)
     while not (teleop.ended or keyboard.ended):
         screen.show(teleop, sender.refusal)
@@ -140,7 +140,7 @@ def _wait(decoder: KeyDecoder, teleop: Teleop) -> float:
 
 
 def _leave(target: TeleopTarget, screen: Screen) -> None:
-    """Send zeros, and let no terminal that is gone keep us from it."""
+    """Send zeros, also if the terminal has ended."""
     with contextlib.suppress(RemoteError):  # who refuses or is gone does not move by us
         for _ in range(ZEROS):
             target.send(ZERO)
@@ -180,7 +180,7 @@ class Sender:
 
 
 class Screen:
-    """One line that is written over, on a terminal; elsewhere a line for each change. News stand above it."""
+    """Status line, rewritten on a terminal, otherwise a line per change; events are printed above it."""
 
     def __init__(self, target: TeleopTarget) -> None:
         self._before, self._after = ("\r", "\x1b[K") if sys.stdout.isatty() else ("", "\n")
@@ -190,7 +190,7 @@ class Screen:
         print(f"teleop of {target.title}\n{keys}", flush=True)
 
     def show(self, teleop: Teleop, refusal: str) -> None:
-        """Show what is commanded."""
+        """Show the present command."""
         velocities = teleop.velocities
         linear, angular = self._units
         values = [("linear", velocities.linear, linear), ("angular", velocities.angular, angular)]
@@ -261,7 +261,7 @@ class TeleopRobot:
         return lines
 
     def close(self) -> None:
-        """Leave the robot."""
+        """Close the connection to the robot."""
         self._robot.close()
 
 
@@ -347,7 +347,7 @@ class RosTarget:
         return {"header": {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": self._frame_id}, "twist": twist}
 
     def news(self) -> list[str]:
-        """Tell when the first subscriber comes and the last one goes."""
+        """Report when the first subscriber connects and the last one disconnects."""
         alone = self._publication.subscribers() == 0
         before, self._alone = self._alone, alone
         if alone == before or (before is None and not alone):
@@ -355,4 +355,4 @@ class RosTarget:
         return [f"nothing subscribes to {self._topic} yet" if alone else f"a program subscribes to {self._topic}"]
 
     def close(self) -> None:
-        """Nothing: the graph is closed by who opened it."""
+        """Do nothing: the graph is closed by its owner."""

@@ -129,12 +129,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _report(event: BusEvent, *, as_json: bool) -> None:
-    """Print what happened to the channel between its frames; beside JSON, which is frames alone, as a complaint."""
+    """Print an event of the channel between its frames; with JSON on standard error."""
     print(f"{event.kind.value.upper()}: {event.text}", file=sys.stderr if as_json else sys.stdout, flush=True)
 
 
 def show_file(args: argparse.Namespace, path: str) -> int:
-    """Show a recording; 1 if it could not be read to its end."""
+    """Print a recording; 1 if it could not be read to its end."""
     recording = open_frames(path, args.bus)
     show(args, network_for(args, recording), _chunks(recording))
     report_gaps(recording)
@@ -169,7 +169,7 @@ def show(args: argparse.Namespace, network: NetworkDescription, source: Iterable
 
 
 def _print(lines: list[str]) -> None:
-    """Print the lines of a batch at once, and at once where somebody waits for them."""
+    """Print the lines of a batch, flushed for a terminal."""
     if lines:
         sys.stdout.write("\n".join(lines) + "\n")
         sys.stdout.flush()

@@ -72,7 +72,7 @@ class TrajectoryRecording:
         return len(self) >= self._most
 
     def add(self, time: float, positions: Sequence[float]) -> None:
-        """Take where the joints are at a time in s; what is not later than the sample before it is left out."""
+        """Add the joint positions at a time in s; times not later than the previous one are skipped."""
         if self._times and time <= self._times[-1]:
             return
         if len(self) == 1 and _near(positions, self._positions[0]):
@@ -202,7 +202,7 @@ def _play(args: argparse.Namespace) -> int:
 
 
 def sample_or_file(name: str) -> str:
-    """Return the path of a file; a name that is none here may be a bundled sample's, beside the robot it is for."""
+    """Return the path of a file, or of a bundled sample next to its robot."""
     if Path(name).name == name and not Path(name).exists():
         for robot in data_names("config"):
             if (bundled := data_path("config", robot) / name).is_file():
@@ -211,7 +211,7 @@ def sample_or_file(name: str) -> str:
 
 
 def _later(points: list[TrajectoryPoint], by: float) -> list[TrajectoryPoint]:
-    """Return points whose first one is reached `by` s after the start, and the others after it as they were."""
+    """Return the points delayed by `by` s."""
     shift = by - points[0].time_from_start if points else 0.0
     return [
         TrajectoryPoint(
@@ -226,7 +226,7 @@ def _later(points: list[TrajectoryPoint], by: float) -> list[TrajectoryPoint]:
 
 
 def _record(args: argparse.Namespace) -> int:
-    """Write what the joints do until a signal, the end of the time, or as many points as a trajectory may have."""
+    """Record the joints until a signal, the end of the time, or the maximum number of points."""
     folder = Path(args.output).absolute().parent
     if not os.access(folder, os.W_OK):  # rather than when the joints have been led
         raise ConfigError(f"{args.output}: nothing can be written in {folder}; give another name")
@@ -260,7 +260,7 @@ def _record(args: argparse.Namespace) -> int:
 
 
 def _add(recording: TrajectoryRecording, sample: StateSample) -> None:
-    """Take a sample in which the place of every joint is known."""
+    """Add a sample in which every joint position is known."""
     positions_seen = [sample.joints[joint].position for joint in recording.joints if joint in sample.joints]
     positions = [position for position in positions_seen if position is not None]
     if len(positions) == len(recording.joints):

@@ -108,7 +108,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_proposal(parser: argparse.ArgumentParser) -> None:
-    """Declare what gains are proposed for, and where they are written."""
+    """Declare the options for the proposed gains and their writing."""
     positive = number("number above 0", lambda value: value > 0)
     parser.add_argument(
         "--crossover",
@@ -233,7 +233,7 @@ def _hinted(lines: Iterator[str], args: argparse.Namespace) -> Iterator[str]:
 
 
 def _look_for_gains(args: argparse.Namespace) -> None:
-    """Look where the drive holds its gains, before anything moves; ConfigError where nobody can tell."""
+    """Find the gain objects of the drive before it moves; ConfigError if they are unknown."""
     with open_session(args) as session:
         if session.robot and args.counts is None:
             raise ConfigError(
@@ -244,7 +244,7 @@ def _look_for_gains(args: argparse.Namespace) -> None:
 
 
 def _request(args: argparse.Namespace) -> TuneRequest:
-    """Read what is asked for; ConfigError."""
+    """Parse the request; ConfigError."""
     speed = parse_quantity(args.step, "velocity") if args.step is not None else None
     if speed is not None and not speed.value:
         raise ConfigError(f"--step {speed}: that moves nothing")
@@ -289,7 +289,7 @@ def _limits(args: argparse.Namespace, request: TuneRequest, scale: JogScale) -> 
 def _own(
     args: argparse.Namespace, request: TuneRequest, say: Callable[[str], None]
 ) -> Iterator[tuple[JogDrive, JogScale, JogLimits]]:
-    """Look at the drive on its bare bus, have the limits confirmed, then boot a robot of it alone."""
+    """Identify the drive on its bare bus, confirm the limits, then run a robot with it alone."""
     if args.eds is None:
         raise ConfigError(f"node {args.node}: give the EDS of the drive: --eds FILE (bundled: generic_cia402.eds, ...)")
     parse_node_id(args.node)
@@ -315,7 +315,7 @@ def _plan(request: TuneRequest, scale: JogScale, limits: JogLimits) -> Iterator[
 
 
 def _confirm(lines: list[str], args: argparse.Namespace, say: Callable[[str], None]) -> None:
-    """Say what will move how far, and have it confirmed; ConfigError where it is not."""
+    """Print the planned motion and its limits, and ask for confirmation; ConfigError without it."""
     say("\n".join(lines))
     if args.yes:
         return

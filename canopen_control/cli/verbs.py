@@ -146,12 +146,12 @@ def actions_of(parser: argparse.ArgumentParser, path: str) -> Iterator[tuple[str
 
 
 def _with_exit_codes(text: str) -> str:
-    """Return the description of a verb, with the exit codes of all verbs where it has none of its own."""
+    """Return the description of a verb, with the common exit codes if it has none of its own."""
     return text.strip() if "Exit codes" in text else f"{text.strip()}\n\n{_EXIT_CODES}"
 
 
 class _HelpFormatter(argparse.HelpFormatter):
-    """Help whose text is as wide as the terminal; indented lines, such as examples, stay as they are."""
+    """Help formatter for the width of the terminal; indented lines, such as examples, are unchanged."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         parts = [
@@ -164,7 +164,7 @@ class _HelpFormatter(argparse.HelpFormatter):
 
 
 class _VerbParser(argparse.ArgumentParser):
-    """The parser of a verb; NAME:=VALUE is for the description wherever it stands, where the verb takes that.
+    """Parser of a verb; NAME:=VALUE is passed to the description wherever it is, if the verb takes it.
 
     argparse itself takes words without an option in one place only, so that none could follow an option.
     """
@@ -185,7 +185,7 @@ class _VerbParser(argparse.ArgumentParser):
 
 
 def _describe_actions(parser: argparse.ArgumentParser, examples: Sequence[str]) -> None:
-    """Give the help of each action the exit codes of its verb and the examples that are of this action."""
+    """Add the exit codes of the verb and its examples to the help of each action."""
     codes = re.search(r"^Exit codes.*?(?=\n\n|\Z)", parser.description or "", re.MULTILINE | re.DOTALL)
     for group in (action for action in parser._actions if isinstance(action, argparse._SubParsersAction)):  # noqa: SLF001 - no public way
         texts = {choice.dest: choice.help or "" for choice in group._choices_actions}  # noqa: SLF001 - as above

@@ -83,14 +83,14 @@ SIMULATION_ACTS: Acts = {"pause": _pause, "play": _play, "step": _step, "reset":
 
 
 def act_on_simulation(args: argparse.Namespace) -> int:
-    """Pause, play, step or reset, and say how the simulation goes then."""
+    """Pause, resume, step or reset the simulation, and print its state."""
     request = SIMULATION_ACTS[args.what](args.value)
     with RobotClient.connect(args.name) as robot:
         return _report(robot.ask(request, _TIMEOUT_S), args)
 
 
 def act_in_simulation(args: argparse.Namespace, act: WorldAct) -> bool:
-    """Let something happen in the world of the running robot; False where no simulation plugin moves it."""
+    """Apply a disturbance to the world of the running robot; False without a simulation plugin."""
     with contextlib.ExitStack() as opened:
         try:
             robot = opened.enter_context(RobotClient.connect(args.name))
@@ -103,7 +103,7 @@ def act_in_simulation(args: argparse.Namespace, act: WorldAct) -> bool:
 
 
 def tell_simulation(args: argparse.Namespace) -> bool:
-    """Say how the simulation of the running robot goes; False where none is to be found."""
+    """Print the state of the running robot's simulation; False without one."""
     try:
         with RobotClient.connect(args.name) as robot:
             _report(robot.ask(GetSimulation()), args)
@@ -240,7 +240,7 @@ def _drive(can: str | None) -> tuple[str, int]:
 
 
 def _told(world: WorldState) -> str:
-    """Say where the robot is, and what its sensors measure."""
+    """Return the pose of the robot and its sensor values as text."""
     sensors = [f"{name}: {' '.join(f'{value:.4g}' for value in values)}" for name, values in world.sensors.items()]
     return "\n".join([_pose(world.base), *sensors])
 

@@ -70,7 +70,7 @@ class BaseParams(CommonParams):
     enable_odom_tf: bool = setting(True, help="publishes odom to base as a transform")
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Yield what could be wrong, each with whether it is."""
+        """Yield the checks with their results."""
         return iter(())
 
     def frame_ids(self, namespace: str = "") -> tuple[str, str]:

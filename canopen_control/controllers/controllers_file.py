@@ -150,7 +150,7 @@ class _Declared:
 def read_controllers(
     path: str | os.PathLike[str], *, strict: bool = False, variables: Mapping[str, str] | None = None
 ) -> ControllersFile:
-    """Read a ros2_controllers.yaml; RobotConfigError with all mistakes, each with file, line and column.
+    """Read a ros2_controllers.yaml; RobotConfigError with all errors, by file, line and column.
 
     Parameters of a controller are checked when it is configured. With `strict`, warnings are errors. `variables` are
     the arguments of a launch file: they replace `$(var NAME)` and `<namespace>`, as in launch_ros's ParameterFile and

@@ -1,4 +1,4 @@
-"""Forward command controllers: a list of numbers goes to a list of command interfaces.
+"""Forward command controllers: a list of numbers for a list of command interfaces.
 
 Rules (ros2_controllers jazzy): `~/commands` carries one number per interface, in the order of the
 parameters; before the first command nothing is written. Ours, and safer: a bad command is refused instead of stopping

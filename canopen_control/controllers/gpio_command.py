@@ -86,7 +86,7 @@ class GpioParams(CommonParams):
 
     @property
     def told_whole(self) -> list[str]:
-        """The gpios of which every state interface is told, since none is named."""
+        """GPIOs whose state interfaces are all published, because none is named."""
         return [gpio for gpio in self.gpios if not self.state_interfaces.get(gpio + _LIST)]
 
     def safe_value(self, output: str, hardware: float | None) -> float:
@@ -182,7 +182,7 @@ class GpioCommandController(Controller):
         return list(self._names)
 
     def state_interface_names(self) -> list[str]:
-        """Return the inputs that are named; where none of a gpio is, everything, to choose from at activation."""
+        """Return the named inputs; all interfaces of a GPIO without named ones, selected at activation."""
         return [ALL_STATES] if self.params.told_whole else self.params.inputs
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
@@ -263,7 +263,7 @@ class GpioCommandController(Controller):
         return "its outputs are at their safe values" + (", others are kept" if self.params.kept_outputs else "")
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Write what was commanded, and copy the states: a publication."""
+        """Write the commands and copy the states for the next publication."""
         del period
         if self.life.runs_out(now):
             self.report(

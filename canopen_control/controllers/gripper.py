@@ -186,7 +186,7 @@ class PositionGripperActionController(Controller):
         raise self.refusal("takes goals and no numbers; send one to ~/gripper_cmd, or by canopen-control gripper")
 
     def cancel_grip(self, why: str | None = None, only: GripperGoal | None = None) -> None:
-        """Cancel the goal under way, or `only` this one: the joint is held where it is."""
+        """Cancel the active goal, or `only` this one; the joint is held."""
         if self.goal is not None and only in (None, self.goal):
             self._end(GoalState.CANCELED, "the goal was cancelled" if why is None else f"the goal was cancelled: {why}")
             self._hold()
@@ -216,7 +216,7 @@ class PositionGripperActionController(Controller):
             self.report("max_effort", text)
 
     def _end(self, state: GoalState, text: str, way: GripStatus = GripStatus.MOVING) -> None:
-        """Give the goal its result, where there is one."""
+        """End the active goal with its result."""
         goal, self.goal = self.goal, None
         if goal is not None:
             goal.end(state, text, self._at, self._effort, way)
@@ -238,7 +238,7 @@ class PositionGripperActionController(Controller):
         return OK
 
     def sample(self, wall_offset_ns: int) -> GripperSample:
-        """Return where the gripper was at the last update, and where it was to be."""
+        """Return actual and desired position of the last update."""
         return GripperSample(
             time=self.published(wall_offset_ns),
             joint=self.params.joint,
@@ -276,7 +276,7 @@ class PositionGripperActionController(Controller):
                 self._hold()
 
     def _write(self, period: float) -> None:
-        """Command the target and the limits, where there is a target."""
+        """Command the target and the limits of the active goal."""
         del period
         if not math.isnan(self._target):
             self.commands[0].value = self._target
@@ -291,7 +291,7 @@ class PositionGripperActionController(Controller):
             self.commands[place].value = self._limits[1]
 
     def _hold(self) -> None:
-        """Stay where the joint is: the hardware holds a position that is not commanded."""
+        """Hold the joint: the hardware holds a position without a command."""
         self._target = self.commands[0].value = math.nan
 
 
@@ -342,5 +342,5 @@ class EffortGripperActionController(PositionGripperActionController):
         self._write_limits()
 
     def _hold(self) -> None:
-        """Stay where the joint is, with the effort of the last goal."""
+        """Hold the joint with the effort of the last goal."""
         self._target = self._at if self.commands[0].enabled else math.nan

@@ -18,7 +18,7 @@ NAN: Final = math.nan
 
 @dataclass(frozen=True)
 class VelocityLimits:
-    """Bounds in SI units, nan where there is none: min_velocity, both decelerations' and reverse signs as upstream.
+    """Bounds in SI units, nan for none; signs of min_velocity, decelerations and reverse limits as upstream.
 
     `max_acceleration` and `max_deceleration_reverse` are >= 0; `max_deceleration` (moving forward) and
     `max_acceleration_reverse` (speeding up backward) are <= 0.

@@ -160,7 +160,7 @@ class ControllerManager:
         return controller
 
     def configure(self, name: str, params: Params | None = None) -> None:
-        """Give a controller its parameters: UNCONFIGURED or INACTIVE to INACTIVE. Raises ConfigError, ControlError.
+        """Configure a controller: UNCONFIGURED or INACTIVE to INACTIVE. Raises ConfigError, ControlError.
 
         If it refuses them it is UNCONFIGURED.
         """
@@ -320,7 +320,7 @@ class ControllerManager:
             self._report("limited", "", f"enforce_command_limits: {limited}")
 
     def broadcast(self, now: int, period: float) -> None:
-        """Run the broadcasters that are due, once the commands of the cycle are on their way."""
+        """Run the due broadcasters after the commands of the cycle were sent."""
         self.running.broadcast(now, period)
         if self.running.failed:
             self._drop_failed(now)

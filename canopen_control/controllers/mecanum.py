@@ -57,7 +57,7 @@ class MecanumKinematics(HolonomicKinematics):
 
 
 class MecanumDriveController(HolonomicBase):
-    """Drives a base on four mecanum wheels; `kinematics` is where it is."""
+    """Drives a base on four mecanum wheels; `kinematics` has its pose."""
 
     topic: ClassVar[str | None] = "reference"
     tells: ClassVar[type[Sample] | None] = MecanumSample

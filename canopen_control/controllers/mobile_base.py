@@ -54,7 +54,7 @@ class LimitedTwist:
         self._quiet = 0  # steps in a row in which nothing was wanted and nothing was left
 
     def set_limits(self, controller: str, limits: Sequence[TwistAxisLimits]) -> None:
-        """Limit each axis from now on; RobotConfigError, and nothing changed, where a minimum is above its maximum."""
+        """Set the limits of each axis; RobotConfigError, and no change, for a minimum above its maximum."""
         axes = zip(self._axes, limits, strict=True)
         self._limiters = [_limiter(controller, axis, each.limits()) for axis, each in axes]
         self._quiet = 0
@@ -131,7 +131,7 @@ class OdometryPublication:
         self._due = _AT_ONCE
 
     def is_due(self, now: int) -> bool:
-        """Count one that is due; the next is due at the next step of the period on a fixed grid, without a burst."""
+        """Count a due publication and schedule the next on a fixed grid, without a burst."""
         due, period = self._due, self._period
         if now <= due:
             return False
@@ -179,7 +179,7 @@ _NEVER: Final = -1
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class MobileBase(Controller):
-    """Drives a vehicle by twists; `pose` is where it is, moved by what its wheels have done.
+    """Drives a vehicle by twists; `pose` is integrated from its wheels.
 
     `publications` counts them, the last at `stamp` (ns). `wanted` is the twist of this cycle, nan
     before the first, `limited` what the limits have left of it, both in the order of `twist_axes`, in m/s and rad/s;
@@ -345,7 +345,7 @@ class MobileBase(Controller):
         return x, y, self.pose.heading + angular * ahead
 
     def odometry_sample(self, wall_offset_ns: int, limited: bool = False) -> OdometrySample | None:
-        """Return the odometry as it was published last, with the `limited` twist where that is published."""
+        """Return the last published odometry, with the `limited` twist if that is published."""
         return self._publication.sample(self.published(wall_offset_ns), self._odometry_params, limited)
 
     def snapshot(self) -> None:
@@ -501,7 +501,7 @@ class MobileBase(Controller):
             self.snapshot()
 
     def _write(self, *, rests: bool) -> None:
-        """Write the commands of the limited twist, all or, where one does not fit its drive, none.
+        """Write all commands of the limited twist, or none if one does not fit its drive.
 
         `rests`: standstill, whose limits need not be computed.
         """
@@ -520,7 +520,7 @@ class MobileBase(Controller):
         self._too_fast = False
 
     def _stand(self, target: float) -> None:
-        """Stop all wheels together where the command of one does not fit its drive."""
+        """Stop all wheels, because the command of one does not fit its drive."""
         zero_targets(self.commands)
         if not self._too_fast:
             self._too_fast = True

@@ -68,7 +68,7 @@ class OmniKinematics(HolonomicKinematics):
 
 
 class OmniWheelDriveController(HolonomicBase):
-    """Drives a base on omni wheels; `kinematics` is where it is."""
+    """Drives a base on omni wheels; `kinematics` has its pose."""
 
     settable: ClassVar[tuple[str, ...]] = ("cmd_vel_timeout", "enable_odom_tf", "publish_limited_velocity")
 
@@ -104,7 +104,7 @@ class OmniWheelDriveController(HolonomicBase):
         return self.wheel_states(self.params.position_feedback)
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
-        """Return the odometry as it was published last."""
+        """Return the last published odometry."""
         return self.odometry_sample(wall_offset_ns)
 
     def begin(self) -> None:

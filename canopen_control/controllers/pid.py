@@ -56,7 +56,7 @@ class Gains:
 
     @property
     def tracking_time_used(self) -> float:
-        """The time constant of the back calculation in s, from the gains where none is given."""
+        """Time constant of the back calculation in s; derived from the gains by default."""
         if self.anti_windup is not AntiWindup.BACK_CALCULATION or abs(self.tracking_time) > _EPSILON:
             return self.tracking_time
         if self.i and self.d:
@@ -82,7 +82,7 @@ class Pid:
         self._anti_windup, self._clamp_integral = gains.anti_windup, gains.clamp_integral
 
     def reset(self, keep_integral: bool = False) -> None:
-        """Forget the past, but the integral where it is to be kept."""
+        """Reset the loop, except an integral that is to be kept."""
         self.command = self.error = self.error_rate = self._last_error = 0.0
         if not keep_integral:
             self.integral = 0.0

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class _Dof:
-    """One degree of freedom: its loop, what it reads and writes, and what was of it in the last cycle."""
+    """One degree of freedom: its loop, its interfaces, and its values in the last cycle."""
 
     def __init__(self, name: str, gains: DofGains, references: Sequence[CommandInterface]) -> None:
         self.name, self.pid, self.keep = name, Pid(gains.pid()), gains.save_i_term
@@ -44,12 +44,12 @@ class _Dof:
         self.error = self.error_rate = math.nan
 
     def take(self, gains: DofGains) -> None:
-        """Go on with other gains."""
+        """Set other gains."""
         self.pid.set_gains(gains.pid())
         self.keep, self.forward, self.wraps = gains.save_i_term, gains.feedforward_gain, gains.angle_wraparound
 
     def clear(self) -> None:
-        """Have no reference; nothing is known of what was before."""
+        """Clear reference and history."""
         self.reference.value = self.error = self.error_rate = math.nan
         if self.reference_rate is not None:
             self.reference_rate.value = math.nan
@@ -80,7 +80,7 @@ class _Dof:
 
 
 class PidController(Controller):
-    """Keeps each of its degrees of freedom at its reference; `feed_forward` says whether the reference leads."""
+    """Controls each degree of freedom to its reference; `feed_forward` is whether the reference is added."""
 
     topic: ClassVar[str | None] = "reference"
     tells: ClassVar[type[Sample] | None] = PidSample
@@ -134,7 +134,7 @@ class PidController(Controller):
         ]
 
     def on_set(self, params: Params) -> None:
-        """Go on with other gains; the integrals stay."""
+        """Set other gains; the integrals are kept."""
         self.params = given = read_params(params, self.name)
         for dof, gains in zip(self._dofs, given.gains, strict=False):
             dof.take(gains)
@@ -164,7 +164,7 @@ class PidController(Controller):
         return self._exported
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Take the interfaces; the first reference is where the joints are, unless the parameters want none."""
+        """Store the interfaces; the first reference is the actual state, unless the parameters disable that."""
         states = self._measured or states
         super().on_activate(commands, states, now)
         self._lose_states()
@@ -186,7 +186,7 @@ class PidController(Controller):
             each.value = math.nan
 
     def forget(self, now: int) -> None:
-        """Have no reference before the next one; where the drives follow, the joints are held where they are."""
+        """Clear the references; joints with enabled drives are held."""
         del now
         zero_targets(self.commands)
         self.life.end()
@@ -195,7 +195,7 @@ class PidController(Controller):
             dof.pid.reset()
 
     def _clear(self) -> None:
-        """Be where it was when it was activated."""
+        """Reset to the state at activation."""
         for index, dof in enumerate(self._dofs):
             dof.pid.reset(dof.keep)
             dof.clear()
@@ -204,7 +204,7 @@ class PidController(Controller):
     # -------------------------------------------------------------------------------------------------- commands
 
     def set_measured_states(self, values: Sequence[float], now: int) -> None:
-        """Take what was measured of each degree of freedom, or that and then the derivatives (~/measured_state)."""
+        """Store the measured state of each degree of freedom, optionally with derivatives (~/measured_state)."""
         if not self._measured:
             raise self.refusal("measures by its state interfaces; set use_external_measured_states for messages")
         names = [each.name for each in self._measured]
@@ -219,7 +219,7 @@ class PidController(Controller):
             each.value = math.nan
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Take a reference for each degree of freedom, or those and then their derivatives; `now` in ns."""
+        """Store a reference for each degree of freedom, optionally with derivatives; `now` in ns."""
         del stamp  # MultiDOFCommand has none
         names = [f"{each.joint.removeprefix(f'{self.name}/')}/{each.interface}" for each in self._references]
         count = len(self._dofs)
@@ -242,7 +242,7 @@ class PidController(Controller):
         return self._references[0].interface in MOVING and super().is_standstill(values)
 
     def set_feed_forward(self, enabled: bool) -> None:
-        """Let references lead from the next cycle on, or no more (~/set_feedforward_control)."""
+        """Switch feed-forward of the references from the next cycle on (~/set_feedforward_control)."""
         self.feed_forward = enabled
 
     def sample(self, wall_offset_ns: int) -> PidSample | None:
@@ -292,12 +292,12 @@ class PidController(Controller):
         return OK
 
     def _export(self) -> None:
-        """Let others read what is measured."""
+        """Publish the measured state to other controllers."""
         for index in range(len(self._exported)):
             self._exported[index].value = self.states[index].value
 
     def _turn(self, index: int, enabled: bool) -> None:
-        """Forget what was, now that a drive follows or follows no more; whoever commands it sees that too."""
+        """Reset when a drive starts or stops to follow; its commanding controller is reset too."""
         dof = self._dofs[index]
         self._follows[index] = dof.reference.enabled = enabled
         if dof.reference_rate is not None:

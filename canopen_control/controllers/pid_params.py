@@ -29,13 +29,13 @@ class DofGains(LoopGains):
 
     @property
     def clamps_integral(self) -> bool:
-        """As the key says."""
+        """Value of the key."""
         return self.antiwindup
 
 
 @dataclass(frozen=True)
 class PidParams(CommonParams):
-    """Parameters of the controller; `command_timeout` in s ends velocities and efforts that nobody renews.
+    """Parameters of the controller; `command_timeout` in s ends velocities and efforts without a new command.
 
     With `use_external_measured_states` states come by messages, and count for `measured_state_timeout` in s.
 
@@ -74,7 +74,7 @@ class PidParams(CommonParams):
         return self.reference_and_state_dof_names or self.dof_names
 
     def mistake(self) -> str | None:
-        """Say what cannot be, None if nothing is wrong."""
+        """Return the error in the parameters, None without one."""
         for key, names in (
             ("dof_names", self.dof_names),
             ("reference_and_state_dof_names", self.reference_and_state_dof_names),

@@ -30,7 +30,7 @@ def quotient(dividend: float, divisor: float) -> float:
 
 
 class RollingMean:
-    """The last values, fewer until it is full; every step adds one, and their mean is made for who asks."""
+    """Mean of the last values; every step adds one, the mean is computed on request."""
 
     __slots__ = ("_at", "_count", "_size", "_values")
 
@@ -43,7 +43,7 @@ class RollingMean:
         self._at = self._count = 0
 
     def add(self, value: float) -> None:
-        """Add a value, instead of the oldest where it is full."""
+        """Add a value; it replaces the oldest once the window is full."""
         at = self._at
         self._values[at] = value
         at += 1
@@ -59,7 +59,7 @@ class RollingMean:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class PlanarPose:
-    """Where something is: `x`, `y` in m and `heading` in rad."""
+    """Pose in the plane: `x`, `y` in m and `heading` in rad."""
 
     def __init__(self) -> None:
         self.x = self.y = self.heading = 0.0
@@ -69,7 +69,7 @@ class PlanarPose:
         self.x, self.y, self.heading = x, y, heading
 
     def drive(self, way: float, turn: float) -> None:
-        """Go forward by `way` while turning by `turn`: an arc, or, where it is straight, by the middle heading."""
+        """Move forward by `way` while turning by `turn`, on an arc; nearly straight, at the mean heading."""
         if abs(turn) < STRAIGHT:
             direction = self.heading + turn * 0.5
             self.x += way * math.cos(direction)
@@ -82,7 +82,7 @@ class PlanarPose:
         self.y -= radius * (math.cos(self.heading) - math.cos(before))
 
     def shift(self, forward: float, left: float, turn: float) -> None:
-        """Go forward and to the left, seen from itself, while turning; where it is straight by the old heading."""
+        """Move forward and to the left while turning; nearly straight, at the old heading."""
         before = self.heading
         self.heading += turn
         if abs(turn) < STRAIGHT:
@@ -119,7 +119,7 @@ class HolonomicKinematics(PlanarPose):
         self._fit_angular = [each / reach for each in around_fit]
 
     def command(self, forward: float, left: float, angular: float) -> None:
-        """Make `wheels` of a twist."""
+        """Compute the commands of `wheels` from a twist."""
         for index, (along, across, around) in enumerate(self._rows):
             self.wheels[index] = (along * forward + across * left + around * angular) / self.radius
 

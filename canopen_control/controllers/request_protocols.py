@@ -1,4 +1,4 @@
-"""What a controller can be asked for beside its lifecycle: a kind takes a request by having its methods.
+"""Requests to a controller in addition to its lifecycle, as protocols.
 
 The manager refuses what a controller does not take, each request with one sentence (`ControllerManager.command`,
 `send_goal`, `base`, `loops`, `follower`).
@@ -23,7 +23,7 @@ class TakesCommands(Protocol):
     """Takes a value for each of its command interfaces, or a twist."""
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Take a command; `stamp` is when it was made, `now` when it came, both in ns. ControlError if refused."""
+        """Store a command; `stamp` is its creation, `now` its reception, both in ns. ControlError if refused."""
         ...
 
 
@@ -43,7 +43,7 @@ class TakesNamedValues(Protocol):
     """Takes values for some of its command interfaces, by their names."""
 
     def set_named(self, values: Mapping[str, float], now: int) -> None:
-        """Take values, see `set_command`; the interfaces without one keep theirs."""
+        """Store values, see `set_command`; interfaces without one keep theirs."""
         ...
 
 
@@ -56,18 +56,18 @@ class FollowsTrajectories(Protocol):
         ...
 
     def cancel_goal(self, why: str | None = None, only: TrajectoryGoal | None = None) -> None:
-        """End the trajectory that is followed, or `only` the goal, if it is executed; `why` is told.
+        """Cancel the active trajectory, or `only` the goal; `why` is in the event.
 
         ControlError if there is none.
         """
         ...
 
     def trajectory_at(self, t: int) -> TrajectoryAt:
-        """Return the point of the trajectory that it follows at `t`, in ns; ControlError without a trajectory."""
+        """Return the state of the active trajectory at `t`, in ns; ControlError without one."""
         ...
 
     def set_speed_scaling(self, factor: float) -> None:
-        """Let the time of trajectories run slower or faster; ControlError where it cannot be scaled."""
+        """Set the speed scaling of trajectories; ControlError if it cannot be scaled."""
         ...
 
 
@@ -80,16 +80,16 @@ class Grips(Protocol):
         ...
 
     def cancel_grip(self, why: str | None = None, only: GripperGoal | None = None) -> None:
-        """End the goal, or `only` this one; `why` is told."""
+        """Cancel the goal, or `only` this one; `why` is in the event."""
         ...
 
 
 @runtime_checkable
 class HasOdometry(Protocol):
-    """Knows where a base is by what its wheels do."""
+    """Controller with odometry."""
 
     def set_odometry(self, x: float, y: float, heading: float) -> None:
-        """Have the odometry go on from a pose, in m and rad."""
+        """Set the pose of the odometry, in m and rad."""
         ...
 
 
@@ -102,5 +102,5 @@ class ClosesLoops(Protocol):
         ...
 
     def set_measured_states(self, values: Sequence[float], now: int) -> None:
-        """Take what others have measured, `now` in ns; ControlError if it measures by its interfaces."""
+        """Store measured states, `now` in ns; ControlError if the controller measures by its interfaces."""
         ...

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SteeringController(MobileBase):
-    """Drives a base by its traction and its steered wheels; `kinematics` is where it is."""
+    """Drives a base by its traction and steered wheels; `kinematics` has its pose."""
 
     topic: ClassVar[str | None] = "reference"
     tells: ClassVar[type[Sample] | None] = SteeringSample
@@ -56,7 +56,7 @@ class SteeringController(MobileBase):
         self._driven: list[float] = []
 
     def wheel_base(self) -> DriveGeometry:
-        """Return what its parameters say of the wheels; the right one stands first."""
+        """Return the drive geometry of the parameters; the right wheel is first."""
         given, (odom, base) = self.params, self.frame_ids()
         right, left = given.traction_joints_names[:1], given.traction_joints_names[1:]
         keys = (given.radius_key, "traction_track_width")
@@ -79,7 +79,7 @@ class SteeringController(MobileBase):
         return read_params(params, self.kind)
 
     def on_set(self, params: Params) -> None:
-        """Take another timeout, from the next update on."""
+        """Apply another timeout from the next update on."""
         given = self.read(params)
         self.take(given, given.reference_timeout, given.limits)
         self.params = given
@@ -113,7 +113,7 @@ class SteeringController(MobileBase):
             self.targets[count + index] = wheels.steering[index]
 
     def begin(self) -> None:
-        """Take the wheels as they stand."""
+        """Set the start positions of the wheels."""
         self._read()
         self.kinematics.begin(self._traction)
         self.kinematics.angle = self.kinematics.measured_angle(self._steering)
@@ -138,7 +138,7 @@ class SteeringController(MobileBase):
             self._steering[index] = self.states[count + index].value
 
     def snapshot(self) -> None:
-        """Put down feedback and commands too."""
+        """Copy feedback and commands too."""
         super().snapshot()
         for index in range(len(self._reading)):
             self._reading[index] = self.states[index].value
@@ -163,7 +163,7 @@ class SteeringController(MobileBase):
 
 
 class BicycleSteeringController(SteeringController):
-    """One traction wheel and one steered wheel."""
+    """Base with one traction wheel and one steered wheel."""
 
     kind: ClassVar[type[SteeringParams]] = BicycleParams
 
@@ -194,7 +194,7 @@ class AckermannSteeringController(SteeringController):
         return given
 
     def _tell_size(self, text: str) -> None:
-        """Say which size is the description's, when it is configured and not at each parameter that is set."""
+        """Report once at configuration which size is that of the description."""
         if self.state is ControllerState.UNCONFIGURED:
             self.report("parameter", text)
 

@@ -56,15 +56,15 @@ class SteeringKinematics(PlanarPose):
         self._linears, self._angulars = RollingMean(window), RollingMean(window)
 
     def set_window(self, window: int) -> None:
-        """Take means over another number of steps, from now on."""
+        """Set the window of the means."""
         self._linears, self._angulars = RollingMean(window), RollingMean(window)
 
     def reset(self) -> None:
-        """Be at the origin; the means begin anew."""
+        """Reset pose and means."""
         self.set_pose(0.0, 0.0, 0.0)
 
     def set_pose(self, x: float, y: float, heading: float) -> None:
-        """Be somewhere else; the means begin anew."""
+        """Set the pose and reset the means."""
         super().set_pose(x, y, heading)
         self._linears.clear()
         self._angulars.clear()
@@ -93,12 +93,15 @@ class SteeringKinematics(PlanarPose):
     # ----------------------------------------------------------------------------------------------------- odometry
 
     def begin(self, positions: Sequence[float]) -> None:
-        """Take the wheels' positions, in rad, as where they start from."""
+        """Set the start positions of the wheels, in rad."""
         for index in range(self.traction_count):
             self._positions[index] = positions[index]
 
     def update_position(self, traction: Sequence[float], steering: Sequence[float], dt: float) -> bool:
-        """Follow the positions of traction and steering, in rad; `dt` in s. Return whether the step told a velocity."""
+        """Update from the positions of traction and steering, in rad; `dt` in s.
+
+        Return whether velocities are valid.
+        """
         for index in range(self.traction_count):
             self._speeds[index] = quotient(traction[index] - self._positions[index], dt)
             self._positions[index] = traction[index]
@@ -125,7 +128,7 @@ class SteeringKinematics(PlanarPose):
     # ----------------------------------------------------------------------------------------------------- commands
 
     def command(self, linear: float, angular: float, open_loop: bool, reduce: bool = False) -> None:
-        """Make `traction` and `steering` of a twist in m/s and rad/s.
+        """Compute `traction` and `steering` commands from a twist in m/s and rad/s.
 
         `reduce` slows the wheels down, in closed loop, until the steering is where it is wanted.
         """
@@ -142,7 +145,7 @@ class SteeringKinematics(PlanarPose):
         self.set_steering(angle, curve)
 
     def bound(self, linear: float, angular: float) -> None:
-        """Keep every traction wheel as slow as the wanted curve has its fastest one, in m/s and rad/s; after `command`.
+        """Bound every traction wheel by the fastest one of the requested curve, in m/s and rad/s; after `command`.
 
         With the steering across, wheels of the curve that is measured would turn without bounds.
         """
@@ -156,7 +159,7 @@ class SteeringKinematics(PlanarPose):
             self.traction[index] = self.traction[index] / fastest * most if math.isfinite(fastest) else 0.0
 
     def share(self, speed: float, angle: float) -> None:
-        """Have the outer of two traction wheels turn faster than the inner one."""
+        """Compute the speeds of the inner and the outer traction wheel."""
         if abs(angle) < _STRAIGHT:
             self.traction[0] = self.traction[1] = speed
             return
@@ -178,7 +181,7 @@ class SteeringKinematics(PlanarPose):
 
 
 class BicycleKinematics(SteeringKinematics):
-    """One traction wheel and one steered wheel, one behind the other."""
+    """Kinematics of one traction wheel and one steered wheel on the centre line."""
 
 
 class TricycleKinematics(SteeringKinematics):
@@ -187,7 +190,7 @@ class TricycleKinematics(SteeringKinematics):
     traction_count: ClassVar[int] = 2
 
     def measured_speed(self, traction: Sequence[float], angle: float) -> float:
-        """Return the mean of both wheels, each by its way in the curve."""
+        """Return the mean speed of both wheels at the centre."""
         return self.mean_speed(traction, angle)
 
     def set_traction(self, speed: float, angle: float) -> None:
@@ -196,12 +199,12 @@ class TricycleKinematics(SteeringKinematics):
 
 
 class AckermannKinematics(TricycleKinematics):
-    """Two traction wheels on an axle and two steered wheels, whose axes meet in the middle of the curve."""
+    """Kinematics of two traction wheels on an axle and two steered wheels (Ackermann)."""
 
     steering_count: ClassVar[int] = 2
 
     def measured_angle(self, steering: Sequence[float]) -> float:
-        """Return the mean of what each of the two wheels says."""
+        """Return the mean steering angle by both wheels."""
         length, half = self.wheelbase, self.steering_track / 2.0
         right, left = math.tan(steering[0]), math.tan(steering[1])
         by_right = math.atan(quotient(length * right, length - half * right))

@@ -33,7 +33,7 @@ _COVARIANCE: Final[Six] = (0.0, 7.0, 14.0, 21.0, 28.0, 35.0)
 
 @dataclass(frozen=True)
 class SteeringParams(BaseParams):
-    """What all steering controllers have: m, s, joints from right to left."""
+    """Common parameters of steering controllers: m, s, joints from right to left."""
 
     kinematics: ClassVar[type[SteeringKinematics]] = SteeringKinematics
     radius_key: ClassVar[str] = "traction_wheels_radius"
@@ -101,7 +101,7 @@ class SteeringParams(BaseParams):
         return made
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Say what is wrong, each with whether it is."""
+        """Return the checks with their results."""
         counts = {"traction": self.kinematics.traction_count, "steering": self.kinematics.steering_count}
         for part, count in counts.items():
             for key in (f"{part}_joints_names", f"{part}_joints_state_names"):
@@ -139,7 +139,7 @@ class TricycleParams(SteeringParams):
         return self.traction_track_width, 0.0
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Say what is wrong, the distance of the wheels too."""
+        """Return the checks with their results, including the distance of the wheels."""
         yield from super().mistakes()
         missing = "traction_track_width is missing or 0; give the distance of the traction wheels in m"
         yield self.traction_track_width <= 0.0, missing
@@ -209,7 +209,7 @@ _ANGLE: Final = (
 
 @dataclass(frozen=True)
 class Ros1AckermannParams(BicycleParams):
-    """What that controller has beside the bicycle's: two joints by their names, multipliers, limits of `linear.x`."""
+    """Additional parameters of that controller: two joints by name, multipliers, limits of `linear.x`."""
 
     reference_timeout: float = setting(0.5, low=0.0, high=1e9)
     position_feedback: bool = True
@@ -226,7 +226,7 @@ class Ros1AckermannParams(BicycleParams):
         return self.linear, TwistAxisLimits()
 
     def as_bicycle(self) -> Ros1AckermannParams:
-        """Return this with the joints and the sizes where the bicycle has them."""
+        """Return the parameters as those of the bicycle."""
         return replace(
             self,
             traction_joints_names=(self.rear_wheel,),
@@ -236,7 +236,7 @@ class Ros1AckermannParams(BicycleParams):
         )
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Say what is wrong, a multiplier of the measured angle too."""
+        """Return the checks with their results, including the multiplier of the measured angle."""
         yield from super().mistakes()
         scale = "it scales what is measured alone; put the factor into scale_pos_from_dev and scale_pos_to_dev"
         yield self.steer_pos_multiplier != 1.0, f"steer_pos_multiplier is {self.steer_pos_multiplier:g}; {scale}"

@@ -57,7 +57,7 @@ class Rate:
         self.hz, self.last = hz, _NEVER
 
     def step(self, now: int, period: float) -> float:
-        """Return the time since the last step in s, NOT_DUE where the next cycle is nearer to the due time.
+        """Return the time since the last step in s, NOT_DUE if the next cycle is closer to the due time.
 
         `now` in ns, `period` of the cycles in s.
         """
@@ -93,7 +93,7 @@ class InterfaceGroup:
 
 
 class ActiveController:
-    """An active controller, its rate, and the interface groups that it moves, also through a chain."""
+    """Active controller, its rate, and the interface groups that it moves, also through a chain."""
 
     __slots__ = ("controller", "parts", "rate")
 
@@ -144,14 +144,14 @@ def _followers(controller: Controller, among: Sequence[Controller]) -> list[Cont
 
 
 def _below(controller: Controller, among: Sequence[Controller]) -> list[Controller]:
-    """Return the controllers that a controller commands, and those whose exported states it reads."""
+    """Return the controllers whose references or exported states a controller uses."""
     read = set(controller.state_interface_names())
     commanded = _followers(controller, among)
     return [each for each in among if each in commanded or any(one.name in read for one in each.exported_states())]
 
 
 def joints_of(controller: Controller, among: Sequence[Controller]) -> list[str]:
-    """Return the joints that a controller commands, itself or by way of those of `among` that it commands."""
+    """Return the joints that a controller commands, directly or through controllers in `among`."""
     chain = [controller]
     for each in chain:  # grows
         chain += [further for further in _followers(each, among) if further not in chain]

@@ -145,7 +145,7 @@ class DrivenWheelPose(PlanarPose):
 
 
 class TricycleController(MobileBase):
-    """Drives a base by one wheel that drives and steers; `kinematics` is where it is."""
+    """Drives a base by one wheel that drives and steers; `kinematics` has its pose."""
 
     references: ClassVar[tuple[str, ...]] = ()
     settable: ClassVar[tuple[str, ...]] = (
@@ -233,7 +233,7 @@ class TricycleController(MobileBase):
         self.targets[:] = traction.limit_velocity(speed), steering.limit_velocity(angle)
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Do one step, then limit what both joints are commanded against their last two commands; `period` in s."""
+        """Execute one step, then limit both commands against their last two; `period` in s."""
         result = super().update(now, period)
         if result is OK and all(each.enabled for each in self.commands):
             traction, steering = self.commands

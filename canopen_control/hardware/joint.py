@@ -276,7 +276,7 @@ class JointDrive(JointParts):
         self._abort_homing("quick stop")
 
     def halt(self) -> None:
-        """Hold the motion with the halt bit; after `enable` it follows new commands."""
+        """Hold the motion by the halt bit; after `enable` it follows new commands."""
         self._fire(PhaseTrigger.HALT)
 
     def fault_reset(self) -> None:

@@ -55,7 +55,7 @@ _NEAR: Final = 1 << 30  # counts: closer than this no rounding makes a target li
 
 
 class JointTargets:
-    """The command interfaces of a joint and what becomes of them; RobotConfigError for one that no RPDO serves.
+    """Command interfaces of a joint and the targets behind them; RobotConfigError for one without an RPDO.
 
     `claimed` is the command interface that a controller drives, `mode` the mode last asked for, `current` its target;
     `tracked` the command whose `tracking` is watched, None where none is.
@@ -286,7 +286,7 @@ class ModeTarget:
         self._slope = 0.0  # of a stop that the master ramps
 
     def hold(self) -> None:
-        """Stay where the axis is."""
+        """Hold the present position."""
         raise NotImplementedError
 
     def follow(self, value: float, now: int, period: float) -> None:
@@ -354,7 +354,7 @@ class _ScaledTarget(ModeTarget):
 
 
 class VelocityTarget(_ScaledTarget):
-    """PV, where the drive ramps."""
+    """Target of PV; the drive ramps."""
 
     interface = VELOCITY
     tracks = True
@@ -401,7 +401,7 @@ class VelocityTarget(_ScaledTarget):
 
 
 class RampedVelocityTarget(VelocityTarget):
-    """CSV, where the master ramps."""
+    """Target of CSV; the master ramps."""
 
     ramped = True
 
@@ -609,7 +609,7 @@ class SetPointTarget(_PositionTarget):
         self._given: int | None = None
 
     def hold(self) -> None:
-        """Give up the set-point and target the actual position."""
+        """Drop the set-point and target the actual position."""
         self._value, self._given = _NAN, None
         if self._handshake.busy:
             self._handshake.abort("the axis is not enabled")
@@ -618,7 +618,7 @@ class SetPointTarget(_PositionTarget):
         self.output.set(self._axis.raw_position)
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
-        """Hand a new target to the drive, in place of one it is under way to; with none it comes to rest on the way."""
+        """Send a new target, replacing an active one; without one the drive stops on the way."""
         handshake, machine = self._handshake, self._machine
         if self._same(value):
             pass
@@ -643,7 +643,7 @@ class SetPointTarget(_PositionTarget):
         return far and abs(velocity.value * axis.scale.vel_from_dev) > _FAR
 
     def move(self, count: int, *, relative: bool) -> None:
-        """Give one set-point in device units, from outside any controller."""
+        """Send one set-point in device units, from outside a controller."""
         self._handshake.move(count, relative=relative, immediately=True)
 
     def ramp_down(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode
@@ -706,7 +706,7 @@ _OWN_CLASSES: Final[Mapping[str, Callable[[AxisProcessData, Output, DriveMachine
 
 
 def make_target(mode: int, axis: AxisProcessData, machine: DriveMachine) -> ModeTarget | None:
-    """Return the target of `mode`, None where the mode has none or no RPDO carries it."""
+    """Return the target of `mode`, None for a mode without one or without an RPDO."""
     address = axis.target_objects.get(mode)
     output = None if address is None else axis.output(*address)
     if address is None or output is None:

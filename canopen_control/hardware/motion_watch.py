@@ -29,7 +29,7 @@ _STEP: Final = STANDSTILL / 10  # rad or m in one look
 
 
 class MotionWatch:
-    """The looks at one axis. `stands`, `late` and `turns_away` are True once, in the look in which it is certain.
+    """Motion check of one axis. `stands`, `late` and `turns_away` are True once, when detected.
 
     `unmoved`: set-points have left an axis that has not moved since its enable.
     """

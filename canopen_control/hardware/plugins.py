@@ -448,7 +448,7 @@ def made_up(
 
 
 def transmitted(component: HardwareComponent, tag: Ros2ControlSystem) -> HardwareComponent:
-    """Return a component seen through the transmissions of its tag, where one changes anything."""
+    """Return a component behind the transmissions of its tag, if they change something."""
     if all(transmission.trivial for transmission in tag.transmissions):
         return component
     return TransmittedSystem(component, tag.transmissions)

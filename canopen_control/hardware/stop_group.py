@@ -1,4 +1,4 @@
-"""Joints that stop together: trouble at one of them is trouble of all, and they change power in one SYNC cycle.
+"""Joints that stop together after an error of one, and change power in one SYNC cycle.
 
 An axis of a group is let into OPERATION_ENABLED when every axis that is being enabled stands
 before it, and disabled when every axis that is being stopped stands still. All joints of a robot are one group unless
@@ -117,7 +117,7 @@ def regroup(joints: Iterable[J], bases: Mapping[str, Collection[str]], now: int)
 
 
 def _merged(groups: set[StopGroup[J]], joints: Iterable[J]) -> StopGroup[J]:
-    """Return one group of several; the present one of their joints where it is that already."""
+    """Return the merged group of several, reusing an equal one."""
     members = [joint for joint in joints if joint.stop_group in groups]
     if members[0].group.joints == members:
         return members[0].group

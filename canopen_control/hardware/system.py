@@ -200,7 +200,7 @@ class CanopenSystem(ComponentLifecycle):
         return OK
 
     def supervise(self, now: int) -> None:
-        """Do what need not be done in every cycle, ten times a second; after the frames of a cycle have left."""
+        """Run the checks that are due ten times a second, after the frames of a cycle were sent."""
         if now < self._supervise_at:
             return
         self._supervise_at = now + _SUPERVISE_NS
@@ -210,7 +210,7 @@ class CanopenSystem(ComponentLifecycle):
         self.devices.poll(now)
 
     def prepare_enable(self, joints: Sequence[JointDrive]) -> None:
-        """Give drives that are to be enabled a mode; ControlError or DriveError where one of them cannot be."""
+        """Set the modes of drives before they are enabled; ControlError or DriveError if one has none."""
         for joint in joints:
             if not joint.node.ready:
                 raise ControlError(
@@ -225,7 +225,7 @@ class CanopenSystem(ComponentLifecycle):
             joint.require_enable()
 
     def enable(self, joints: Sequence[JointDrive]) -> None:
-        """Enable drives for a user, all of them or, refused with the reason, none."""
+        """Enable drives for a user: all, or none with the reason."""
         self.prepare_enable(joints)
         for joint in joints:
             joint.enable()

@@ -123,7 +123,7 @@ class Tracking:
         return self._still <= _PAUSE if self._positions else self._first != 0.0 and self._first == self._first
 
     def figures(self) -> TrackingFigures | None:
-        """Return the figures, None where nothing was compared since the joint was enabled."""
+        """Return the statistics, None without samples since the joint was enabled."""
         total = self._total_count + self._count
         if not total:
             return None

@@ -35,7 +35,7 @@ class TrapezoidalProfile:
         self.speed = 0.0
 
     def step(self, way: int, period: float, largest: float = math.inf) -> int:
-        """Return how far to go in this cycle of `period` s, of a way that is left; `largest` is the drive's own limit.
+        """Return the distance of this cycle of `period` s; `largest` is the drive's own limit.
 
         A way is made in steps of one count at least, so that it ends.
         """

@@ -141,7 +141,7 @@ class EventLog:
         return now >= self._due
 
     def tick(self, now: int) -> list[Event]:
-        """Return the summaries that are due."""
+        """Return the due summaries."""
         events: list[Event] = []
         for key, repeated in list(self._open.items()):
             if now >= repeated.until:

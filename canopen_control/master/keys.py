@@ -200,7 +200,7 @@ class MasterConfig:
 
     @property
     def sends_sync_first(self) -> bool:
-        """Whether a SYNC of this program goes before the RPDOs of its cycle."""
+        """Whether SYNC of this program is sent before the RPDOs of its cycle."""
         return self.sync_order == "first"
 
     @property
@@ -262,12 +262,12 @@ class SupervisionKeys:
 
     @property
     def heartbeat_ms(self) -> int:
-        """Period of the node's heartbeat; 0 where it is watched by guarding instead."""
+        """Period of the node's heartbeat; 0 with node guarding."""
         return self.heartbeat_producer or (0 if self.guarded else DEFAULT_HEARTBEAT_MS)
 
     @property
     def guarded(self) -> bool:
-        """Whether the node is watched by node guarding; a heartbeat goes before it (CiA 301, 7.2.8.3)."""
+        """Whether the node is supervised by node guarding; heartbeat takes precedence (CiA 301, 7.2.8.3)."""
         return bool(self.guard_time) and not self.heartbeat_producer
 
     @property

@@ -228,7 +228,7 @@ class Network:
 
     @property
     def waits(self) -> bool:
-        """Whether an answer or a node is waited for, so that what comes is to be looked at as it comes."""
+        """Whether an answer or a boot step is pending, so that received frames must be processed at once."""
         return self._guarding is not None or any(not node.ready or node.sdo.busy for node in self._by_id.values())
 
     @property

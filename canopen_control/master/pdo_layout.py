@@ -112,7 +112,7 @@ def _signal(plan: NodePlan, mapped: MappedObject) -> _Meaning | None:
 
 
 def _of_axis(config: BusConfig, plan: NodePlan, mapped: MappedObject, linear: Collection[tuple[str, int]]) -> _Meaning:
-    """Return what an object of a drive means by the scales of bus.yml; nothing where it names none."""
+    """Return the scale of a drive's object in bus.yml; empty without one."""
     base, axis = objects.axis_of(mapped.index)
     quantity = _QUANTITIES.get(base) if plan.axes and not mapped.subindex else None
     if quantity is None or not _is_scaled(config, plan.name, axis, quantity.scale):

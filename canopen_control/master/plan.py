@@ -224,7 +224,7 @@ def _plan_communication(builder: PlanBuilder, master: MasterConfig) -> None:
 
 
 def _plan_values(builder: PlanBuilder, master: MasterConfig) -> int:
-    """Plan the `sdo` list, supervision after it, then what stores all of it; return the heartbeat of the node in ms."""
+    """Plan the `sdo` list, supervision and the store command; return the heartbeat period of the node in ms."""
     sdo = list(enumerate(builder.node.boot.sdo))
     storing = list(itertools.takewhile(lambda pair: pair[1].index == STORE, reversed(sdo)))[::-1]
     _plan_sdo_list(builder, sdo[: len(sdo) - len(storing)])
@@ -242,7 +242,7 @@ _PER_MOTOR = (TARGET_POSITION, TARGET_VELOCITY, TARGET_TORQUE, POSITION_ACTUAL, 
 
 
 def two_motors(od: ObjectDictionary) -> tuple[int, ...]:
-    """Return the objects of axis 0 that are variables in CiA 402 and have subindices here, one for each motor.
+    """Return the objects of axis 0 that are variables in CiA 402 and have subindices for motors here.
 
     ZLTECH's ZLAC8015D has two motors behind one controlword and one statusword.
     """

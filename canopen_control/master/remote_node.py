@@ -490,7 +490,7 @@ class RemoteNode:
             self._report(Event(now, kind, self.name, text, level))
 
     def _bid_farewell(self, now: int) -> None:
-        """Keep sending for a while: a drive that is only silent, or not OPERATIONAL, can still be stopped.
+        """Keep sending for a while, since a silent drive, or one not OPERATIONAL, can still be stopped.
 
         The owner of the axes provides the content; in NMT states without PDOs a quick stop is sent by SDO.
         """

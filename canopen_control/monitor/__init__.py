@@ -1,1 +1,1 @@
-"""The terminal monitor: a running robot, or a bare bus that it only listens to, as tables in a terminal."""
+"""Terminal monitor: a running robot, or a bare bus in listening mode, as tables."""

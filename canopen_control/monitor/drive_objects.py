@@ -72,7 +72,7 @@ def _on_node(verb: str) -> Words:
 
 
 def _with_node(verb: str) -> Words:
-    """Return the words of a verb whose first part comes before the node."""
+    """Return the arguments of a verb, its first part before the node."""
     return lambda node, parts: [verb, parts[0], node, *parts[1:]]
 
 
@@ -98,7 +98,7 @@ WORKS: Final = {
 
 
 def work_words(name: str, text: str, node: str, robot: str) -> list[str]:
-    """Return the words of the command line; ConfigError where nothing was filled in, or no drive is selected."""
+    """Return the command line; ConfigError without input or a selected drive."""
     parts = [part.strip() for part in text.split(",") if part.strip()]
     if not node:
         raise ConfigError(f"{name}: no drive is selected")

@@ -101,7 +101,7 @@ class TraceLog:
         self._fresh: deque[DecodedFrame] = deque(maxlen=KEPT)
 
     def add(self, decoded: DecodedFrame) -> None:
-        """Keep a frame."""
+        """Add a frame."""
         self._all.append(decoded)
         if self.filter.wants(decoded):
             self._fresh.append(decoded)
@@ -176,11 +176,11 @@ class BusTap:
 
     @property
     def lost(self) -> int:
-        """Frames that came faster than they were read."""
+        """Number of frames lost for slow reading."""
         return 0 if self._port is None else self._port.stats.lost
 
     def watch(self, watcher: PortWatcher) -> None:
-        """Give the port to a watcher, now and later, and None when it goes."""
+        """Register a watcher of the port; it gets None when the port is lost."""
         self._watcher = watcher
         if self._port is not None:
             watcher.port_changed(self._port)
@@ -220,7 +220,7 @@ class BusTap:
             self._take(self._decoder.decode(frame, stamp + arrivals.unix_offset_ns))
 
     def close(self) -> None:
-        """Leave the bus; a second call does nothing."""
+        """Close the bus; a second call does nothing."""
         if self._port is not None:
             if self._watcher is not None:
                 self._watcher.port_changed(None)

@@ -204,14 +204,14 @@ class DrivePane(Vertical):
         self._ended = False
 
     def compose(self) -> ComposeResult:
-        """Lay it out."""
+        """Create the widgets."""
         yield self.title
         yield self.objects
         yield self.choice
         yield self.told
 
     def show(self, looking: DriveObjects | None) -> None:
-        """Show the objects of the drive that is looked at, and have those in sight read."""
+        """Show the objects of the selected drive, and read the visible ones."""
         title = _LISTENS if looking is None else looking.title
         if str(self.title.content) != title:
             self.title.update(Text(title))
@@ -336,7 +336,7 @@ class MonitorApp(App[None]):
     # -- the screen
 
     def compose(self) -> ComposeResult:
-        """Lay it out."""
+        """Create the widgets."""
         yield self._head
         yield self._alarm
         yield self._drives
@@ -367,12 +367,12 @@ class MonitorApp(App[None]):
         self.source.close()
 
     def _refresh_if_late(self) -> None:
-        """Draw although nothing has come: there is no robot, or it is silent."""
+        """Redraw without new data: the robot is missing or silent."""
         if time.monotonic() - self._drawn > _LATE_S:
             self.refresh_picture()
 
     def refresh_picture(self) -> None:
-        """Draw what has changed."""
+        """Redraw the changes."""
         if not self.is_running:
             return
         self._drawn = time.monotonic()
@@ -433,7 +433,7 @@ class MonitorApp(App[None]):
             self._show_trace()
 
     def _show_objects(self) -> None:
-        """Show the objects of the selected drive while its tab is open, and have those in sight read."""
+        """Show the objects of the selected drive while its tab is open."""
         if self.query_one("#tabs", TabbedContent).active != _DRIVE_TAB:
             if self._looking is not None:
                 self._looking.leave()
@@ -468,7 +468,7 @@ class MonitorApp(App[None]):
         return self.source.can_command or action not in _COMMANDS
 
     def action_keys(self) -> None:
-        """Show every key; a narrow terminal has no room for all of them in the last line."""
+        """Show all keys, for narrow terminals."""
         self.notify(_KEYS, title="Keys", timeout=20, markup=False)
 
     def action_stop(self) -> None:
@@ -511,7 +511,7 @@ class MonitorApp(App[None]):
         self._ask_for(_OBJECT_WORDS if on_objects else _WORDS)
 
     def _ask_for(self, words: str, value: str = "") -> None:
-        """Show a line to be filled in."""
+        """Show an input line."""
         field = self.query_one(FilterLine)
         field.placeholder, field.value = words, value
         field.cursor_position = len(value)

@@ -90,7 +90,7 @@ def age_cell(seconds: float | None, *, stale: float, dead: float) -> Cell:
 
 
 def sdo_cell(reads: int, writes: int, failed: int) -> Cell:
-    """Return how many SDO transfers there were, and how many of them failed."""
+    """Return the number of SDO transfers and of failed ones."""
     text = f"{reads}r {writes}w"
     return Cell(f"{text}, {failed} failed", Tone.WARN) if failed else Cell(text)
 

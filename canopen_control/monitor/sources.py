@@ -286,7 +286,7 @@ class RobotLink:
         self._thread.start()
 
     def close(self) -> None:
-        """Leave it."""
+        """Close the connection."""
         self._closed.set()
         robot = self._robot
         if robot is not None:
@@ -483,7 +483,7 @@ class ScreenSource(Protocol):
         """Frames are looked at from now on, or not any more."""
 
     def choose(self, node: str) -> DriveObjects | None:
-        """Return the objects of a node, which are looked at from now on; None where nothing can be read."""
+        """Select a node and return its objects; None if they cannot be read."""
 
     def content(self) -> MonitorContent:
         """Return how it is now."""
@@ -529,7 +529,7 @@ class LiveRobot:
         self._link.start(on_sample)
 
     def close(self) -> None:
-        """Leave robot and buses."""
+        """Close the connections to robot and buses."""
         self._objects.leave()
         self._link.close()
         for tap in self.taps:
@@ -606,17 +606,17 @@ class BusSource:
         self.taps = [self._tap]
 
     def start(self, on_sample: Callable[[], None] = lambda: None) -> None:
-        """Do nothing: `tick` opens the bus, and its frames are all there is."""
+        """Do nothing: `tick` opens the bus."""
 
     def listen(self, on: bool) -> None:
         """Do nothing: it always listens."""
 
     def close(self) -> None:
-        """Leave the bus."""
+        """Close the bus."""
         self._tap.close()
 
     def tick(self) -> None:
-        """Open the bus, again where it went."""
+        """Open the bus, also after a loss."""
         self._tap.tick(time.monotonic_ns())
 
     def choose(self, node: str) -> None:  # noqa: ARG002 - as every source has it

@@ -1,4 +1,4 @@
-"""The topics and the service of base controllers: twists come, odometry goes, and is set.
+"""Topics and service of base controllers: twists, odometry, and setting the odometry.
 
 Rules (ros2_controllers, Jazzy): twists are TwistStamped on `~/cmd_vel` (diff drive, omni) or
 `~/reference` (steering, mecanum); where Twist alone is published there, as for the controller of ROS 1, it is that, and
@@ -82,7 +82,7 @@ class TwistSubscription:
             self._change(kinds[0])
 
     def close(self) -> None:
-        """Leave the topic."""
+        """Destroy the subscription."""
         if self._subscription is not None:
             self._ros.unsubscribe(self._subscription)
 
@@ -121,7 +121,7 @@ class TwistCommands(Endpoint):
         self._either.look(state)
 
     def close(self) -> None:
-        """Leave the topics."""
+        """Destroy the publishers and subscriptions."""
         self._either.close()
         self._ros.unsubscribe(self._plain)
 
@@ -138,7 +138,7 @@ class OdometrySetting(Endpoint):
         self._service = ros.serve("control_msgs/srv/SetOdometry", name, self._answer)
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Destroy the service."""
         self._ros.unserve(self._service)
 
     def _answer(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
@@ -159,7 +159,7 @@ class OdometryReset(Endpoint):
         self._service = ros.serve("std_srvs/srv/Empty", self._name, self._answer)
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Destroy the service."""
         self._ros.unserve(self._service)
 
     def _answer(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
@@ -218,7 +218,7 @@ class SharedTwist(Endpoint):
         self._subscription.look(state)
 
     def close(self) -> None:
-        """Leave the topic."""
+        """Destroy the publisher."""
         self._subscription.close()
 
     def _on_message(self, message: Twist | TwistStamped) -> None:
@@ -241,7 +241,7 @@ class SharedTwist(Endpoint):
 
 
 class TfOdometry(Endpoint):
-    """`~/tf_odometry`: the transform of odometry alone, where it is broadcast at all."""
+    """Topic `~/tf_odometry`: the transform of odometry alone."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._name, self._samples = ros, controller.name, NewSamples(OdometrySample)
@@ -255,5 +255,5 @@ class TfOdometry(Endpoint):
             self._publisher.publish(self._kind(transforms=[odometry_transform(self._ros, sample)]))
 
     def close(self) -> None:
-        """Leave the topic."""
+        """Destroy the publisher."""
         self._ros.node.destroy_publisher(self._publisher)

@@ -146,7 +146,7 @@ class Bridge:
         self._has_answered = True
 
     def _connect(self) -> None:
-        """Find the robot; by hand again and again, for `run`'s own bridge there is no other than this one."""
+        """Connect to the robot; started by hand, retry until it runs."""
         from canopen_control.ros.session import RosSession
 
         client: RobotClient | None = None
@@ -174,7 +174,7 @@ class Bridge:
         self._reactor.call_later(_RETRY_NS, self._connect)
 
     def _end_session(self) -> bool:
-        """Leave the robot; False if a thread of rclpy hangs."""
+        """Close the session; False if a thread of rclpy hangs."""
         session, self._session = self._session, None
         return session is None or session.close()
 

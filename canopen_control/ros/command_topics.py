@@ -41,7 +41,7 @@ class ForwardCommands(Endpoint):
         self._controller = controller
 
     def close(self) -> None:
-        """Leave the topic."""
+        """Destroy the subscription."""
         self._ros.unsubscribe(self._subscription)
 
     def _on_message(self, message: Float64MultiArray) -> None:
@@ -82,7 +82,7 @@ class GpioCommands(Endpoint):
                 self._coming.clear()
 
     def close(self) -> None:
-        """Leave the topic."""
+        """Destroy the subscription."""
         self._ros.unsubscribe(self._subscription)
 
     def _on_message(self, message: RosMessage) -> None:
@@ -166,7 +166,7 @@ class PidReferences(Endpoint):
             self._subscription = self._ros.subscribe(message, self._topic, self._on_message, REFERENCE)
 
     def close(self) -> None:
-        """Leave the topic."""
+        """Destroy the subscription."""
         if self._subscription is not None:
             self._ros.unsubscribe(self._subscription)
 
@@ -235,7 +235,7 @@ class FeedForwardSwitch(Endpoint):
         self._service = ros.serve("std_srvs/srv/SetBool", name, self._answer)
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Destroy the service."""
         self._ros.unserve(self._service)
 
     def _answer(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
@@ -260,7 +260,7 @@ def _order(names: Sequence[str], dofs: Sequence[str]) -> list[int]:
 
 
 def _sorted(field: str, values: Sequence[float], order: Sequence[int], dofs: Sequence[str]) -> list[float]:
-    """Return the values in the order of the degrees of freedom; ValueError if there is not a finite one for each."""
+    """Return the values in the order of the degrees of freedom; ValueError unless each has a finite one."""
     if len(values) != len(order):
         raise ValueError(f"{field} has {len(values)} numbers for {', '.join(dofs)}; give {len(order)}")
     ordered = [float(values[index]) for index in order]

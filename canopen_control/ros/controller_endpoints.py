@@ -136,7 +136,7 @@ class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult, Tra
         return self._action.Result(error_code=code, error_string=result.text)
 
     def feedback(self, sample: TrajectorySample) -> RosMessage:
-        """Return where the joints are to be, and where they are."""
+        """Return desired and actual state of the joints."""
         feedback = self._action.Feedback()
         fill(RosMessages(self._ros), feedback, TRAJECTORY_FEEDBACK, sample)
         return feedback
@@ -170,7 +170,7 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         return self._wanted(command.position, command.max_effort)
 
     def result(self, sample: GripperResult | GripperSample, into: RosMessage) -> RosMessage:
-        """Fill a result or a feedback with where the gripper is."""
+        """Fill a result or a feedback with the state of the gripper."""
         into.position, into.effort = unknown_as_nan(sample.position), unknown_as_nan(sample.effort)
         into.stalled, into.reached_goal = sample.stalled, sample.reached_goal
         return into
@@ -206,7 +206,7 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         return GripperResult(state="aborted", text=text)
 
     def told(self, result: GripperResult, *, by_others: bool) -> RosMessage:
-        """Return the result for the client, and log why, where it did not succeed: it has no room for words."""
+        """Return the result for the client, and log the reason of a failure, for which it has no field."""
         del by_others
         if result.state != "succeeded":
             self._ros.warn(self._topic, f"{self._topic}: {result.text}")
@@ -240,7 +240,7 @@ class ParallelGripperAction(GripperAction):
         return self._wanted(float(command.position[0]), float(effort), float(velocity))
 
     def result(self, sample: GripperResult | GripperSample, into: RosMessage) -> RosMessage:
-        """Fill a result with where the gripper is."""
+        """Fill a result with the state of the gripper."""
         self._put(sample, into.state)
         into.stalled, into.reached_goal = sample.stalled, sample.reached_goal
         return into

@@ -54,7 +54,7 @@ class ControllerManagerServices(Endpoint):
         ]
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Destroy the services."""
         for service in self._services:
             self._ros.unserve(service)
 

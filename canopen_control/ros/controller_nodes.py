@@ -1,4 +1,4 @@
-"""A ROS node for each controller that is loaded, and one for `/controller_manager`, each with its parameters.
+"""ROS nodes of loaded controllers and of `/controller_manager`, with their parameters.
 
 Rules (controller_manager, Jazzy): the node of a controller has its name and the manager's namespace, and
 its topics, services and actions are that node's. All nodes share the bridge's participant and the thread of its
@@ -139,7 +139,7 @@ class ParameterServices(Endpoint):
         ]
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Destroy the services."""
         for service in self._services:
             self._ros.unserve(service)
         if self._events is not None:
@@ -217,7 +217,7 @@ class ParameterServices(Endpoint):
         self._ros.ask(SetParameters(controller=self._name, values=values), answer)
 
     def _of_caller(self, parameter: ParameterValue, reply: Reply) -> ParameterValue:
-        """Return a `params_file` with whole paths: a relative one is the caller's, where the caller has such a file."""
+        """Return a `params_file` with absolute paths; a relative one is the client's, if that file exists."""
         if not parameter.name.endswith(".params_file") or not isinstance(reply, Answer):
             return parameter
         folder, value = folder_of(self._ros.node, client_of(reply.request_id)), parameter.value

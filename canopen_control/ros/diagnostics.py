@@ -54,7 +54,7 @@ class Diagnostics(Endpoint):
         self._publisher.publish(message)
 
     def close(self) -> None:
-        """Leave the topic."""
+        """Destroy the publisher."""
         self._ros.node.destroy_publisher(self._publisher)
 
 
@@ -70,7 +70,7 @@ class Events(Endpoint):
         self._publisher.publish(log_message(self._log, event, self._ros.robot))
 
     def close(self) -> None:
-        """Leave the topic."""
+        """Destroy the publisher."""
         self._ros.node.destroy_publisher(self._publisher)
 
 
@@ -146,7 +146,7 @@ class Rosout(Endpoint):
         return False
 
     def close(self) -> None:
-        """Leave the topic."""
+        """Destroy the publisher."""
         self._ros.node.destroy_publisher(self._publisher)
 
 

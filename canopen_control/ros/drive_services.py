@@ -116,7 +116,7 @@ class DriveServices(Endpoint):
         self._state = state
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Destroy the services."""
         for service in self._services:
             self._ros.unserve(service)
 
@@ -183,7 +183,7 @@ class MasterServices(Endpoint):
         self._services = [ros.serve(kind, f"master/{name}", handler) for name, kind, handler in master_handlers(ros)]
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Destroy the services."""
         for service in self._services:
             self._ros.unserve(service)
 

@@ -85,7 +85,7 @@ class DriveTopics(Endpoint):
             self._rpdo.publish(self._object(index=mapped.index, subindex=mapped.subindex, data=value))
 
     def close(self) -> None:
-        """Leave the topics."""
+        """Destroy the publishers."""
         self._ros.unsubscribe(self._tpdo)
         for publisher in (self._nmt, self._joint_states, self._emcy, self._rpdo):
             if publisher is not None:
@@ -195,7 +195,7 @@ class ProxyNode(Endpoint):
             part.on_process_data(nodes)
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Destroy the endpoints."""
         self._closed = True
         for part in self._parts:
             part.close()

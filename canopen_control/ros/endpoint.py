@@ -61,7 +61,7 @@ class Ros(Protocol):
         """Create a subscription; an exception of the callback becomes a warning."""
 
     def unsubscribe(self, subscription: object) -> None:
-        """Leave a topic."""
+        """Destroy a subscription."""
 
     def serve(self, kind: str, name: str, handler: Handler) -> object:
         """Create a service of the interface `kind`; if ROS lacks it, it is left out with a warning.
@@ -73,7 +73,7 @@ class Ros(Protocol):
         """Report an interface that ROS lacks, once for each."""
 
     def unserve(self, service: object) -> None:
-        """Leave a service."""
+        """Destroy a service."""
 
     def watch_process_data(self, watcher: object, on: bool) -> None:
         """Subscribe to TPDO contents for `on_process_data`, while they are needed."""
@@ -129,7 +129,7 @@ class Endpoint:
         """Process TPDO contents by node."""
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Destroy the endpoint."""
 
 
 RosMessage = Any

@@ -62,7 +62,7 @@ class Frames(Endpoint):
             self._publisher.publish(self._tf_message(transforms=transforms))
 
     def close(self) -> None:
-        """Leave the topics."""
+        """Destroy the publishers."""
         for publisher in (self._publisher, self._static):
             self._ros.node.destroy_publisher(publisher)
 

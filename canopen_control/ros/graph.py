@@ -191,7 +191,7 @@ class Graph:
         self._executor.add_node(node)
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Destroy the node."""
         self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()

@@ -1,4 +1,4 @@
-"""The ROS 2 installation of this Python: whether it can be used, and the variables that it reads when it starts.
+"""ROS 2 installation of this Python: whether it works, and its environment variables.
 
 Importing rclpy with a middleware that it does not have ends the process (exit code 102) instead of raising, and an
 rclpy of another Python fails deep inside a C extension; so both are looked at from outside first.

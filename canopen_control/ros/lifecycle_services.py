@@ -72,7 +72,7 @@ class LifecycleServices(Endpoint):
         self._nodes = state.nodes
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Destroy the services."""
         for service in self._services:
             self._ros.unserve(service)
 

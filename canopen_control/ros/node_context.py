@@ -94,7 +94,7 @@ class NodeContext:
         return subscription
 
     def unsubscribe(self, subscription: object) -> None:
-        """Leave a topic, between two callbacks."""
+        """Destroy a subscription between two callbacks."""
         self.call(lambda: self.node.destroy_subscription(subscription))
 
     def serve(self, kind: str, name: str, handler: Handler) -> object:
@@ -120,6 +120,6 @@ class NodeContext:
             return None
 
     def unserve(self, service: object) -> None:
-        """Leave a service, between two callbacks."""
+        """Destroy a service between two callbacks."""
         if service is not None:
             self.call(lambda: self.node.destroy_service(service))

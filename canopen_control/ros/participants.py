@@ -24,7 +24,7 @@ _PIDS: Final = 1 << 22  # the most that Linux gives
 
 
 def client_of(header: RosMessage) -> bytes | None:
-    """Return the participant that a request came from, None where that cannot be seen.
+    """Return the participant of a request, None if it is unknown.
 
     The header is C's rmw_request_id_t, 16 bytes of GUID and the number of the request, of which rclpy shows the number
     alone: pybind11 keeps where it is behind the head of the Python object. The number tells whether that is so.
@@ -65,7 +65,7 @@ class ActionClients:
 
 
 def folder_of(node: Node, participant: bytes | None) -> Path | None:
-    """Return the working folder of the process that a participant is, None where it is not seen: of another host."""
+    """Return the working folder of a participant's process, None for one of another host."""
     own = map(_participant, node.get_publishers_info_by_topic("/rosout"))
     host = next((gid[2:4] for gid in own if gid[:2] == _VENDOR and _process(gid) == os.getpid() % 65536), None)
     if participant is None or host is None or participant[:4] != _VENDOR + host:

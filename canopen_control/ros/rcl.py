@@ -73,7 +73,7 @@ def further_node(name: str, context: Context, namespace: str, arguments: Sequenc
 
 
 def ros_seconds(node: Node) -> float | None:
-    """Return the time of a node that follows `/clock`, in s, 0 before the first; None where it is this computer's."""
+    """Return the time of a node by `/clock` in s, 0 before the first message; None with the system clock."""
     clock = node.get_clock()
     return clock.now().nanoseconds / 1e9 if clock.ros_time_is_active else None
 

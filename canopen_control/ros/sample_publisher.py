@@ -37,7 +37,7 @@ class RosMessages:
         self._ros = ros
 
     def empty(self, name: str) -> Any:  # noqa: ANN401 - a generated class
-        """Return a new message; MissingInterface where this ROS has none of it."""
+        """Return a new message; MissingInterface if ROS lacks it."""
         return interface(name)()
 
     def floats(self, values: Iterable[float]) -> object:
@@ -81,6 +81,6 @@ class SamplePublisher(Endpoint):
             self._publisher.publish(self._message)
 
     def close(self) -> None:
-        """Leave the topic."""
+        """Destroy the publisher."""
         if self._publisher is not None:
             self._ros.node.destroy_publisher(self._publisher)

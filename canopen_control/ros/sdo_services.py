@@ -1,4 +1,4 @@
-"""SDO for the services: what ros2_canopen's carry, and objects of any type with the reason where one is refused.
+"""SDO services: those of ros2_canopen, and objects of any type with the reason of a refusal.
 
 `/NODE/sdo_read`, `/NODE/sdo_write`, `/master/sdo_read` and `/master/sdo_write` answer as
 ros2_canopen's do; they have no room for a reason, which is logged. `get_objects` and `set_objects` use messages that
@@ -44,7 +44,7 @@ _ADDRESS: Final = re.compile(r"(?:0x)?([0-9A-Fa-f]{4})(?::([0-9A-Fa-f]{1,2}))?(?
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """An object, and the data type it is to be read as; "" where the length decides."""
+    """Object with the data type to read it as; "" to use its length."""
 
     index: int
     subindex: int
@@ -95,7 +95,7 @@ def encode(value: Value, kind: str, length: int) -> bytes:
 
 
 def of_datatype(datatype: int) -> int:
-    """Return the size in bytes of a data type of COReadID; ValueError for one that it does not have."""
+    """Return the size in bytes of a data type of COReadID; ValueError for an unknown one."""
     if datatype not in _SIZES:
         raise ValueError(f"no data type {datatype}; there are: INT8 2, INT16 3, INT32 4, UINT8 5, UINT16 6, UINT32 7")
     return _SIZES[datatype]

@@ -135,7 +135,7 @@ class Activity(Endpoint):
         ]
 
     def close(self) -> None:
-        """Leave the topic."""
+        """Destroy the publisher."""
         self._ros.node.destroy_publisher(self._publisher)
 
 
@@ -199,7 +199,7 @@ class RobotDescription(Endpoint):
         self._publisher.publish(String(data=urdf))
 
     def close(self) -> None:
-        """Leave the topic."""
+        """Destroy the publisher."""
         self._ros.node.destroy_publisher(self._publisher)
 
 
@@ -305,7 +305,7 @@ class SimClock(Endpoint):
         self._publisher.publish(Clock(clock=time_message(seconds)))
 
     def close(self) -> None:
-        """Leave the topic."""
+        """Destroy the publisher."""
         if self._publisher is not None:
             self._ros.node.destroy_publisher(self._publisher)
 
@@ -416,7 +416,7 @@ class RosSession:
         self._spinner.start()
 
     def close(self) -> bool:
-        """Leave both sides; False when a callback of ROS hangs. A second call does nothing."""
+        """Close the connections to ROS and robot; False if a callback of ROS hangs. A second call does nothing."""
         self._ended = True
         self._reactor.remove_reader(self._client.fileno())
         done = self._spinner.stop(_JOIN_S)

@@ -113,7 +113,7 @@ def pieces_of(trajectory: RosMessage) -> Iterator[list[TrajectoryPoint]]:
 
 
 def is_one_piece(trajectory: RosMessage) -> bool:
-    """Whether a JointTrajectory goes into one request."""
+    """Whether a JointTrajectory fits into one request."""
     return len(trajectory.points) <= _points_in_a_piece(trajectory)
 
 
@@ -155,7 +155,7 @@ class TrajectoryTopic(Endpoint):
         )
 
     def close(self) -> None:
-        """Leave the topic; the trajectory that is followed ends."""
+        """Destroy the subscription; its trajectory ends."""
         self._ros.unsubscribe(self._subscription)
         self._waiting = None
         self._followed.close()
@@ -204,7 +204,7 @@ class TrajectoryQuery(Endpoint):
         self._service = ros.serve("control_msgs/srv/QueryTrajectoryState", name, self._answer)
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Destroy the service."""
         self._ros.unserve(self._service)
 
     def _answer(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
@@ -236,7 +236,7 @@ class SpeedScalingTopic(Endpoint):
             self._subscription = self._ros.subscribe(self._message, self._topic, self._on_message, KEPT_DEFAULT)
 
     def close(self) -> None:
-        """Leave the topic."""
+        """Destroy the subscription."""
         if self._subscription is not None:
             self._ros.unsubscribe(self._subscription)
 

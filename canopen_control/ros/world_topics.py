@@ -62,7 +62,7 @@ class TopicHardware(Endpoint):
         self._publisher.publish(message)
 
     def close(self) -> None:
-        """Leave both topics."""
+        """Destroy both publishers."""
         self._ros.unsubscribe(self._subscription)
         self._ros.node.destroy_publisher(self._publisher)
 
@@ -116,7 +116,7 @@ class LaserScans(Endpoint):
         self._due = 0.0  # simulated seconds of the next scan
 
     def on_state(self, state: StateSample) -> None:
-        """Ask for a scan where one is due."""
+        """Request a scan if one is due."""
         seconds = state.sim_time
         if seconds is None or state.sim_epoch is None or self._asking or self._none:
             return
@@ -151,7 +151,7 @@ class LaserScans(Endpoint):
         self._publishers[scan.topic].publish(message)
 
     def close(self) -> None:
-        """Leave the topics."""
+        """Destroy the publishers."""
         for publisher in self._publishers.values():
             self._ros.node.destroy_publisher(publisher)
 
@@ -184,7 +184,7 @@ class GroundTruth(Endpoint):
         self._publisher.publish(pose_message(truth, self._ros.frame(self._frame)))
 
     def close(self) -> None:
-        """Leave the topic."""
+        """Destroy the publisher."""
         if self._publisher is not None:
             self._ros.node.destroy_publisher(self._publisher)
 
@@ -246,7 +246,7 @@ class SimulationServices(Endpoint):
         return handler
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Destroy the services."""
         for service in self._services:
             self._ros.unserve(service)
 

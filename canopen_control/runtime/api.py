@@ -533,7 +533,7 @@ class ApiServer(RobotObserver):
         call.reply(Done())
 
     def _twist_values(self, request: messages.TwistController) -> list[float]:
-        """Return a twist by the axes of the base; ControlError for one that it cannot drive."""
+        """Return a twist by the axes of the base; ControlError for a direction it does not have."""
         name, manager = request.controller, self._robot.manager
         axes: tuple[str, ...] = _PLANAR
         if name in manager.states:

@@ -57,7 +57,7 @@ class BackgroundRobot:
 
     @property
     def running(self) -> bool:
-        """Whether it was started and has not ended."""
+        """Whether it has started and not ended."""
         return self._session is not None and self._thread is not None and self._thread.is_alive()
 
     def start(self) -> None:

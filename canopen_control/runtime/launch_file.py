@@ -400,7 +400,7 @@ def _xml_condition(element: Element) -> LaunchCondition | None:
 
 
 def _all(element: Element) -> Iterator[tuple[Element, Element]]:
-    """Yield all elements below one, each with its parent."""
+    """Yield all elements below one, with their parents."""
     for child in element.children:
         yield child, element
         yield from _all(child)

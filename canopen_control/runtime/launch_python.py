@@ -119,7 +119,7 @@ class _Reader:
         self.launch = PythonLaunch()
 
     def read(self) -> None:
-        """Find everything that is declared, started and named."""
+        """Find all declared arguments, started nodes and names."""
         for node in ast.walk(self._tree):
             if isinstance(node, ast.FunctionDef) and node.name == "generate_launch_description":
                 self.launch.generates = True

@@ -79,7 +79,7 @@ class SensedValues:
         return bool(self._components)
 
     def take(self, measured: Mapping[str, tuple[float, ...]]) -> None:
-        """Show the numbers of the sensors by their names."""
+        """Update the sensor values by name."""
         values: dict[str, float] = {}
         for name, numbers in measured.items():
             values.update(zip(self._names.get(name, ()), numbers, strict=False))

@@ -167,7 +167,7 @@ def _refused(request: str, error: OSError, priority: int) -> ConfigError:
 
 
 def keep_awake(undo: contextlib.ExitStack, device: str = LATENCY_DEVICE) -> str:
-    """Keep all processors awake (PM QoS) until `undo` is closed; returns "", or why they may sleep and what would help.
+    """Keep all processors awake (PM QoS) until `undo` is closed; returns "", or the reason of a failure.
 
     A processor with nothing to do sleeps, and coming back takes 1 to 200 us on real ones, 20 us and twice that on
     virtual ones, at every timer and every frame. While the file `/dev/cpu_dma_latency` is open with a 0 in it, idle

@@ -404,7 +404,7 @@ class RobotBus:
         self._sent_sync(now)
 
     def send_cycle(self, now: int) -> None:
-        """Send waiting frames, the RPDOs that are due, and SYNC unless it was sent first."""
+        """Send waiting frames, due RPDOs, and SYNC unless it was sent first."""
         network = self.network
         with_sync = self._synchronous and self._sync_with_rpdos
         records = network.cycle(sync=with_sync)
@@ -439,7 +439,7 @@ class RobotBus:
         self.send_waiting()
 
     def close(self) -> None:
-        """Leave the channel; a second call does nothing."""
+        """Close the channel; a second call does nothing."""
         if self._followed is not None:
             self._followed.close()
         if self.port is not None:

@@ -68,7 +68,7 @@ class WallClock:
         return moved if abs(moved) >= _STEP_NS else 0
 
     def made_at(self, unix_ns: int) -> int:
-        """Return when something that is there was made; a stamp after now may be of before the clock was set back."""
+        """Return the creation time of a stamp; one in the future may be from before the clock was set back."""
         now = self._now()
         created_ns = unix_ns - self.offset_ns
         if created_ns > now and self._before is not None:

@@ -184,7 +184,7 @@ def find_robot(
     arguments: Iterable[str] = (),
     launch: str | None = None,
 ) -> RobotFiles:
-    """Find the files; those given one by one win over the folder's. RobotConfigError names all that is missing.
+    """Find the files of a robot; single options override the folder. RobotConfigError lists all missing ones.
 
     `arguments` are NAME:=VALUE, for xacro. A ROS launch file gives xacro more of them, and files that are nowhere else.
     """
@@ -274,7 +274,7 @@ def _world(hardware: AskedHardware, launch: str | None, missing: list[str]) -> P
 def _heeded(
     words: dict[str, str], launched: Launched | None, hardware: AskedHardware, described: Path
 ) -> dict[str, str]:
-    """Return the arguments of the description, which are those that its launch file gives it where there is one."""
+    """Return the arguments of the description, those of its launch file if there is one."""
     if launched is None:  # the description may have an argument of that name, and need not
         return {f"{name}?" if name in hardware.names else name: value for name, value in words.items()}
     from canopen_control.runtime.launch_file import refuse_mistyped
@@ -444,7 +444,7 @@ def _is_alone(folder: Path | None) -> bool:
 
 
 def _places(folder: Path, *, described: bool) -> list[Path]:
-    """Return where a file may lie, the first place with one counts: the folder, and as ROS packages are laid out."""
+    """Return the places of a file in their order: the folder, then those of ROS packages."""
     if not described:
         return [folder, folder / "config"]
     places = [folder, folder / "urdf"]

@@ -218,7 +218,7 @@ T = TypeVar("T")
 
 @dataclass(slots=True)
 class NodeJob:
-    """A long piece of work: how far it is, and what came of it. Written by its thread, read by the pages.
+    """Long job: its progress and result. Written by its thread, read by the pages.
 
     `key` says which tab it is of, `doing` which part of it goes on. `told` is the sentence at its end, `good` whether
     it was done, None while it goes on; `lines`, `table` and `file` (name and bytes) are what came of it beside that.
@@ -295,7 +295,7 @@ class NodeJobs(NodeObjects):
         return await in_thread(partial(self._edit, lambda session: self.history.write(session, entry, text)))
 
     async def undo(self) -> Edit:
-        """Undo the newest write; CanopenError with the reason where that is not to be."""
+        """Undo the newest write; CanopenError with the reason if it is not possible."""
         return await in_thread(partial(self._edit, self.history.undo))
 
     def _edit(self, change: Callable[[NodeSession], Edit]) -> Edit:

@@ -99,7 +99,7 @@ class FaultClient:
             return client.ask(ListFaults())
 
     def switch(self, drive: str, fault: str, *, on: bool) -> list[str]:
-        """Switch a fault and return those that are on; RemoteError if the drive refuses or is not there."""
+        """Switch a fault and return the active ones; RemoteError if the drive refuses or does not run."""
         with self._connect(drive) as client:
             return client.ask(SwitchFault(name=fault, on=on)).active
 
@@ -109,7 +109,7 @@ class FaultClient:
             return client.ask(ListQuirks())
 
     def switch_quirk(self, drive: str, quirk: str, *, on: bool) -> list[str]:
-        """Switch a quirk, written as NAME=VALUE@AXIS, and return those that are on; RemoteError as for a fault."""
+        """Switch a quirk, given as NAME=VALUE@AXIS, and return the active ones; RemoteError as for a fault."""
         with self._connect(drive) as client:
             return client.ask(SwitchQuirk(quirk=quirk, on=on)).active
 
@@ -134,7 +134,7 @@ class DriveFaults:
 
     @property
     def active(self) -> dict[str, list[str]]:
-        """The faults and quirks that are on, by drive."""
+        """Active faults and quirks by drive."""
         return {
             drive: [
                 *(fault.name for fault in faults if fault.on),
@@ -145,7 +145,7 @@ class DriveFaults:
 
 
 def read_faults(client: FaultClient) -> DriveFaults:
-    """Ask every virtual drive that is there; one that went away between two questions is left out. Waits."""
+    """Read the faults of every virtual drive; one that ends meanwhile is left out. Waits."""
     faults, quirks = {}, {}
     for drive in client.drives():
         with contextlib.suppress(RemoteError):

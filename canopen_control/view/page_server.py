@@ -136,7 +136,7 @@ def _is_html(start: Message) -> bool:
 
 
 def _headers_of(scope: Message) -> dict[str, str]:
-    """Return the headers by their canonical names; one that comes twice is joined, and then fits nothing."""
+    """Return the headers by canonical name; a repeated one is joined and matches nothing."""
     headers: dict[str, str] = {}
     for name, value in scope["headers"]:
         key = name.decode("latin-1").title()
@@ -265,7 +265,7 @@ class PageServer:
 class _Server(uvicorn.Server):
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Leave signals to the program."""
+        """Leave signals to the main program."""
         yield
 
 

@@ -166,7 +166,7 @@ def trajectory_motion(
 def joint_motion(
     controller: str, values: Sequence[float], resting: Sequence[float], interface: str | None = None
 ) -> TeleopCommands:
-    """Return the motion of joints to `values`; they rest at zero, or where they are if these are positions.
+    """Return the motion of joints to `values`; at its end they stop, or hold their present positions.
 
     `interface` is what the values are, where the controller may take something else by the time they come.
     """

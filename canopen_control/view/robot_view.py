@@ -125,7 +125,7 @@ class RobotView:
         return list(self._desks)
 
     def desk(self, node: str) -> NodeJobs:
-        """Return where the work at a node is done, for all pages."""
+        """Return the jobs of a node, shared by all pages."""
         return self._desks[node]
 
     def come_back(self, info: RobotInfo) -> bool:

@@ -157,7 +157,7 @@ def commanded_interfaces(controllers: Sequence[ControllerReading], state: StateS
 
 
 class Sampler:
-    """Makes the numbers that are plotted of the samples of the stream."""
+    """Computes plotted values from samples of the stream."""
 
     def __init__(self) -> None:
         self._before: tuple[float, int] | None = None

@@ -52,7 +52,7 @@ def _known(value: float | None) -> float | None:
 
 
 def height_of(named: NamedShot) -> int:
-    """Return how high a chart of it is, in pixels."""
+    """Return the height of its chart in pixels."""
     return _TOP + _BOTTOM + len(_fields(named)) * (_FIELD + _GAP)
 
 

@@ -60,7 +60,7 @@ class ScopeForm:
         self.capture(())
 
     def capture(self, faults: tuple[int, ...]) -> ScopeCapture:
-        """Return the memory of it; `faults` are the places of statuswords. ConfigError where times do not fit."""
+        """Return its capture memory; `faults` are the columns of statuswords. ConfigError for inconsistent times."""
         trigger = parse_trigger(self.trigger, len(self.signals)) if self.trigger else None
         if trigger is not None and trigger.condition is Condition.FAULT:
             trigger = replace(trigger, places=faults)

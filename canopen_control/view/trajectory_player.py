@@ -53,13 +53,13 @@ class LoadedTrajectory:
         return self.points[-1].time_from_start
 
     def positions(self, number: int) -> dict[str, float]:
-        """Return where the joints are to be in a point, in rad or m; nothing of one that gives none."""
+        """Return the positions of the joints in a point, in rad or m; empty without positions."""
         positions = self.points[number].positions
         return dict(zip(self.joints, positions, strict=True)) if len(positions) == len(self.joints) else {}
 
 
 def load(data: bytes, name: str) -> LoadedTrajectory:
-    """Read a file that came from a browser; ConfigError with every mistake and its line."""
+    """Read an uploaded file; ConfigError with every error and its line."""
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -104,7 +104,7 @@ def place_text(loaded: LoadedTrajectory, number: int) -> str:
 def preview_table(
     loaded: LoadedTrajectory, number: int, now: Mapping[str, float | None], linear: frozenset[str]
 ) -> str:
-    """Return where each joint is to be in a point, and where it is, as HTML."""
+    """Return desired and present positions of a point's joints as HTML."""
     positions = loaded.positions(number)
     if not positions:
         return "<p class='cc-note'>This point has no positions.</p>"

@@ -216,6 +216,6 @@ def apply_gains(
 
 
 def revert(session: NodeSession, work: JobProgress, *, axis: int = 0, stores: bool) -> str:
-    """Give an axis back the gains from before the first that were set."""
+    """Restore the gains of an axis from before the first change."""
     work.lines += reverted(session, GainPlace(axis, stores=stores))
     return f"{session.name}: gains are those from before"

@@ -410,7 +410,7 @@ class ViewApp:
             await asyncio.sleep(_RETRY_S)
 
     def refresh_faults(self) -> None:
-        """Ask the virtual drives, on a thread of its own: one of them may hang."""
+        """Read the faults of the virtual drives, on a separate thread, since one of them may hang."""
         self._start(self._refresh_faults())
 
     async def _refresh_faults(self) -> None:

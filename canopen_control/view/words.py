@@ -1,4 +1,4 @@
-"""Texts of the page: the robot's state, its drives and its events, each with a tone. No browser, no toolkit."""
+"""Texts of the page: the robot's state, drives and events, with tones; without the toolkit."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class _ShapeDocument(TypedDict):
-    """A shape in the world: m, and the quaternion w, x, y, z; `robot` is the other one that it is part of."""
+    """Shape in the world: m, and the quaternion w, x, y, z; `robot` names the other robot it belongs to."""
 
     shape: str
     size: Sequence[float]

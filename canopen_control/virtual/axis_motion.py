@@ -82,7 +82,7 @@ class Switches:
         self.wired, self.positive, self.negative = False, _LIMIT, -_LIMIT
 
     def place(self, *, reachable: bool) -> None:
-        """Put the switches at their positions, or out of reach of homing (a fault)."""
+        """Set the positions of the switches, or move them out of reach of homing (a fault)."""
         far = 0.0 if reachable else _OUT_OF_REACH
         self.negative, self.positive = -_LIMIT - far, _LIMIT + far
         self.home_low, self.home_high = _HOME_LOW + far, _HOME_HIGH + far
@@ -228,7 +228,7 @@ class AxisMotion:
         return min([due for due, _ in self.timers.values()]) if self.timers else None
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `advance`, None if nothing happens by itself.
+        """Return the time of the next `advance`, None without a timer.
 
         A coupled plant is evaluated at its fixed times, by the next caller after them.
         """

@@ -57,7 +57,7 @@ class GroupError(ConfigError):
 
 @dataclass(frozen=True)
 class BusFile:
-    """One bus: its channel, and EDS files by node id."""
+    """Bus: its channel, and EDS files by node id."""
 
     channel: str
     nodes: dict[str, str]
@@ -66,7 +66,7 @@ class BusFile:
 
 @dataclass(frozen=True)
 class RobotFile:
-    """One robot: its plant file, and its buses by name."""
+    """Robot: its plant file, and its buses by name."""
 
     plant: str
     buses: dict[str, BusFile]

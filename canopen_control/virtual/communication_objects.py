@@ -252,14 +252,17 @@ class CommunicationObjects:
     # -- guards
 
     def _check_history(self, _entry: Entry, value: Value) -> Value:
+        # CiA 301, 7.5.2.4: only 0 can be written, which clears the history
         refuse(self._services.emcy.write_history_count(int(value)))
         return value
 
     def _check_sync(self, entry: Entry, value: Value) -> Value:
+        # CiA 301, 7.5.2.5: bits 0 to 29 are fixed while the node produces SYNC
         refuse(check_cob_id_sync(int(value), self._store.number(entry.index), can_produce=False))
         return value
 
     def _check_overflow(self, _entry: Entry, value: Value) -> Value:
+        # CiA 301, 7.5.2.22: 0x1019 is fixed while 0x1006 is not 0
         refuse(check_overflow(int(value), self._store.number(0x1006)))
         return value
 
@@ -270,6 +273,7 @@ class CommunicationObjects:
     def _check_emcy(self, entry: Entry, value: Value) -> Value:
         """Refuse another identifier while the EMCY is valid."""
         present, new = self._store.number(entry.index), int(value)
+        # CiA 301, 7.5.2.17: bits 0 to 29 are fixed while the object is valid (bit 31 clear)
         moved = (present ^ new) & 0x7FF
         wrong = (moved and _is_active(present)) or is_restricted(new & 0x7FF) or new & EXTENDED_BIT
         if not new & INVALID_BIT and wrong:
@@ -292,6 +296,7 @@ class CommunicationObjects:
         return value
 
     def _save(self, entry: Entry, value: Value) -> Value:
+        # CiA 301, 7.5.2.13: a wrong signature stores nothing
         if value != SAVE:
             raise SdoServerAbort(AbortCode.CANNOT_STORE)
         self._keep(partial(self._store.keep, self._group(entry.subindex)))
@@ -299,6 +304,7 @@ class CommunicationObjects:
 
     def _load(self, entry: Entry, value: Value) -> Value:
         """Restore the defaults, which become active at the next reset."""
+        # CiA 301, 7.5.2.14: a wrong signature restores nothing
         if value != LOAD:
             raise SdoServerAbort(AbortCode.CANNOT_STORE)
         self._keep(partial(self._store.forget, self._group(entry.subindex)))

@@ -1,4 +1,4 @@
-"""The modes of operation whose set-points come in cycles, and the torque modes (CiA 402-2, 9 and 12 to 15).
+"""Cyclic synchronous modes and torque modes (CiA 402-2, clauses 9 and 12 to 15).
 
 Set-points are user units, demands are the plant's counts. A set-point makes a new demand where it, or a limit that
 matters to it, changed, and where it comes while the drive goes on without one. A drive whose clock is not the master's
@@ -153,7 +153,7 @@ class CyclicPosition(StreamMode):
         return self.target()
 
     def missed(self) -> None:
-        """Count a SYNC without a set-point; a drive with its own clock detects it by itself."""
+        """Count a SYNC without a set-point; a drive with its own clock detects it itself."""
         if not self._drifts:
             super().missed()
 

@@ -1,4 +1,4 @@
-"""Makes virtual devices of EDS files: the node, and a drive on each axis that has a controlword.
+"""Virtual devices from EDS files: the node, and a drive on each axis with a controlword.
 
 The dictionary alone decides. A known identity, or a known vendor, brings its device model, everything else is
 generic; a dictionary without CiA 402 objects makes a plain node.

@@ -143,7 +143,7 @@ def position_near_wrap(drive: VirtualDrive, _on: bool, _now: int) -> None:
 
 
 def switch_hit(drive: VirtualDrive, on: bool, now: int) -> None:
-    """Close the positive limit switch where the motor is."""
+    """Close the positive limit switch at the present position."""
     if on:
         drive.mover.switches.close_positive(drive.mover.plant.position)
         drive.limit_switch_hit(1, now)
@@ -191,7 +191,7 @@ def _undefined(_word: int) -> int:
 
 
 def no_state(drive: VirtualDrive, on: bool, _now: int) -> None:
-    """Show a statusword that is no state."""
+    """Show a statusword that encodes no state."""
     statusword = drive.readings.statusword
     changes = tuple(change for change in statusword.changes if change is not _undefined)
     statusword.changes = (*changes, _undefined) if on else changes

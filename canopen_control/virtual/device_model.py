@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """How a limit is reported: an EMCY code and the manufacturer's bytes for the negative and the positive side."""
+    """Report of a limit: EMCY code and manufacturer's bytes for the negative and the positive side."""
 
     code: int
     negative: bytes

@@ -130,7 +130,7 @@ def _twice(frame: CanFrame) -> list[tuple[int, CanFrame]]:
 
 
 def jittered(node: VirtualNode, frame: CanFrame, now: int) -> list[tuple[int, CanFrame]]:
-    """Send heartbeats up to 60 % of their period late, each by another amount."""
+    """Delay heartbeats by a random part of up to 60 % of their period."""
     if not is_heartbeat(node, frame) or frame.data == b"\0":
         return [(0, frame)]
     period = node.heartbeat.period_ns
@@ -340,7 +340,7 @@ def find_fault(name: str) -> Fault:
 
 
 def parse_fault(text: str) -> tuple[Fault, int]:
-    """Return fault and delay in ns of ``name``, ``name@2.5`` or ``name@2.5s``; ConfigError where it is neither."""
+    """Return fault and delay in ns of ``name``, ``name@2.5`` or ``name@2.5s``; ConfigError for anything else."""
     name, at, seconds = text.partition("@")
     delay = 0.0
     if at:
@@ -365,7 +365,7 @@ _DEVICES = {"axis": "a drive", "program": "one whose program can be loaded (0x1F
 
 
 class FaultSwitches:
-    """Switches faults of `node` on and off; `active` are the names of those that are on."""
+    """Switches faults of `node` on and off; `active` are the names of the active ones."""
 
     def __init__(self, node: VirtualNode) -> None:
         self._node = node
@@ -383,7 +383,7 @@ class FaultSwitches:
 
     @property
     def active(self) -> list[str]:
-        """The names of the faults that are on."""
+        """Names of the active faults."""
         return list(self._on)
 
     def schedule(self, text: str) -> None:

@@ -587,12 +587,12 @@ class Encoder(SensorDevice):
             self.store.write(timer, value)
 
     def follow(self, shaft: Callable[[], float | None]) -> None:
-        """Be where a shaft is from now on; see `Follower`."""
+        """Follow a shaft from now on; see `Follower`."""
         self._shaft = shaft
         self.move(0.0)
 
     def set_signals(self, values: Mapping[str, float], now: int) -> None:
-        """See `DeviceFunction`; where it is the shaft says that it sits on."""
+        """Set inputs, see `DeviceFunction`; the position is that of the shaft if there is one."""
         if self._shaft is not None and (led := [name for name in ("position", "velocity") if name in values]):
             raise ConfigError(f"{led[0]} is that of the shaft it sits on, as the plant file says; move the drive")
         super().set_signals(values, now)
@@ -637,7 +637,7 @@ class Inclinometer(SensorDevice):
         store.on_write([axis + 2 for axis in axes], self._preset_written)
 
     def raw_of(self, signal: Signal, value: float, gain: float) -> float:
-        """Return the angle in steps, with the offsets where they are switched on."""
+        """Return the angle in steps, with the enabled offsets."""
         raw, axis = super().raw_of(signal, value, gain), signal.index & 0xFFF0
         operation = int(self.number((axis + 1, 0)))
         raw = -raw if operation & self._INVERT else raw

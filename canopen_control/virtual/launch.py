@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class DriveOptions:
-    """What to start besides the nodes: files, faults ``name`` or ``name@seconds``, and quirks ``name=value@axis``.
+    """Options of the devices: files, faults ``name`` or ``name@seconds``, and quirks ``name=value@axis``.
 
     `like` is a personality, by name or a file.
 

@@ -75,7 +75,7 @@ class _Sums:
 
     @property
     def deviation(self) -> float:
-        """The standard deviation; 0 where it is less than the rounding of the sums."""
+        """Standard deviation; 0 below the rounding of the sums."""
         variance = self.squares / self.count - self.mean * self.mean
         return math.sqrt(variance) if variance > _MILLI * _MILLI * self.squares / self.count else 0.0
 
@@ -294,7 +294,7 @@ class Mode:
         self.update(now)
 
     def missed(self) -> None:
-        """Note that a SYNC came without a set-point."""
+        """Count a SYNC without a set-point."""
 
     def control(self, word: int, previous: int, now: int) -> None:
         """Process the mode-specific bits of the controlword."""
@@ -344,7 +344,7 @@ class ModeGate:
 
 
 class GatedMode(Mode):
-    """The mode `inner` behind a gate: while that is closed the motor holds where it is."""
+    """Mode `inner` behind a gate: while it is closed the motor holds its position."""
 
     def __init__(self, inner: Mode, gate: ModeGate) -> None:
         self.inner, self.gate, self.set_point = inner, gate, inner.set_point
@@ -369,7 +369,7 @@ class GatedMode(Mode):
             self.inner.start(now)
 
     def stop(self, now: int, reaction: Reaction) -> None:
-        """Bring the motor to rest."""
+        """Stop the motor."""
         self.inner.stop(now, reaction)
 
     def update(self, now: int) -> None:
@@ -383,7 +383,7 @@ class GatedMode(Mode):
             self.inner.take(now)
 
     def missed(self) -> None:
-        """Note that a SYNC came without a set-point."""
+        """Count a SYNC without a set-point."""
         self.inner.missed()
 
     def control(self, word: int, previous: int, now: int) -> None:

@@ -70,7 +70,7 @@ class HeartbeatMissed:
 
 @dataclass(frozen=True, slots=True)
 class FaultSwitched:
-    """A fault went on or off."""
+    """Fault switched on or off."""
 
     name: str
     on: bool

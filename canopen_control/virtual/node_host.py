@@ -62,7 +62,7 @@ class NodeHost:
         reactor.call_soon(self._on_timer)
 
     def close(self) -> None:
-        """Leave the reactor; a second close is a no-op."""
+        """Remove the nodes from the reactor; a second call does nothing."""
         if self._closed:
             return
         self._closed = True
@@ -71,7 +71,7 @@ class NodeHost:
             self._timer.cancel()
 
     def _release(self) -> None:
-        """Leave the port."""
+        """Release the port."""
         if self._off:
             return
         self._off = True

@@ -33,7 +33,7 @@ _MARGIN: Final = 1.25  # the next one may be later than any before
 
 
 class SyncPll:
-    """`late_ns` is how late the newest SYNC came (negative: early), `period_ns` the recovered period, 0 for none yet.
+    """SYNC timing: `late_ns` is the delay of the newest SYNC (negative: early), `period_ns` the recovered period.
 
     `slack_ns` is how late the next one may be, by those before: 0 where all came in time.
     """
@@ -50,11 +50,11 @@ class SyncPll:
 
     @property
     def slack_ns(self) -> float:
-        """How late the next SYNC may be and still count as one that comes."""
+        """Maximum delay of the next SYNC that still counts for its period."""
         return min(self._latest * _MARGIN, 0.5 * self.period_ns)
 
     def has_period(self, seconds: float) -> bool:
-        """Whether SYNC comes in the rhythm that an interpolation time says."""
+        """Whether SYNC comes at the interpolation time period."""
         return self._count >= _LOCKED and abs(self.period_ns * 1e-9 - seconds) <= _SAME * seconds
 
     def heard(self, now: int) -> None:
@@ -119,15 +119,15 @@ class NodeOutbox:
         self.changed = False
 
     def values_changed(self) -> None:
-        """Say that values changed which nobody wrote."""
+        """Report values that changed without a write."""
         self.changed = True
 
     def publish(self, event: object) -> None:
-        """Note an event for whoever shows them."""
+        """Record an event."""
         self._events.put(event)
 
     def send(self, frame: CanFrame) -> None:
-        """Put a frame on the wire that no service made."""
+        """Send a frame that is not of a service."""
         self.outgoing.put(frame)
 
     def events(self) -> list[object]:
@@ -137,19 +137,19 @@ class NodeOutbox:
     # -- errors
 
     def emergency(self, code: int, register: int, data: bytes = b"") -> None:
-        """Raise an error that stays until it is cleared; one that is active already is not said again."""
+        """Raise an error until it is cleared; an active one is not reported again."""
         if self._emcy.raise_error(code, int(register), self._clock.now, data):
             self.publish(EmergencyRaised(code, data))
         self.changed = True
 
     def report(self, code: int, register: int, data: bytes = b"") -> None:
-        """Say an error that does not stay; one that is active already is not said again."""
+        """Report an error without duration; an active one is not reported again."""
         if code not in self._emcy.active:
             self._emcy.report(code, self._clock.now, data, register=int(register))
             self.publish(EmergencyRaised(code, data))
 
     def clear_error(self, code: int) -> None:
-        """Clear one error; no-op where it is not active."""
+        """Clear one error; no-op if it is not active."""
         if self._emcy.clear_error(code, self._clock.now):
             self.publish(EmergencyRaised(0))
             self.changed = True

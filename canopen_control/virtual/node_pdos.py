@@ -57,23 +57,23 @@ if TYPE_CHECKING:
 
 
 class AxisPorts(Protocol):
-    """What process data ask of an axis."""
+    """Interface of an axis for process data."""
 
     def advance(self, now: int) -> None:
-        """Bring the axis to `now`."""
+        """Advance the axis to `now`."""
 
     def refresh(self, now: int, *, controlword: bool = False, set_point: bool = False) -> None:
         """Act on objects that were written."""
 
     @property
     def set_point(self) -> int:
-        """The object whose RPDOs are set-points of the active mode, 0: none."""
+        """Object whose RPDOs are set-points of the active mode, 0 for none."""
 
     def set_point_received(self, now: int, *, overwrites: bool) -> None:
         """Note that an RPDO with a set-point arrived, and whether it replaces one that waits."""
 
     def set_point_missed(self) -> None:
-        """Note that a SYNC came without a set-point."""
+        """Count a SYNC without a set-point."""
 
 
 class Concern(NamedTuple):
@@ -85,7 +85,7 @@ class Concern(NamedTuple):
 
 
 class MappedRpdo:
-    """One RPDO: what its bytes are, and whom they concern."""
+    """RPDO: its mapped entries and the axes they concern."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -102,7 +102,7 @@ class MappedRpdo:
 
 
 class MappedTpdo:
-    """One TPDO: where its values come from, and the bytes last sampled."""
+    """TPDO: the sources of its values, and the bytes last sampled."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -122,7 +122,7 @@ class MappedTpdo:
         return self.last
 
     def changed_since(self, before: bytes) -> list[Address]:
-        """Return the objects whose values are others than when it was sampled as `before`."""
+        """Return the objects that have changed since the sample `before`."""
         if len(before) != len(self.last) or len(self.mapped) != len(self.codec.objects):
             return list(self.mapped)
         pairs = zip(self.codec.unpack(before), self.codec.unpack(self.last), strict=True)
@@ -239,11 +239,11 @@ class PdoRecords:
         return users
 
     def is_valid(self, communication: int) -> bool:
-        """Whether a communication record says that its PDO is there."""
+        """Whether a communication record has a valid PDO (bit 31 clear)."""
         return not self._store.number(communication, 1, INVALID_BIT) & INVALID_BIT
 
     def parameters(self, communication: int) -> PdoParameters:
-        """Return what a communication record says."""
+        """Return the parameters in a communication record."""
         number = self._store.number
         params = PdoParameters.from_value(
             number(communication, 1, INVALID_BIT),
@@ -328,7 +328,7 @@ _NO_EVENTS = frozenset((o.STATUSWORD, o.MODES_OF_OPERATION_DISPLAY, o.ERROR_CODE
 
 
 class EventGate(Protocol):
-    """What process data ask of a device that decides itself which changes are events."""
+    """Interface of a device that decides itself which changes are events."""
 
     def starts(self, mapped: Collection[Address]) -> bool:
         """Whether a TPDO with these objects is sent when the node becomes OPERATIONAL."""
@@ -337,11 +337,11 @@ class EventGate(Protocol):
         """Whether changes of these objects are an event that is to be sent."""
 
     def told(self) -> None:
-        """Take that all TPDOs have been asked."""
+        """Process the end of a check of all TPDOs."""
 
 
 class PdoExchange:
-    """All PDOs of a node. `refused` counts values that an RPDO brought and the node did not take.
+    """PDOs of a node. `refused` counts RPDO values that the node refused.
 
     `rebuilt` is called when a record was written: identifiers may be others. `input` is what faults do to RPDOs.
     `outgoing` are the TPDOs that wait to be sent, those of each for whoever sends them to take.
@@ -382,7 +382,7 @@ class PdoExchange:
     # -- from the records to the PDOs
 
     def configure(self, now: int) -> None:
-        """Make all PDOs from their records."""
+        """Create all PDOs from their records."""
         for number in self.rpdos:
             self._make_rpdo(number)
         for number in self.tpdos:
@@ -407,7 +407,7 @@ class PdoExchange:
         self._tell_rebuilt()
 
     def _make_those_that_waited(self) -> None:
-        """Make the PDOs whose identifier another one had until now."""
+        """Create the PDOs whose identifier was in use by another one until now."""
         for base, numbers in ((RPDO, self.rpdos), (TPDO, self.tpdos)):
             for number in numbers:
                 if self.records.is_valid(base + number) and not self._is_valid(base, number):
@@ -450,7 +450,7 @@ class PdoExchange:
         return lambda: values[address]
 
     def rules_changed(self) -> None:
-        """Take over that other sources make the values of objects, and other guards judge them."""
+        """Update sources and guards of the mapped objects."""
         for number, tpdo in self.tpdos.items():
             entries = self.records.codec(mapping_of(TPDO + number))[1]
             tpdo.sources = tuple(self._source(entry) for entry in entries if entry is not None)
@@ -557,7 +557,7 @@ class PdoExchange:
                 self._outbox.clear_error(EMCY_OF[kind])
 
     def _apply(self, rpdo: MappedRpdo, data: bytes, now: int) -> None:
-        """Take all values, then let each axis and each watcher act on them."""
+        """Apply all values, then run axes and watchers."""
         for axis in self._axes.values():
             axis.advance(now)
         store = self._store
@@ -582,7 +582,7 @@ class PdoExchange:
             self._act_on(applied, now)
 
     def _act_again(self, rpdo: MappedRpdo, now: int) -> None:
-        """Let the axes of an RPDO act on its values, which are all in place."""
+        """Run the axes of an RPDO after all its values were applied."""
         for axis, controlword, objects in rpdo.concerns:
             axis.refresh(now, controlword=controlword, set_point=axis.set_point in objects)
 
@@ -601,7 +601,7 @@ class PdoExchange:
             self._axes[axis].refresh(now, controlword=bool(brings & _CONTROLWORD), set_point=bool(brings & _SET_POINT))
 
     def _tell_refusal(self, rpdo: MappedRpdo, refused: bool) -> None:
-        """Raise that a value was not taken, where the device says so, until it takes all of them."""
+        """Raise an error for a refused value, if the device does, until all values are accepted."""
         error = self._model.rpdo_error
         if refused:
             self._refusing.add(rpdo.number)
@@ -613,7 +613,7 @@ class PdoExchange:
                 self._outbox.clear_error(error[0])
 
     def sync(self, counter: int | None, now: int) -> None:
-        """Take a SYNC; a set-point that it should have made count and that is not there is missed."""
+        """Process a SYNC; a missing set-point is counted."""
         self._clock.sync_ns = now
         self._clock.rhythm.heard(now)
         for tpdo in self._valid_tpdos:
@@ -631,7 +631,7 @@ class PdoExchange:
                 self._axes[axis].set_point_missed()
 
     def send_changed(self, now: int) -> None:
-        """Send the event-driven TPDOs whose values changed, where the profile does not hold them back."""
+        """Send the event-driven TPDOs with changed values, unless the profile suppresses them."""
         gate = self.gate
         for tpdo in self._event_tpdos:
             before = tpdo.last

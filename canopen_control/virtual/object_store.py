@@ -80,23 +80,23 @@ class VirtualStore:
         return (index, subindex) in self.values
 
     def get(self, index: int, subindex: int = 0) -> Value:
-        """Return the present value; KeyError where there is no entry."""
+        """Return the present value; KeyError without an entry."""
         source = self._sources.get((index, subindex))
         return self.values[index, subindex] if source is None else source()
 
     def number(self, index: int, subindex: int = 0, default: int = 0) -> int:
-        """Return a whole number, `default` where the entry is absent or holds none; sources are not asked."""
+        """Return an integer, `default` for a missing or other value; sources are not used."""
         value = self.values.get((index, subindex), default)
         return value if isinstance(value, int) else default
 
     def set(self, index: int, subindex: int, value: Value) -> None:
-        """Set a value past all rules; no-op where there is no entry."""
+        """Set a value without checks; no-op without an entry."""
         if (index, subindex) in self.values:
             self.values[index, subindex] = value
             self.version += 1
 
     def preset(self, index: int, subindex: int, value: Value) -> None:
-        """Set a value now and after every reset; no-op where there is no entry."""
+        """Set a value now and after every reset; no-op without an entry."""
         if (index, subindex) in self.values:
             self.values[index, subindex] = self.power_on[index, subindex] = value
             self._presets[index, subindex] = value
@@ -111,7 +111,7 @@ class VirtualStore:
                 values[address] = power_on.get(address, value)
 
     def rebase(self, od: ObjectDictionary) -> None:
-        """Take the defaults and limits of the same dictionary for another node id, from the next reset on."""
+        """Use the defaults and limits of the dictionary for another node id, from the next reset on."""
         self.od = od
         self._initial = {entry.address: default_of(entry) for entry in od}
 
@@ -125,11 +125,11 @@ class VirtualStore:
         }
 
     def keep(self, addresses: Iterable[Address]) -> None:
-        """Make the present values of `addresses` the power-on values (0x1010)."""
+        """Store the present values of `addresses` as power-on values (0x1010)."""
         self.power_on.update({address: self.values[address] for address in addresses})
 
     def forget(self, addresses: Iterable[Address]) -> None:
-        """Make what `preset` gave, or else the file's defaults, the power-on values again (0x1011)."""
+        """Restore the power-on values of `preset`, or else of the file (0x1011)."""
         for address in addresses:
             self.power_on.pop(address, None)
             if address in self._presets:
@@ -138,12 +138,12 @@ class VirtualStore:
     # -- hooks
 
     def on_read(self, index: int, subindex: int, source: Source) -> None:
-        """Let `source` make the value of an entry; no-op where there is none."""
+        """Use `source` as the value of an entry; no-op without an entry."""
         if (index, subindex) in self.values:
             self._sources[index, subindex] = source
 
     def guard(self, indices: Iterable[int], guard: Guard, *, by_values: bool = False) -> None:
-        """Let `guard` judge writes to `indices`: it returns the value to take, or raises SdoServerAbort.
+        """Check writes to `indices` by `guard`, which returns the accepted value or raises SdoServerAbort.
 
         With `by_values` it judges by the values of this store alone, the same as long as they are the same.
         """
@@ -159,7 +159,7 @@ class VirtualStore:
         return self._guards.get(index), index not in self._moody
 
     def set_guard(self, index: int, guard: Guard | None, *, by_values: bool = False) -> None:
-        """Let another guard judge writes to an index, None: none."""
+        """Set the guard of an index, None for none."""
         if guard is not None:
             self.guard([index], guard, by_values=by_values)
             return
@@ -168,27 +168,27 @@ class VirtualStore:
         self.version += 1
 
     def gate(self, index: int, check: Callable[[], None]) -> None:
-        """Let `check` raise SdoServerAbort before the data of a download in several frames come."""
+        """Call `check` before the data of a segmented download; it may raise SdoServerAbort."""
         self._gates[index] = check
 
     def on_write(self, indices: Iterable[int], watcher: Watcher) -> None:
-        """Let `watcher` hear of every value taken at `indices`, after it is in place."""
+        """Call `watcher` after every accepted write at `indices`."""
         for index in indices:
             self._watchers.setdefault(index, []).append(watcher)
 
     def set_source(self, index: int, subindex: int, source: Source | None) -> None:
-        """Let another source make the value of an entry; None: it is stored."""
+        """Set the source of an entry's value; None: the stored value."""
         if source is None:
             self._sources.pop((index, subindex), None)
         else:
             self.on_read(index, subindex, source)
 
     def unwatch(self, index: int, watcher: Watcher) -> None:
-        """Let a watcher hear no more of what is taken at an index."""
+        """Remove a watcher of an index."""
         self._watchers[index].remove(watcher)
 
     def unset_preset(self, index: int, subindex: int, preset: Value | None, power_on: Value | None) -> None:
-        """Take a preset back: have these presets and power-on values again, None: the file's."""
+        """Restore former presets and power-on values, None for those of the file."""
         for values, value in ((self._presets, preset), (self.power_on, power_on)):
             if value is None:
                 values.pop((index, subindex), None)
@@ -200,7 +200,7 @@ class VirtualStore:
         return self._presets.get((index, subindex)), self.power_on.get((index, subindex))
 
     def source_of(self, index: int, subindex: int) -> Source | None:
-        """Return what makes the value of an entry, None where it is stored."""
+        """Return the source of an entry's value, None for the stored value."""
         return self._sources.get((index, subindex))
 
     def judges_by_values(self, index: int) -> bool:
@@ -210,7 +210,7 @@ class VirtualStore:
     # -- the bus's side
 
     def upload(self, index: int, subindex: int) -> bytes:
-        """Return the bytes of an entry; SdoServerAbort where there is none or it cannot be read."""
+        """Return the bytes of an entry; SdoServerAbort if it is missing or not readable."""
         entry = self._entry(index, subindex)
         if not entry.readable:
             raise SdoServerAbort(AbortCode.WRITE_ONLY)
@@ -220,7 +220,7 @@ class VirtualStore:
             raise SdoServerAbort(AbortCode.GENERAL_ERROR) from None
 
     def size_of(self, index: int, subindex: int) -> int | None:
-        """Return the length in bytes that a download to an entry must have, None where it is open.
+        """Return the required length of a download to an entry in bytes, None if it is variable.
 
         SdoServerAbort where there is no entry, it cannot be written or a gate is closed: the initiation is refused then
         (CiA 301, 7.2.4.3.3).
@@ -234,18 +234,18 @@ class VirtualStore:
         return None if bits is None else (bits + 7) // 8
 
     def download(self, index: int, subindex: int, data: bytes) -> None:
-        """Take the bytes written to an entry; SdoServerAbort, and nothing changed, where a rule forbids it."""
+        """Write the bytes of an entry; SdoServerAbort, and no change, if a rule forbids it."""
         entry = self._entry(index, subindex)
         if not entry.writable:
             raise SdoServerAbort(AbortCode.READ_ONLY)
         self.write(entry, _decoded(entry, data))
 
     def write(self, entry: Entry, value: Value) -> None:
-        """Take a value under the rules of limits and guards, and tell the watchers."""
+        """Write a value within limits and guards, and call the watchers."""
         self.notify(entry, self.place(entry, value))
 
     def place(self, entry: Entry, value: Value) -> Value:
-        """Take a value under the rules of limits and guards, without telling anybody; return what was taken."""
+        """Write a value within limits and guards, without watchers; return the accepted value."""
         try:
             check_limits(entry, value)
         except SdoServerAbort:
@@ -264,7 +264,7 @@ class VirtualStore:
         return value
 
     def notify(self, entry: Entry, value: Value) -> None:
-        """Tell the watchers of a value that was taken."""
+        """Call the watchers of an accepted value."""
         for watcher in self._watchers.get(entry.index, ()):
             watcher(entry, value)
 

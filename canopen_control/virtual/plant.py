@@ -1,4 +1,4 @@
-"""What hangs on the drives: motor and load of each axis (`Plant`), and the engine behind all of them (`World`).
+"""Mechanics of the drives: motor and load of each axis (`Plant`), and their common simulation (`World`).
 
 Both are Protocols, so that another engine can replace ours: it is asked for the plant of each axis once, and then
 follows what the drives do to it. A plant is moved from one time to another along the demand that the drive made, in
@@ -25,7 +25,7 @@ WORLD_NOTE: Final = "world: "
 
 
 class Plant(Protocol):
-    """One axis. Times are monotonic nanoseconds; each call moves it from `start_ns` to `end_ns`."""
+    """Plant of one axis. Times are monotonic nanoseconds; each call advances it from `start_ns` to `end_ns`."""
 
     position: float  # counts
     velocity: float  # counts/s
@@ -36,7 +36,7 @@ class Plant(Protocol):
         """Move as the position and velocity loops of a drive make it move."""
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Move as the torque does, whose rate over time `torque` is, in per mille."""
+        """Advance under a torque in per mille, whose course over time is `torque`."""
 
     def release(self, start_ns: int, end_ns: int) -> None:
         """Move without power; what was fed forward is forgotten."""
@@ -55,7 +55,7 @@ class ServoGains(NamedTuple):
 
 
 class AxisOwner(Protocol):
-    """The axis of a drive, as a plant sees it that is moved together with others: what it wants now, and its timers."""
+    """Axis of a drive as seen by a coupled plant: its present demand and its timers."""
 
     powered: bool
     torque: DemandCurve | None  # set: pushed, in per mille; else led along `demand`
@@ -65,15 +65,15 @@ class AxisOwner(Protocol):
     gains: ServoGains | None  # of the drive's loops, None: they are tuned by themselves
 
     def advance(self, now: int) -> None:
-        """Bring the axis to `now`, each of its timers at its own time."""
+        """Advance the axis to `now`, each timer at its own time."""
 
     def next_event(self) -> int | None:
-        """Return the time of the next timer, None: there is none."""
+        """Return the time of the next timer, None without one."""
 
 
 @runtime_checkable
 class CoupledPlant(Plant, Protocol):
-    """A plant of a world that moves all its axes at a time: it reads at any time of it what its drive wants."""
+    """Plant of a world that advances all its axes together; it reads the demand of its drive at any time."""
 
     rated_torque: float  # N m, or N
     follow_ns: int  # how often its drive judges position and load; it need not be woken for that
@@ -103,7 +103,7 @@ def _push(plant: IdealPlant | LagPlant, torque: DemandCurve, start_ns: int, end_
 
 @dataclass(slots=True)
 class IdealPlant:
-    """A plant that is where the demand is, and stands still without power, as a small stepper does.
+    """Ideal plant at the demanded position; it stands still without power, as a small stepper does.
 
     In the torque modes it is a mass with viscous friction: `rated_velocity` is its final velocity at rated torque,
     `torque_time_constant` how long it takes to get there.
@@ -117,7 +117,7 @@ class IdealPlant:
     stiff: bool = True
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # the end tells it all
-        """Be where the demand is."""
+        """Set the position to the demand."""
         self.position, self.velocity = demand.at(end_ns)
         self.torque = 0.0
 
@@ -126,16 +126,16 @@ class IdealPlant:
         _push(self, torque, start_ns, end_ns, self.torque_time_constant)
 
     def release(self, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # it stands, however long
-        """Stand still."""
+        """Stop."""
         self.velocity = self.torque = 0.0
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Do nothing: there is no error that it could lessen."""
+        """Do nothing: the plant has no following error."""
 
 
 @dataclass(slots=True)
 class LagPlant:
-    """A plant whose velocity follows the demand with a time constant, and decays with the coasting one without power.
+    """Plant whose velocity follows the demand with a time constant, and decays without power.
 
     The position error while moving is `time_constant` times the velocity, and nothing at rest: a proportional position
     loop. A velocity that is fed forward goes past that loop, so that only the rest of the velocity has an error.
@@ -206,7 +206,7 @@ class LoadedPlant:
     _STEP_NS = 500_000
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Follow with the position loop on top of the velocity loop, as far as the torque limit lets it."""
+        """Follow with a position loop over a velocity loop, within the torque limit."""
         for clock in self._steps(start_ns, end_ns):
             position, velocity = demand.at(clock)
             fed = self.fed_velocity or velocity * self.velocity_feed_forward
@@ -266,7 +266,7 @@ class LoadedPlant:
 
 
 class World(Protocol):
-    """An engine: makes the plant of each axis and knows what they do together."""
+    """World: creates the plant of each axis and has their common state."""
 
     period_ns: int | None
     """How often every axis is advanced although nothing happens; None: never."""

@@ -1,4 +1,4 @@
-"""What hangs on the axes of a process's drives, from a YAML file: plants, and a base that couples two of them.
+"""Plant file of a process of drives: plants, and a base that couples two of them.
 
 An engine is a `plant.World`; ours is `OwnWorld`, another one is named in the file.
 
@@ -80,7 +80,7 @@ class WorldError(ConfigError):
 
 @dataclass(frozen=True)
 class AxisFile:
-    """One axis of the file; None: as the plant has it."""
+    """Axis of the file; None uses the default of the plant."""
 
     kind: Literal["ideal", "lag", "loaded"] = "loaded"
     rated_velocity: float | None = setting(None, low=0.0)
@@ -106,13 +106,13 @@ class AxisFile:
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
     def check(self) -> None:
-        """Tell numbers that this kind of plant does not have."""
+        """Report parameters that this kind of plant does not have."""
         fields = {field.name for field in dataclasses.fields(_KINDS[self.kind])} - _STATE  # type: ignore[arg-type] # all are dataclasses
         for name in self.parameters().keys() - fields:
             self.here.error(f"a plant of kind {self.kind} has no {name}; it has: {', '.join(sorted(fields))}")
 
     def make(self) -> Plant:
-        """Make the plant."""
+        """Create the plant."""
         return _KINDS[self.kind](**self.parameters())
 
 
@@ -140,7 +140,7 @@ class BaseFile:
 
 @dataclass(frozen=True)
 class EncoderFile:
-    """What one encoder of the file sits on."""
+    """Encoder of the file, with its axis."""
 
     axis: str = setting()
     counts_per_revolution: float = setting(low=1e-6)
@@ -152,7 +152,7 @@ class EncoderFile:
 
     @property
     def coupling(self) -> Coupling:
-        """How the axis turns it."""
+        """Coupling of the axis to the encoder."""
         return Coupling(self.counts_per_revolution, self.gear, self.reversed, self.lead)
 
 
@@ -186,7 +186,7 @@ class OwnWorld:
             self._base = SharedBase(separation, shared_path(share)) if share else DiffBase(separation)
 
     def plant(self, node_id: int, axis: int) -> Plant:
-        """Return the plant of an axis, on the floor where it is a wheel of the base."""
+        """Return the plant of an axis, on the floor if it is a wheel of the base."""
         new_plant = self._shafts[node_id, axis] = self._made(node_id, axis)
         return new_plant
 
@@ -232,7 +232,7 @@ class OwnWorld:
         return WorldState(self._base.pose())
 
     def close(self) -> None:
-        """Let go of the shared files."""
+        """Close the shared files."""
         for file in self._files.values():
             file.close()
         if isinstance(self._base, SharedBase):
@@ -240,7 +240,7 @@ class OwnWorld:
 
 
 def _address(name: str) -> tuple[int, int]:
-    """Return node id and axis of ``3`` or ``3/1``; ValueError where it is neither."""
+    """Return node id and axis of ``3`` or ``3/1``; ValueError for anything else."""
     node, _, axis = name.partition("/")
     address = int(node), int(axis or "0")
     if not (1 <= address[0] <= MAX_NODE_ID and 0 <= address[1] <= 7):

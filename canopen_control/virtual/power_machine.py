@@ -50,13 +50,13 @@ _RISING = (Command.SWITCH_ON, Command.ENABLE_OPERATION)
 
 
 class MotorMode(Protocol):
-    """What the power state machine asks of the mode of operation that moves the motor."""
+    """Interface of the mode of operation for the power state machine."""
 
     def start(self, now: int) -> None:
-        """Begin in operation, from the present motion; also after a halt."""
+        """Start in operation, from the present motion; also after a halt."""
 
     def stop(self, now: int, reaction: Reaction) -> None:
-        """Bring the motor to rest as `reaction` says."""
+        """Stop the motor by the reaction."""
 
     def can_halt(self) -> bool:
         """Whether controlword bit 8 does anything."""
@@ -116,20 +116,22 @@ class PowerMachine:
         return self.running and not self.halted and self.operational
 
     def _option(self, index: int) -> Option:
-        """Return what an option code object says; a vendor's code is taken for the default."""
+        """Return an option code; a manufacturer-specific one counts as the default."""
         codes = OPTION_CODES[index]
         return codes.get(self._objects.number(index, default=DEFAULTS[index])) or codes[DEFAULTS[index]]
 
     def obey(self, command: Command, now: int) -> None:
-        """Do what a command asks for in the present state; nothing where the table knows no transition."""
+        """Execute a command in the present state; nothing if the table has no transition."""
         if command is Command.ENABLE_OPERATION and self.running:
             return  # as in every cycle
         if "transition" in self._mover.timers and command is not Command.DISABLE_VOLTAGE:
             return  # under way; the controlword is looked at again when it is done
+        # CiA 402-2, table 22: a command without a transition in this state has no effect
         transition = transition_of(self.state, command)
         if transition is not None:
             self._begin(transition, now)
         elif command is Command.ENABLE_OPERATION and self.state is State.READY_TO_SWITCH_ON:
+            # CiA 402-2, table 24: 0x000F in READY TO SWITCH ON makes transitions 3 and 4
             self._begin_from_ready(now)  # 3 and 4 in one write
         elif command is Command.ENABLE_OPERATION and self.stop_target is not None and self.operational:
             self._resume(now)
@@ -142,7 +144,7 @@ class PowerMachine:
             self._begin(transition, now)
 
     def _resume(self, now: int) -> None:
-        """Go on with the mode: enabled again on the ramp down of transition 5 or 8."""
+        """Resume the mode: enabled again during the ramp of transition 5 or 8."""
         if self.state is State.OPERATION_ENABLED:
             self.stop_target = None
             self._motor.start(now)
@@ -171,7 +173,7 @@ class PowerMachine:
         return self.acts.get(number, self._act)
 
     def _act(self, transition: Transition, now: int) -> None:
-        """Do what a transition of CiA 402 does by its number; the others only change the state."""
+        """Execute the action of a transition by its number; others only change the state."""
         match transition.number:
             case 4:
                 self._enable(transition, now)
@@ -190,6 +192,7 @@ class PowerMachine:
         """Transition 4: only with supply, and only while set-points can come (NMT OPERATIONAL)."""
         if not self.operational:
             self._ignore(f"the node is {self._nmt.state.name}, and this drive is enabled in OPERATIONAL alone")
+        # CiA 402-2, table 22: transition 4 needs the high-level power
         elif not self.voltage.value:
             self._ignore("its power stage has no supply")
         else:
@@ -204,23 +207,25 @@ class PowerMachine:
 
     def _enable_again(self, transition: Transition, now: int) -> None:
         """Transition 16: from a quick stop that stays, 0x605A = 5 to 8."""
+        # CiA 402-2, table 22: transition 16 is possible only where 0x605A stays in QUICK STOP ACTIVE
         if self._option(o.QUICK_STOP_OPTION).final_state is State.QUICK_STOP_ACTIVE:
             self._enable(transition, now)
 
     def _leave(self, transition: Transition, now: int) -> None:
-        """Transitions 5 and 8: stop as the option code says, then the new state."""
+        """Transitions 5 and 8: stop by the option code, then the new state."""
         if self.stop_target is not transition.target:
             index = o.DISABLE_OPERATION_OPTION if transition.number == 5 else o.SHUTDOWN_OPTION
             self._stop_as(self._option(index).reaction, transition.target, now)
 
     def _quick_stop(self, _transition: Transition, now: int) -> None:
-        """Transition 11: the state shows it at once, the option code says what follows."""
+        """Transition 11: show the state at once, stop by the option code."""
         option = self._option(o.QUICK_STOP_OPTION)
         self.enter(State.QUICK_STOP_ACTIVE, now)
         self._stop_as(option.reaction, option.final_state, now)
 
     def _reset_fault(self, transition: Transition, now: int) -> None:
         """Transition 15: only when every cause is gone."""
+        # CiA 402-2, table 22: transition 15 is made only when no fault condition is present
         if self.causes:
             codes = ", ".join(f"0x{code:04X}" for code in sorted(self.causes))
             self._ignore(f"the cause of fault {codes} is still there")
@@ -230,7 +235,7 @@ class PowerMachine:
             self._outbox.clear_errors()
 
     def _ignore(self, why: str) -> None:
-        """Tell why a controlword does nothing, once while it and the reason stay the same."""
+        """Report a controlword without effect, once while it and the reason are unchanged."""
         if self._ignored != (self.controlword, why):
             self._ignored = self.controlword, why
             self._outbox.publish(ControlwordIgnored(self._objects.axis, self.controlword, why))
@@ -245,7 +250,7 @@ class PowerMachine:
         self._motor.stop(now, reaction)
 
     def finish(self, target: State, now: int) -> None:
-        """End a stop: transition 5, 8, 14, or 12 by itself."""
+        """Finish a stop: transition 5, 8, 14, or 12."""
         end = self.ends.get(self.state, target)
         if end is None:
             return
@@ -264,7 +269,7 @@ class PowerMachine:
             self._outbox.values_changed()
 
     def power_off(self, now: int) -> None:
-        """Take power and demand away, and what the modes remember."""
+        """Remove power and demand, and reset the modes."""
         self.stop_target, self.halted = None, False
         self._mover.cancel("transition", "homing", "window")
         self._mover.power(False, now)
@@ -364,7 +369,7 @@ class DriveLimits:
         self._bound = None
 
     def bounds(self) -> tuple[float, float]:
-        """Return how far the axis may go, in plant counts; infinite where nothing stops it."""
+        """Return the position bounds in plant counts; infinite without limits."""
         objects, mover = self._objects, self._mover
         low, high = objects.number(o.SOFTWARE_POSITION_LIMIT, 1), objects.number(o.SOFTWARE_POSITION_LIMIT, 2)
         lowest, highest = -INFINITE, INFINITE
@@ -412,7 +417,7 @@ class DriveLimits:
         return max(-low, min(high, target))
 
     def ramp_velocity(self, target: float, up: float, down: float, now: int) -> None:
-        """Bring the velocity to `target` along ramps; a bound ahead ends the motion there."""
+        """Change the velocity to `target` along ramps; a bound ahead ends the motion."""
         mover = self._mover
         position, velocity = mover.state(now)
         low, high = self.bounds()

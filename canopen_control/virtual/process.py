@@ -117,7 +117,7 @@ class ServedBus:
             Timeline(self._reactor, self._controls, self._started_with, self._log).plan(self._bus.timeline)
 
     def advance(self, now: int) -> None:
-        """Bring all axes to `now`."""
+        """Advance all axes to `now`."""
         for node in self.nodes:
             node.advance_drives(now)
 

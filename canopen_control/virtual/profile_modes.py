@@ -303,7 +303,7 @@ class VelocityMode(FollowingMode):
         return self._slope(o.VL_DECELERATION)
 
     def quick_stop_deceleration(self) -> float:
-        """Return 0x604A, or 0x6085 where that is absent or zero."""
+        """Return 0x604A, or 0x6085 if that is absent or zero."""
         has_own = self.objects.number(o.VL_QUICK_STOP, 1) and self.objects.number(o.VL_QUICK_STOP, 2)
         return self._slope(o.VL_QUICK_STOP) if has_own else super().quick_stop_deceleration()
 
@@ -369,7 +369,7 @@ class ProfilePosition(Mode):
             self._target, self._busy = target, True
 
     def _blend(self, now: int) -> None:
-        """Bit 9: pass the present set-point with the present speed, where the next one is further the same way."""
+        """Bit 9: pass the present set-point at the present speed if the next one is further in that direction."""
         target, following = self._target, self._next
         position, velocity = self.mover.state(now)
         if target is None or following is None or (target - position) * (following - target) <= 0.0:

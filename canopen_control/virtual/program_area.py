@@ -64,7 +64,7 @@ class FlashError(enum.IntEnum):
 
 
 def whole_program(content: bytes, *, days: int = 0, milliseconds: int = 0) -> bytes:
-    """Return a program that the device takes: the content, a date for 0x1F52 if there is one, and the CRC-32 of it."""
+    """Return a program for the device: the content, an optional date for 0x1F52, and the CRC-32."""
     program = content + _DATE.pack(_DATE_MARK, days, milliseconds) if days else content
     return program + zlib.crc32(program).to_bytes(_CRC_BYTES, "little")
 

@@ -1,4 +1,4 @@
-"""Quirks that are on: how they are written, which exclude each other, and the switches of a node for them."""
+"""Active quirks: their text form, exclusions, and the switches of a node."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class QuirkSetting:
-    """A quirk with its strength (0 where it has none), on one axis or on the node as a whole (None)."""
+    """Quirk with its strength (0 without one), on one axis or on the node (None)."""
 
     quirk: Quirk
     value: float
@@ -115,7 +115,7 @@ class QuirkSwitches:
 
     @property
     def active(self) -> list[str]:
-        """The quirks that are on."""
+        """Active quirks."""
         return [setting.text for setting in self._on]
 
     def settings(self, name: str) -> list[str]:
@@ -129,7 +129,7 @@ class QuirkSwitches:
         self._hook(settings)
 
     def set(self, text: str, on: bool, now: int) -> None:
-        """Switch a quirk; on it replaces the same one of that axis, off without an axis it goes off on all."""
+        """Switch a quirk; on replaces the same one of that axis, off without an axis applies to all."""
         setting = self._fitting(parse_quirk(text))
         remaining = [
             setting_on
@@ -145,7 +145,7 @@ class QuirkSwitches:
         self._node.follow(now)
 
     def _fitting(self, setting: QuirkSetting) -> QuirkSetting:
-        """Return a setting; ConfigError where the node has no such axis."""
+        """Return a setting; ConfigError if the node lacks the axis."""
         axes = self._node.drives
         if setting.quirk.axis is not None and not axes:
             raise ConfigError(

@@ -1,4 +1,4 @@
-"""Scenarios: a YAML file of what goes wrong with which drive, and when, and its playing.
+"""Scenarios: timed faults of drives in a YAML file, and their player.
 
 Times count from the drives' ready line, and every mistake in the file is told at once, with its line, before anything
 runs. A step goes through the node's control, as if somebody had asked for it there; one that cannot be done is told,

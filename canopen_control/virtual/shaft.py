@@ -100,7 +100,7 @@ class DiffBase:
                 self._next[wheel].append((other_wheel[-1][0], last[1]))
 
     def _step(self, wheel: int, time_ns: int) -> float:
-        """Bring a wheel to `time_ns`; return the way it went, on the straight line between its points."""
+        """Advance a wheel to `time_ns`; return its travel, interpolated between its points."""
         ahead, last = self._next[wheel], self._last[wheel] or self._next[wheel][0]
         when, way = ahead[0]
         if when == time_ns:
@@ -258,7 +258,7 @@ class WheelOdometry(Protocol):
 
 
 class WheelPlant:
-    """`inner` on `floor` as its wheel number `side`; `metres` for each count, negative where it is reversed."""
+    """Wheel plant: `inner` on `floor` as wheel `side`; `metres` per count, negative if reversed."""
 
     def __init__(
         self, inner: Plant, floor: WheelOdometry, side: int, metres: float, *, slip: float = 0.0, seed: int = 0
@@ -386,19 +386,19 @@ class Coupling:
     lead: float | None = None
 
     def place(self, counts: float) -> float:
-        """Return where the encoder is when its motor is at `counts`, in rad or m."""
+        """Return the position of the encoder at motor `counts`, in rad or m."""
         turns = counts / self.counts_per_revolution / self.gear
         return (-turns if self.reversed else turns) * (self.lead or math.tau)
 
 
 def load_counts(plant: Plant) -> float:
-    """Return where the load of an axis is, in counts of its motor."""
+    """Return the position of an axis's load in counts of its motor."""
     inner = plant.inner if isinstance(plant, WheelPlant) else plant
     return inner.load_position if isinstance(inner, LoadedPlant) and inner.backlash else inner.position
 
 
 class ShaftFile:
-    """The places of shafts by node id and axis, in a file of several processes; ConfigError where it cannot be had."""
+    """Shaft positions by node id and axis, in a file shared by processes; ConfigError if it cannot be opened."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

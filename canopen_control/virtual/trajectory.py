@@ -148,7 +148,7 @@ def cruise(now: int, position: float, velocity: float) -> DemandCurve:
 def ramp_to(
     now: int, position: float, velocity: float, target: float, acceleration: float, deceleration: float
 ) -> DemandCurve:
-    """Change the velocity to `target` along ramps, through standstill where the direction changes."""
+    """Change the velocity to `target` along ramps, through standstill for a reversal."""
     pieces: list[Piece] = []
     if velocity and (velocity * target < 0.0 or abs(target) < abs(velocity)):
         inner = 0.0 if velocity * target < 0.0 else target

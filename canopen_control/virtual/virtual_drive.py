@@ -453,7 +453,7 @@ class VirtualDrive:
         return self.modes.active.set_point
 
     def set_point_received(self, now: int, *, overwrites: bool) -> None:
-        """Note when an RPDO with a set-point arrived, and whether one is still waiting that it replaces."""
+        """Record the arrival of a set-point, and whether it replaces a waiting one."""
         if self.power.live:
             sync_ns = self._clock.sync_ns
             if sync_ns is not None:
@@ -461,7 +461,7 @@ class VirtualDrive:
             self.meter.overwritten += overwrites
 
     def set_point_missed(self) -> None:
-        """Note that a SYNC came without a set-point."""
+        """Count a SYNC without a set-point."""
         if self.power.live:
             self.modes.active.missed()
 
@@ -471,7 +471,7 @@ class VirtualDrive:
         self.mover.torque_limit = min(limits, default=math.inf)
 
     def _tune(self) -> None:
-        """Give the loops the gains that the objects hold; without a P of velocity the drive has tuned itself."""
+        """Set the gains of the loops from the objects; without a velocity P gain the drive is self-tuned."""
         values = {gain: self._gain(place) for gain, place in self._gains.items()}
         speed = self.objects.units.length
         proportional = values.get(LoopGain.VELOCITY_P, 0.0) / speed
@@ -532,7 +532,7 @@ class VirtualDrive:
     # -- time
 
     def advance(self, now: int) -> None:
-        """Bring the axis to `now`."""
+        """Advance the axis to `now`."""
         self.mover.advance(now)
 
     def next_deadline(self) -> int | None:
@@ -546,7 +546,7 @@ class VirtualDrive:
         self.modes.active.start(now)
 
     def stop(self, now: int, reaction: Reaction) -> None:
-        """Bring the motor to rest along the active mode's ramps."""
+        """Stop the motor along the active mode's ramps."""
         self.modes.active.stop(now, reaction)
 
     def can_halt(self) -> bool:
@@ -581,7 +581,7 @@ class VirtualDrive:
         self.limits.judge_following_error(error, now)
 
     def judge_load(self, torque: float, now: int) -> None:
-        """Judge the heat of a motor; too much of it is fault 0x2310."""
+        """Check the thermal load of the motor; overload is fault 0x2310."""
         if self._overload.exceeded(torque, now) and self.power.running:
             self.fault(OVERLOAD, now, register=ErrorRegister.GENERIC | ErrorRegister.CURRENT)
 
@@ -590,7 +590,7 @@ class VirtualDrive:
         self._outbox.values_changed()
 
     def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
-        """Return when and where a touch probe's index pulse comes."""
+        """Return time and place of the next index pulse."""
         return self.probes.next_index(demand, now)
 
     def index_passed(self, place: float) -> None:

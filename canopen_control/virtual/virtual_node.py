@@ -243,7 +243,7 @@ class ParameterKeeper(Protocol):
     """Keeper of the parameters of nodes without supply."""
 
     def keep(self, node: VirtualNode) -> bool:
-        """Keep what 0x1010, 0x1011 or LSS has changed; return whether it is kept."""
+        """Store changes by 0x1010, 0x1011 or LSS; return whether that succeeded."""
         ...
 
 
@@ -330,7 +330,7 @@ class VirtualNode:
         )
 
     def _lay_out(self) -> None:
-        """Lay out in tuples what every frame asks: the services, their deadlines, what they send and what happened."""
+        """Prepare tuples of services, deadlines and queues for the processing of frames."""
         outbox = self.outbox
         self._cores: tuple[Timed, ...] = (
             self.heartbeat,
@@ -476,7 +476,7 @@ class VirtualNode:
     # -- what is done to the node from outside
 
     def advance_drives(self, now: int) -> None:
-        """Bring all axes to `now`."""
+        """Advance all axes to `now`."""
         for drive in self.drives.values():
             drive.mover.advance(now)
 
@@ -617,7 +617,7 @@ class VirtualNode:
         self.routing.rebuild()
 
     def _power_up_with(self, node_id: int, now: int) -> None:
-        """Begin to live with a first node id, given by LSS."""
+        """Initialise with a first node id, assigned by LSS."""
         self._assign(node_id)
         self.nmt.state = NmtState.INITIALISING
         self._reset(NmtCommand.RESET_NODE, now)

@@ -135,7 +135,7 @@ def config_layout(config: str, bus: str | None = None, *, units: bool = False) -
 
 
 def _linear_axes(config: str, bus: BusConfig) -> LinearAxes:
-    """Return the prismatic joints of a robot's files; none of a bus alone, or where the description cannot be read."""
+    """Return the prismatic joints of a robot's files; none for a bus alone or an unreadable description."""
     from canopen_control.runtime.robot_files import find_robot
     from canopen_control.runtime.sync_choice import linear_axes
     from canopen_control.urdf.description import DescriptionReader
@@ -164,7 +164,7 @@ def _chosen(buses: Mapping[str, T], name: str | None, whose: str) -> T:
 
 
 def _robot_there(channel: str) -> tuple[str, BusLayout | None]:
-    """Return name and layout of the robot that runs on `channel`; an empty name and None where none does."""
+    """Return name and layout of the robot on `channel`; an empty name and None without one."""
     if not find_robots() or (found := robot_on(channel)) is None:
         return "", None
     with RobotClient.connect(found[0]) as robot:
@@ -206,7 +206,7 @@ Source: TypeAlias = Recording | FlightSource
 
 
 def open_frames(path: str, bus: str | None = None) -> Source:
-    """Open FILE, of several buses `bus`; ConfigError where it cannot be read."""
+    """Open FILE, of several buses `bus`; ConfigError if it cannot be read."""
     return FlightSource(path, bus) if is_flight_file(Path(path)) else Recording(path)
 
 

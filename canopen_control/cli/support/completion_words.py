@@ -41,7 +41,7 @@ _NODE_TIMEOUT_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class KnownNode:
-    """A node of a running robot: where it is, and all its names."""
+    """Node of a running robot: its place and all its names."""
 
     robot: str
     channel: str
@@ -59,7 +59,7 @@ class KnownNode:
 
 
 def known_nodes(channel: str | None = None) -> list[KnownNode]:
-    """Return the nodes of the robots that run; those on `channel` alone where one is given."""
+    """Return the nodes of running robots; with `channel` only those on it."""
     return ask_nodes(channel)[0]
 
 
@@ -84,7 +84,7 @@ def _nodes_of(robot: str) -> list[KnownNode]:
 
 
 def find_node(word: str, nodes: Iterable[KnownNode]) -> KnownNode | None:
-    """Return the node that `word` means, None where it means none; ConfigError where several robots have one."""
+    """Return the node that `word` names, None without one; ConfigError if several robots have one."""
     matching = [node for node in nodes if word in node.words]
     if len(matching) > 1:
         places = ", ".join(f"{node} of {node.robot} on {node.channel}" for node in matching)
@@ -108,7 +108,7 @@ def answer_shell() -> None:
 
 
 def parser_for(words: Sequence[str]) -> argparse.ArgumentParser:
-    """Return the parser of a line whose `words` follow the program's name, with completers; one verb's options only."""
+    """Return the parser of a line whose `words` follow the program's name, with completers."""
     parser = argparse.ArgumentParser(prog="canopen-control")
     parser.add_argument("--version", action="version")
     verb = words[0] if words else ""

@@ -34,7 +34,7 @@ NAME = (0x1008, 0)
 
 @dataclass(frozen=True, slots=True)
 class ScannedDevice:
-    """0x1000, 0x1018 and 0x1008; None where the node has none."""
+    """Values of 0x1000, 0x1018 and 0x1008; None for missing ones."""
 
     device_type: int | None = None
     vendor_id: int | None = None

@@ -138,7 +138,7 @@ class JogRun:
         self.travelled = 0.0
 
     def run(self) -> int:
-        """Enable, move, stop and disable; 1 where the drive or a limit of the current ended it, or nothing turned."""
+        """Enable, move, stop and disable; 1 if the drive or a current limit ended the jog, or nothing turned."""
         with contextlib.ExitStack() as stack:
             client = stack.enter_context(RobotClient.connect(self._drive.robot))
             keyboard = stack.enter_context(Keyboard()) if sys.stdin.isatty() else None

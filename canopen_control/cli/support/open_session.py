@@ -112,7 +112,7 @@ class BusTransfers(Transfers):
         self._target.write(self._node, index, subindex, data)
 
     def be_patient(self, seconds: float | None) -> None:
-        """Wait so long for each answer from now on."""
+        """Set the timeout of each answer."""
         self._target.be_patient(self._node, seconds)
 
     def progress(self) -> tuple[int, int | None]:
@@ -162,7 +162,7 @@ def running_drive(
 
 
 def look_at_drive(args: argparse.Namespace, *, with_fault: bool = False) -> Device:
-    """Return the device with what itself says of its units; ConfigError and DriveError for what must not be moved."""
+    """Return the device with its own units; ConfigError and DriveError if it must not be moved."""
     from canopen_control.cli.init import ask_drives
     from canopen_control.scaffold.new_robot import Device
 
@@ -184,7 +184,7 @@ def look_at_drive(args: argparse.Namespace, *, with_fault: bool = False) -> Devi
 
 
 def axis_of(robot: NewRobot, args: argparse.Namespace) -> AxisChoice:
-    """Return the axis that the arguments name; ConfigError where it has none of that number."""
+    """Return the axis of the arguments; ConfigError if the node lacks it."""
     number: int = args.axis
     if number >= len(robot.joints):
         raise ConfigError(f"node {args.node} has no axis {number}; it has {len(robot.joints)}, counted from 0")
@@ -192,7 +192,7 @@ def axis_of(robot: NewRobot, args: argparse.Namespace) -> AxisChoice:
 
 
 def with_counts(robot: NewRobot, counts: float | None) -> NewRobot:
-    """Return the same with what the user says of its counts."""
+    """Return the device with the user's counts per revolution."""
     if counts is None:
         return robot
     nodes = tuple(
@@ -207,7 +207,7 @@ def with_counts(robot: NewRobot, counts: float | None) -> NewRobot:
 
 
 class WarningPrinter(RobotObserver):
-    """Prints what went wrong while the drive is booted and moved."""
+    """Prints warnings while the drive is booted and moved."""
 
     def event(self, event: Event) -> None:
         """Print an event that is a warning or worse."""
@@ -233,7 +233,7 @@ class Side:
 
 
 def as_file(word: str) -> Path | None:
-    """Return the file that a word names, None where it means a node; ConfigError for one that is not there."""
+    """Return the file that a word names, None for a node; ConfigError for a missing file."""
     path = Path(word).expanduser()
     if path.is_file():
         return path
@@ -259,7 +259,7 @@ def read_all(session: NodeSession, *, twice: bool = True) -> Side:
 
 
 def like_file(session: NodeSession, file: ParameterSet) -> NodeSession:
-    """Let a session without an EDS take the dictionary of the file, which is a complete one."""
+    """Use the dictionary of a complete file for a session without an EDS."""
     if session.od is None:
         session.od = file.od.for_node(session.node_id)
     return session
@@ -273,7 +273,7 @@ def read_like(session: NodeSession, file: ParameterSet) -> Side:
 
 
 def sides(a: str, b: str, args: argparse.Namespace) -> tuple[Side, Side]:
-    """Read what two words name; of a file and a node the node is asked for what the file holds."""
+    """Read the two sides, each a file or a node; a node is read for the objects of the file."""
     files = [None if path is None else read_backup(path) for path in (as_file(a), as_file(b))]
     parameters = []
     for word, file, other_file in zip((a, b), files, reversed(files), strict=True):
@@ -304,7 +304,7 @@ def add_restore_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def reached(args: argparse.Namespace) -> Reached:
-    """Return how the arguments reach a node, for commands that are told to the user."""
+    """Return the options that reach the node of the arguments, for commands shown to the user."""
     include = bool(getattr(args, "include_protected", False))
     return Reached(getattr(args, "can", None) or "", getattr(args, "name", None) or "", include)
 

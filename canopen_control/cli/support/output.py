@@ -1,4 +1,4 @@
-"""What verbs print beside plain lines: JSON, tables, progress of long work, and lines that never hold a robot up.
+"""Output of verbs: JSON, tables, progress, and lines that never block a robot.
 
 Progress is for standard error, so that results stay clean; work that is quickly done says
 nothing; what it left on a terminal is wiped before anything else is printed. Without a terminal (a log, a pipe) there
@@ -37,7 +37,7 @@ _CLOSE_S: Final = 1.0  # for lines that wait when an announcer is closed
 
 
 def json_text(document: object, *, indent: int | None = 2) -> str:
-    """Return a message, or a document, or lists and dicts of them; with `indent` None on one line."""
+    """Return JSON of messages, documents, lists and dicts; on one line with `indent` None."""
     return json.dumps(plain(document), indent=indent)
 
 
@@ -95,7 +95,7 @@ class Progress:
         self.end()
 
     def at(self, done: int, total: int | None = None) -> None:
-        """Tell that `done` of `total` are over, if it is time to."""
+        """Show the progress `done` of `total` if it is due."""
         now = self._clock()
         if not done or done < self._last[0] or total != self._last[1]:  # another transfer
             self._rated_from = now, done
@@ -130,7 +130,7 @@ def _amount(done: int, total: int | None, unit: str) -> str:
 
 
 def _rate(done: int, total: int | None, gained: int, elapsed: float, unit: str) -> str:
-    """Return how fast it goes and how long the rest takes, nothing before there is something to judge by."""
+    """Return rate and remaining time, "" before they can be estimated."""
     if gained <= 0 or not total or elapsed <= 0.0:
         return ""
     return f", {gained / elapsed:,.0f}{unit}/s, {(total - done) * elapsed / gained:.0f} s left"

@@ -29,7 +29,7 @@ _INTERRUPTED: Final = 130  # as a shell has it for Ctrl-C
 
 @dataclass(frozen=True, slots=True)
 class CampaignOrder:
-    """What to run: seeds of `duration_ns` each in `jobs` processes; `words` of the command line say which robot.
+    """Campaign: seeds of `duration_ns` each in `jobs` processes; `words` are the command line's robot options.
 
     `dask` is the address of a cluster that runs them instead. `aim` is how many further seeds aim at what these did not
     meet.
@@ -50,7 +50,7 @@ class CampaignOrder:
 
 @dataclass(frozen=True, slots=True)
 class CampaignDocument:
-    """What `--json` prints: how much was simulated, the breaches, and the scenarios that were written."""
+    """Document of `--json`: simulated time, breaches, and written scenarios."""
 
     seeds: int
     robot_s: float
@@ -61,7 +61,7 @@ class CampaignDocument:
 
 
 def run_campaign(setup: RobotSetup, order: CampaignOrder, folder: Path) -> int:
-    """Run seeds, shrink what breaks, and tell; 0 good, 1 with a breach. Ctrl-C keeps what there is; then 130.
+    """Run seeds, shrink failing ones, and print the result; 0 good, 1 with a breach. After Ctrl-C 130.
 
     A robot that does not run even if nothing happens to it is told once, and no seed is run; then 1.
     """
@@ -88,7 +88,7 @@ def run_campaign(setup: RobotSetup, order: CampaignOrder, folder: Path) -> int:
 
 
 def _run(campaign: Campaign, seeds: Sequence[int], order: CampaignOrder, totals: Totals) -> tuple[int, str]:
-    """Add up what comes of the seeds; return the exit code, and what ended them before their time."""
+    """Sum up the results of the seeds; return the exit code and the reason of an early end."""
     with Progress("seeds", stream=sys.stderr) as progress:
         try:
             for result in _results(campaign, seeds, order, progress):

@@ -1,4 +1,4 @@
-"""`simulate --world FILE` without a robot: those that the file names, in one virtual time, and what came of each."""
+"""`simulate --world FILE` without a robot: the robots of the file in one virtual time, and their results."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ class TargetNode:
         return f"node {self.node_id} ({self.name})" if self.name else f"node {self.node_id}"
 
     def dictionary(self) -> ObjectDictionary | None:
-        """Read the EDS; None without one, EdsError for one that is none."""
+        """Read the EDS; None without one, EdsError for an invalid one."""
         return None if self.eds is None else read_eds(self.eds, self.node_id).od
 
 
@@ -60,13 +60,13 @@ class SdoTarget(Protocol):
         """Download an object; raises RemoteError or RemoteProtocolError."""
 
     def be_patient(self, node: TargetNode, seconds: float | None) -> None:
-        """Wait so many seconds for each answer of the node from now on; None: as long as at first."""
+        """Set the timeout of each answer in s; None: the initial one."""
 
     def progress(self, node: TargetNode) -> tuple[int, int | None]:
         """Return how many bytes of the transfer under way are over, and of how many; from another thread."""
 
     def close(self) -> None:
-        """Let go."""
+        """Close the connection."""
 
     def __enter__(self) -> SdoTarget: ...
 
@@ -85,7 +85,7 @@ def add_target_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def open_target(args: argparse.Namespace) -> SdoTarget:
-    """Open what the arguments `can`, `name`, `eds` and `timeout` (seconds or None) say."""
+    """Open the target of the arguments `can`, `name`, `eds` and `timeout` (seconds or None)."""
     eds = find_eds(args.eds) if args.eds else None
     if args.can is not None:
         return BusTarget(args.can, eds, args.timeout)
@@ -93,7 +93,7 @@ def open_target(args: argparse.Namespace) -> SdoTarget:
 
 
 def find_eds(text: str) -> Path:
-    """Return the file, or the bundled one of that name; ConfigError where there is neither."""
+    """Return the file, or the bundled one of that name; ConfigError if neither exists."""
     path = Path(text).expanduser()
     bundled = data_path("eds", text)
     if not path.exists() and path.name == text and bundled.is_file():
@@ -137,7 +137,7 @@ class RobotTarget:
         self.close()
 
     def close(self) -> None:
-        """Leave the robot."""
+        """Close the connection to the robot."""
         for carrier in self._carriers.values():
             carrier.close()
         self.robot.close()
@@ -159,7 +159,7 @@ class RobotTarget:
         )
 
     def transfers(self, node: TargetNode) -> RobotTransfers:
-        """Return who carries the SDO of a node."""
+        """Return the SDO transport of a node."""
         if node.node_id not in self._carriers:
             label = f"{LABEL} (pid {os.getpid()})"
             self._carriers[node.node_id] = RobotTransfers(self.robot, node.node_id, self._timeout, label)
@@ -174,7 +174,7 @@ class RobotTarget:
         self.transfers(node).write(index, subindex, data)
 
     def be_patient(self, node: TargetNode, seconds: float | None) -> None:
-        """Wait so long for each answer of the node from now on."""
+        """Set the timeout of each answer of the node."""
         self.transfers(node).be_patient(seconds)
 
     def progress(self, node: TargetNode) -> tuple[int, int | None]:
@@ -183,7 +183,7 @@ class RobotTarget:
 
 
 class BusTarget:
-    """All nodes of a bus, but those of a robot that runs on it."""
+    """Nodes of a bus, except those of a robot that runs on it."""
 
     def __init__(self, channel: str, eds: Path | None = None, timeout: float | None = None) -> None:
         self.owner = robot_on(channel)
@@ -197,7 +197,7 @@ class BusTarget:
         self.close()
 
     def close(self) -> None:
-        """Leave the bus."""
+        """Close the bus."""
         self.bus.close()
 
     def node(self, word: str) -> TargetNode:
@@ -220,7 +220,7 @@ class BusTarget:
         self.bus.write(node.node_id, index, subindex, data)
 
     def be_patient(self, node: TargetNode, seconds: float | None) -> None:
-        """Wait so long for each answer of the node from now on."""
+        """Set the timeout of each answer of the node."""
         self.bus.client(node.node_id).timeout_ns = round((seconds or self.bus.timeout_s) * 1e9)
 
     def progress(self, node: TargetNode) -> tuple[int, int | None]:

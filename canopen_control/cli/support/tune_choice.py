@@ -1,4 +1,4 @@
-"""How `tune` has a drive of a bare bus excited: as a jog moves it, in a cyclic mode where it has one, torque told."""
+"""Excitation of a drive on a bare bus for `tune`: as for a jog, preferably in a cyclic mode and with its torque."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _FEEDBACK: Final = (MODES_OF_OPERATION_DISPLAY, POSITION_ACTUAL, VELOCITY_ACTUAL
 
 
 def choose_tuned(device: Device, kind: JogKind, period_us: int, *, allow_unsupervised: bool) -> NewRobot:
-    """Choose how a drive is excited: as for a jog, but in a cyclic mode where it has one, and with its torque told."""
+    """Choose the excitation of a drive: as for a jog, preferably in a cyclic mode, with its torque in a TPDO."""
     robot = choose_jog(device, kind.value, allow_unsupervised=allow_unsupervised)
     nodes = tuple(
         node if node.drive is None else replace(node, drive=_cyclic(device, node.drive)) for node in robot.nodes

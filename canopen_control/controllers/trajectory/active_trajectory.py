@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class Segment:
-    """All joints between two points; the coefficients are made once by `fit`, `evaluate` allocates nothing."""
+    """Segment between two points for all joints; `fit` computes the coefficients, `evaluate` allocates nothing."""
 
     def __init__(self) -> None:
         self._begin, self._duration = 0, 0.0
@@ -160,7 +160,7 @@ _FEW: Final = 8
 
 
 class JointSetpoint(metaclass=ABCMeta):
-    """What can be sampled: `start` and `before_time` in ns, `size` the number of points.
+    """Source of set-points: `start` and `before_time` in ns, `size` points.
 
     `first` and `following` are the points that the last sample was between; both `size` where it had none, and
     `following` alone once it is over.
@@ -406,7 +406,7 @@ class ActiveTrajectory(JointSetpoint):
 
 
 def _fill(point: Point) -> None:
-    """Give a point zeros for what it does not say."""
+    """Set missing values of a point to zero."""
     zeros = [0.0] * len(point.positions)
     point.velocities[:] = point.velocities or zeros
     point.accelerations[:] = point.accelerations or zeros
@@ -414,7 +414,7 @@ def _fill(point: Point) -> None:
 
 
 def _deduce(a: Point, b: Point, time: float) -> None:
-    """Give the second point the velocities and positions that follow from the accelerations, over a time in s."""
+    """Compute velocities and positions of the second point from the accelerations, over a time in s."""
     joints = len(a.positions)
     zeros = [0.0] * joints
     a.effort[:] = a.effort or zeros

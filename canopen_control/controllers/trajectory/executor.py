@@ -85,7 +85,7 @@ class Blend(JointSetpoint):
         return max(each.start + each.time_of(each.size - 1) for each in motions) - self.start
 
     def end_point(self) -> Point:
-        """Return the point at which all stay when it is over."""
+        """Return the final point."""
         found = Point()
         self._mix(self.start + self.time_of(0), found, ahead=True)
         return found
@@ -319,7 +319,7 @@ class TrajectoryExecutor:
             self._loops.reset()
 
     def resume_at_rest(self) -> None:
-        """Hold the joints where they are, now that all follow again."""
+        """Hold the joints after all of them follow again."""
         self._group.read()
         self._last.take(self._group.actual)
         if self._loops is not None:
@@ -344,7 +344,7 @@ class TrajectoryExecutor:
         self._queued, self.holding = message, False
 
     def hold(self) -> None:
-        """Stay where the joints are; one point that is rewritten, since a hold has no course to jump on."""
+        """Hold the joints at one point, which is rewritten in place."""
         self._hold_at(self._group.actual)
         point, group = self._stay, self._group
         zeros = [0.0] * len(group.joints)

@@ -129,7 +129,7 @@ class JointGroup:
                 command.value = math.nan if kind == POSITION else 0.0
 
     def targets(self) -> list[float]:
-        """Return the positions that are commanded, by joint; nan where none is."""
+        """Return the commanded positions by joint; nan without a command."""
         found = [math.nan] * len(self.joints)
         for index, each in enumerate(self._targets):
             found[self.places[index]] = each.value

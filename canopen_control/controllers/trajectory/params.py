@@ -148,7 +148,7 @@ def within(tolerance: StateTolerance, error: Point, joint: int) -> bool:
 def resolve(
     goal: GoalTolerances, joints: Sequence[str], default: SegmentTolerances
 ) -> tuple[SegmentTolerances, str | None]:
-    """Return the tolerances of a goal, and why they are the parameters' where it is wrong."""
+    """Return the tolerances of a goal; with invalid ones those of the parameters and the reason."""
     try:
         time = _resolved(goal.goal_time, default.goal_time, "goal_time_tolerance")
         path = _of_joints(goal.path, joints, default.path, "path_tolerance")
@@ -345,7 +345,7 @@ class TrajectoryParams(CommonParams):
 
     @property
     def from_desired(self) -> bool:
-        """Whether a trajectory begins from what was commanded last, and not from where the joints are."""
+        """Whether a trajectory starts from the commanded state instead of the actual one."""
         return self.open_loop_control or self.interpolate_from_desired_state
 
     def tolerances(self) -> SegmentTolerances:

@@ -39,7 +39,7 @@ class Point:
         self.accelerations, self.effort, self.time = list(accelerations), list(effort), time
 
     def take(self, other: Point) -> None:
-        """Become equal to another point, in the lists that are there."""
+        """Copy another point into the existing lists."""
         self.positions[:] = other.positions
         self.velocities[:] = other.velocities
         self.accelerations[:] = other.accelerations
@@ -103,7 +103,7 @@ class Arrangement:
         self.changes = bool(self._stays) or self._order != list(range(len(self.names)))
 
     def apply(self, point: Point) -> None:
-        """Fill up a point and put it in order; vectors that are not one value for each name stay."""
+        """Complete and rearrange a point; vectors of another length are unchanged."""
         if point.positions:
             point.positions += self._known
         for each in (point.velocities, point.accelerations, point.effort):

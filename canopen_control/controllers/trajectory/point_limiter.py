@@ -21,7 +21,7 @@ _ZERO: Final = 1e-10  # what is not larger is not given
 
 
 class PointLimiter:
-    """Clamps points to the `limits` of their joints, in the lists that are there; `joint` is the first that was."""
+    """Clamps points to the `limits` of their joints in place; `joint` is the first clamped one."""
 
     def __init__(self, limits: Sequence[HardLimits]) -> None:
         self.limits = list(limits)
@@ -117,7 +117,7 @@ class PointLimiter:
             self._positions[joint] = here + speed * period + 0.5 * acceleration * period * period
 
     def _look_ahead(self, joint: int, here: float, period: float) -> None:
-        """Find whether a joint has to brake for the end of its range."""
+        """Return whether a joint has to brake for the end of its range."""
         limits = self.limits[joint]
         if self._speeds and not self._places:
             there = here + self._velocities[joint] * period

@@ -36,11 +36,11 @@ NONE: Final = -1
 
 
 class Values(Protocol):
-    """The values of a point, as `Point` has them and what comes on a socket."""
+    """Values of a point, as in `Point` and on a socket."""
 
     @property
     def positions(self) -> list[float]:
-        """In rad or m, one for each joint or none."""
+        """Positions in rad or m, one per joint or none."""
         ...
 
     @property
@@ -70,7 +70,7 @@ class Range:
 
 
 class Extremes:
-    """The extremes of each joint in all points, and in the `ranges` that they came in."""
+    """Extremes of each joint over all points, and over each of the `ranges`."""
 
     __slots__ = ("highest", "lowest", "ranges")
 
@@ -191,7 +191,7 @@ _FARTHEST_S: Final = 1e9
 
 
 class TimedValues(Values, Protocol):
-    """A point as it comes on a socket."""
+    """Point as received on a socket."""
 
     @property
     def time_from_start(self) -> float:
@@ -318,7 +318,7 @@ _CODES: Final = {
 
 @dataclass(frozen=True)
 class Refused:
-    """Why a trajectory is refused: the rule of upstream, None where it is one of ours, and the sentence."""
+    """Reason of a refusal: the rule of upstream, None for an additional one, and the sentence."""
 
     rule: Rule | None
     text: str
@@ -422,7 +422,7 @@ def _wrong_end(message: JointTrajectory, rules: Rules, now: int) -> Refused | No
 
 
 def _long(time: int) -> str:
-    """Return a time of ns in words: beyond a day it is another clock that it was stamped by."""
+    """Return a time in ns as text; beyond a day its stamp is of another clock."""
     return f"{time / 1e9:g} s" if time < _DAY else f"{time / _DAY:.0f} days (by another clock?)"
 
 
@@ -500,7 +500,7 @@ def _no_number(names: Sequence[str], at: int, point: Point) -> str | None:
 
 
 def _outside(extremes: Extremes, joint: int, lower: float, upper: float) -> Range | None:
-    """Return the first points among which a joint goes beyond, None if it does not."""
+    """Return the first range of points in which a joint exceeds its limit, None without one."""
     lower, upper = lower - _ROUNDING, upper + _ROUNDING
     if not extremes.ranges or (lower <= extremes.lowest[joint] and extremes.highest[joint] <= upper):
         return None
@@ -513,7 +513,7 @@ def _outside(extremes: Extremes, joint: int, lower: float, upper: float) -> Rang
 def _place(
     points: Sequence[Point] | Points, found: Range, joint: int, lower: float, upper: float, quantity: str
 ) -> tuple[int, float]:
-    """Return the first point that goes beyond, and its value."""
+    """Return the first point beyond the limit, and its value."""
     for at in range(found.begin, found.end):
         values = getattr(points[at], quantity)
         if values and not lower - _ROUNDING <= values[joint] <= upper + _ROUNDING:

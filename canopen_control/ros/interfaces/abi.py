@@ -39,13 +39,13 @@ CONVERT_TO_PY = PYFUNCTYPE(c_void_p, c_void_p)
 
 
 def keep(value: T) -> T:
-    """Keep what C holds a pointer to."""
+    """Keep a reference to memory that C points to."""
     _kept.append(value)
     return value
 
 
 def address(value: Any) -> int:  # noqa: ANN401 - any ctypes object
-    """Return where a structure is; it is kept."""
+    """Return the address of a structure, which is kept."""
     return ctypes.addressof(keep(value))
 
 

@@ -32,7 +32,7 @@ _LENGTH: Final = struct.Struct("<I")
 
 
 class Codecs:
-    """Makes and keeps the codecs of structures; `class_of(name)` is the Python class of one."""
+    """Cache of codecs of structures; `class_of(name)` returns a Python class."""
 
     def __init__(self, structure_of: Callable[[str], Structure], class_of: Callable[[str], type]) -> None:
         self._structure_of, self.class_of = structure_of, class_of

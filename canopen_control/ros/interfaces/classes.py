@@ -49,7 +49,7 @@ class _SlotTypes:
 
 
 class MadeMessage:
-    """A message whose class was made at run time."""
+    """Message of a class created at run time."""
 
     __slots__ = ()
     __defaults__: ClassVar[dict[str, Callable[[], object]]] = {}

@@ -333,7 +333,7 @@ class _Message(NamedTuple):
 
 
 class Supports:
-    """Makes and keeps the type supports of the structures in a registry."""
+    """Cache of type supports of the structures in a registry."""
 
     def __init__(self, libraries: Libraries, registry: Registry, codecs: Codecs) -> None:
         self._libraries, self._registry, self._codecs = libraries, registry, codecs
@@ -429,7 +429,7 @@ class Supports:
         return _Message(dispatch, fast, introspected, members)
 
     def _introspection(self, name: str) -> tuple[int, abi.MessageSupport]:
-        """Return where the members of a structure are, and its introspection support."""
+        """Return the addresses of a structure's members and of its introspection support."""
         if name not in self._members:
             package, kind, short = parts_of(name)
             fields = [self._member(field.name, field.type) for field in self._registry.get(name).fields]
@@ -455,7 +455,7 @@ class Supports:
         )
 
     def _layout(self, name: str) -> int:
-        """Return where the layout of a structure is, by which `callbacks.c` judges what comes."""
+        """Return the address of a structure's layout, against which `callbacks.c` checks messages."""
         if name not in self._layouts:
             fields = [self._layout_field(field.type) for field in self._registry.get(name).fields]
             array = (abi.LayoutField * max(1, len(fields)))(*fields)

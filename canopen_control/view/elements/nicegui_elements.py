@@ -150,7 +150,7 @@ class StripCharts(Element, component="strip_charts.js"):
 
 
 class TreeRow(TypedDict):
-    """An object of the tree as it stays: `a` is its address in words, `object` the record that it is a part of.
+    """Object in the tree: `a` is its address as text, `object` the record it belongs to.
 
     `fixed` says why it cannot be written by hand, "" where it can.
     """
@@ -186,7 +186,7 @@ class TreeUser(Protocol):
         """Process the list of visible objects."""
 
     def search(self, text: str) -> None:
-        """Show what these words mean."""
+        """Show the results of a search."""
 
     def write(self, address: str, text: str) -> None:
         """Write an object."""
@@ -205,11 +205,11 @@ class ObjectTree(Element, component="object_tree.js"):
         self.on("write", lambda event: _written(event.args, user))
 
     def values(self, news: Mapping[str, ObjectWords]) -> None:
-        """Show what these objects hold."""
+        """Show the values of objects."""
         self.run_method("values", dict(news))
 
     def matches(self, text: str, addresses: Sequence[str] | None, problem: str = "") -> None:
-        """Show the objects alone that a search for `text` has found; None: all."""
+        """Show only the objects found by a search for `text`; None for all."""
         self.run_method("matches", None if addresses is None else list(addresses), problem, text)
 
     def answer(self, address: str, text: str, *, good: bool) -> None:

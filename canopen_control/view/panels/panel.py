@@ -73,7 +73,7 @@ class Html:
         self._element = ui.html("", sanitize=False).classes(classes)
 
     def show(self, html: str) -> None:
-        """Show this; nothing is sent when it is shown already."""
+        """Show HTML; unchanged HTML is not sent again."""
         if html != self._html:
             self._html = html
             self._element.content = html

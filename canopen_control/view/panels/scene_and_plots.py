@@ -28,7 +28,7 @@ class ScenePanel:
         ).classes("cc-follow")
 
     def show(self, content: PageContent) -> None:
-        """Leave it to the feed."""
+        """Do nothing: the feed updates it."""
 
 
 class PlotsPanel:
@@ -44,4 +44,4 @@ class PlotsPanel:
                     StripCharts([chart for chart in plots if chart.group == group], context.robot.history.names, SPAN_S)
 
     def show(self, content: PageContent) -> None:
-        """Leave it to the feed."""
+        """Do nothing: the feed updates it."""

@@ -39,7 +39,7 @@ _LATCHED: Final = "STOP is latched: release it first, then enable."
 
 
 class PowerPanel:
-    """A row of buttons for each drive, and one for all of them; of `node` alone, where one is named.
+    """Enable and stop buttons of each drive and of all; `node` restricts them to one.
 
     Enable is grey while STOP is latched, and says so: the robot would refuse.
     """

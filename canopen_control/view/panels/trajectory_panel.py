@@ -138,7 +138,7 @@ class TrajectoryPanel:
             self._hold(None)
 
     def _arrange(self) -> None:
-        """Show what can be done now."""
+        """Show the possible actions."""
         playing, loaded = self._playing is not None, self._loaded is not None
         shown = (
             (self._preview, loaded),
