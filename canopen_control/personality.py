@@ -172,7 +172,7 @@ def _vendors_of(name: str) -> frozenset[int]:
 
 
 def personality_of(vendor: int | None, product: int | None) -> Personality | None:
-    """Return the bundled personality of an identity (0x1018:01 and :02), None where none is known.
+    """Return the bundled personality of an identity (0x1018:01 and :02), None if it is unknown.
 
     One that names the product goes before one of all products of its vendor.
     """

@@ -66,7 +66,7 @@ class WireFaults:
             self.delays.pop(label, None)
 
     def survivors(self, label: str, records: bytes) -> bytes:
-        """Return the records that no rule drops."""
+        """Return the records without the dropped ones."""
         if not self.drops:
             return records
         remaining = b"".join(

@@ -29,7 +29,7 @@ to another path. A newly assembled base with wheels that differ by 1 % and a tra
 
 
 class ImplausibleEnds(ConfigError):
-    """Runs that no calibration can be computed from."""
+    """Raised for runs without a valid calibration."""
 
 
 class Direction(enum.Enum):

@@ -69,7 +69,7 @@ class CheckReport:
     stops: tuple[StopTime, ...] = ()
 
     def count(self, severity: Severity) -> int:
-        """Return how many findings are of a severity."""
+        """Return the number of findings of a severity."""
         return sum(finding.severity is severity for finding in self.findings)
 
     def passes(self, *, strict: bool = False) -> bool:
@@ -85,7 +85,7 @@ def check_robot(files: RobotFiles, options: CheckOptions) -> CheckReport:
 
 
 def start_warnings(setup: RobotSetup) -> list[str]:
-    """Return what `check` warns of in the files of a robot that was read."""
+    """Return the warnings of `check` about the files of a robot."""
     if setup.files.bus_alone:
         return []
     buses, control, description = dict(setup.buses), setup.controllers, setup.description

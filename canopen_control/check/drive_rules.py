@@ -1,4 +1,4 @@
-"""Rules about the drives of a robot: what they do not measure, and what their manufacturers' drives need."""
+"""Rules about the drives of a robot: missing feedback, and keys that manufacturers' drives need."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _shown(od: ObjectDictionary, index: int) -> bool:
 
 
 def _measured(robot: CheckedRobot) -> Iterator[Finding]:
-    """Name the state interfaces of the description that no TPDO brings."""
+    """Find state interfaces of the description without a TPDO."""
     bus, description = robot.bus, robot.description
     if bus is None or description is None or robot.mock:
         return

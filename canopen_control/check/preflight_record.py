@@ -48,7 +48,7 @@ _LAG_S = 0.5  # a joint that is further behind than this at the cap has not foll
 
 
 class _Position:
-    """A position that goes to its command at the cap; `last` is where it has got to, nan before any command."""
+    """Position that moves to its command at the cap; `last` is the present one, nan before any command."""
 
     __slots__ = ("_command", "_here", "_last", "_limit", "_wanted")
 
@@ -138,7 +138,7 @@ class SpeedCap:
             self._capped.append(_Target(command, here, speed, self._limit))
 
     def bound(self, drives: Iterable[JointDrive], reductions: Mapping[str, float]) -> None:
-        """Bound the velocity targets of drives, and what they do by themselves, for as long as they live.
+        """Bound the velocity targets of drives, and their own motion, as long as they are commanded.
 
         `reductions` are the turns of the motor for one of the joint, by joint, where a transmission lies between.
         """

@@ -222,7 +222,7 @@ def find(
     mock: bool = False,
     real: bool = False,
 ) -> list[Finding]:
-    """Return everything that the rules find; what could not be read is None. `launch` is a ROS launch file."""
+    """Return the findings of all rules; unreadable files are None. `launch` is a ROS launch file."""
     started = _started(files, control, description, controllers)
     chosen = bool(controllers or files.spawned)
     robot = CheckedRobot(files, bus, control, description, controllers, mock, real, started, chosen)
@@ -264,7 +264,7 @@ def findings_of(text: str, path: str, line: int, severity: Severity) -> Iterator
 
 
 def _unplaced(text: str, path: str) -> str:
-    """Return a sentence without the path that it begins with, where that is the finding's own."""
+    """Return a sentence without its leading path, if that is the path of the finding."""
     head, colon, rest = text.partition(": ")
     return rest if colon and Path(head).resolve() == Path(path).resolve() else text
 
@@ -459,7 +459,7 @@ def _device(robot: CheckedRobot, tag: Ros2ControlSystem, joint: ControlJoint) ->
 
 
 def _guesses(robot: CheckedRobot) -> Iterator[Finding]:
-    """Name what `init` had to guess, and counts that are no counts: one for a whole turn."""
+    """Find guesses of `init`, and counts per revolution of 1."""
     bus = robot.bus
     if bus is None:
         return

@@ -117,7 +117,7 @@ def stop_time(facts: AxisFacts) -> StopTime:
 
 
 def ramp_s(speed: float, deceleration: float | None) -> float:
-    """Return how long a ramp from a speed takes; inf without a deceleration."""
+    """Return the duration of a ramp from a speed; inf without a deceleration."""
     return speed / deceleration if deceleration else (0.0 if speed == 0 else math.inf)
 
 
@@ -136,7 +136,7 @@ def _cases(facts: AxisFacts) -> Iterator[StopCase]:
 
 
 def _masters_ramp(facts: AxisFacts) -> tuple[float, str]:
-    """Return how long the ramp after the master's word takes, and what makes it."""
+    """Return the duration of the master's ramp, and its source."""
     slope = facts.objects.get(o.PROFILE_DECELERATION)
     if not slope:
         return DEFAULT_RAMP_S, "the master's ramp"
@@ -150,7 +150,7 @@ def _on_lost_master(facts: AxisFacts) -> int | None:
 
 
 def _drives_ramp(facts: AxisFacts, option: int | None) -> tuple[float, str, bool]:
-    """Return how long the drive's own stop takes, by which object, and whether that is a ramp."""
+    """Return the duration of the drive's own stop, its object, and whether it is a ramp."""
     if option is None:
         return math.inf, f"0x6007 is {_option(facts, o.ABORT_CONNECTION_OPTION)}, with which no ramp stops it", False
     code = _option(facts, option)
@@ -202,7 +202,7 @@ def axis_facts(setup: RobotSetup, lives: Mapping[str, Mapping[str, float]] | Non
 
 
 def command_lives(manager: ControllerManager) -> dict[str, dict[str, float]]:
-    """Return how long a command holds, by joint and loaded controller, in s; those without an end are left out."""
+    """Return the command timeouts by joint and loaded controller, in s; unlimited ones are left out."""
     timeouts: dict[str, dict[str, float]] = {}
     for name in manager.states:
         controller = manager.get(name)
@@ -247,7 +247,7 @@ def _facts(
 
 
 def _data_s(config: BusConfig, name: str, cycle_s: float) -> float:
-    """Return after which time TPDOs that come with SYNC are missed; 0 where none does, or there is no SYNC."""
+    """Return the time after which missing synchronous TPDOs are detected; 0 without any, or without SYNC."""
     if not config.master.sync_period:
         return 0.0
     every = [tpdo.transmission_type for tpdo in config.plans[name].tpdos]

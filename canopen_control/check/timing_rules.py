@@ -1,4 +1,4 @@
-"""Common mistakes of cyclic set-points: what makes an axis in CSP or CSV grind, vibrate or tick.
+"""Rules about cyclic set-points: causes of rough motion in CSP and CSV.
 
 A drive in a cyclic mode takes one set-point with each SYNC and interpolates over the SYNC period (CiA 402-2; CiA 301,
 7.5.2.35). RPDOs that act on arrival pass the host's jitter to the motor; set-points for every other SYNC stop it in

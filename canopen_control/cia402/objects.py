@@ -1,4 +1,4 @@
-"""The objects of CiA 402-2 by name, and where they lie for each axis of a multi-axis device.
+"""Objects of CiA 402-2 by name, and their indices for each axis of a multi-axis device.
 
 Indices are written for axis 0. Axis a (0 to 7) has the same profile objects 0x800 * a higher, and
 its PDOs 64 * a higher (CiA 402-2, 5.1; CiA 301, 7.4.1). Objects outside 0x6000 to 0x67FF belong to the device and

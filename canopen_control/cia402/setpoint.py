@@ -179,7 +179,7 @@ class SetPointHandshake:
         self._next = SetPoint(target, bits)
 
     def abort(self, reason: str = "aborted") -> None:
-        """Give up what is under way and what waits, at the next update; bit 4 is 0 from then on."""
+        """Abort the active and the waiting set-point at the next update; bit 4 is 0 from then on."""
         if self.busy:
             self._aborted = reason
 

@@ -211,7 +211,7 @@ _NEXT: dict[State, dict[State, Command]] = {
 
 
 def next_command(state: State, goal: State) -> Command | None:
-    """Return what to command a drive seen in `state` so that it comes one step nearer to `goal`, or stays there.
+    """Return the command that leads a drive from `state` one step towards `goal`, or keeps it there.
 
     Goals are SWITCH_ON_DISABLED, READY_TO_SWITCH_ON, SWITCHED_ON (all three: never upwards), OPERATION_ENABLED and
     QUICK_STOP_ACTIVE (reached in SWITCH_ON_DISABLED too). None: no command helps, because the drive is starting, in

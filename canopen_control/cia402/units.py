@@ -23,7 +23,7 @@ _RPM: Final = 0xB447  # numerator and denominator, bits 8 to 23: revolutions per
 
 
 def to_object(raw: float, low: int, high: int) -> int | None:
-    """Return a scaled value as its object holds it, rounded to nearest; None where it does not fit; nan never does."""
+    """Return a scaled value as an integer, rounded to nearest; None if it does not fit, and for nan."""
     return round(raw) if low <= raw <= high else None
 
 
@@ -78,7 +78,7 @@ def told_counts(
 
 
 def rpm_of_unit(unit: int) -> float:
-    """Return how many revolutions per minute the SI unit of velocities (0x60A9) is; 0 for another unit (CiA 303-2)."""
+    """Return the SI unit of velocities (0x60A9) in revolutions per minute; 0 for another unit (CiA 303-2)."""
     exponent = (unit >> 24 & 0xFF ^ 0x80) - 0x80  # a power of ten, in two's complement
     return 10.0**exponent if unit >> 8 & 0xFFFF == _RPM else 0.0
 

@@ -95,7 +95,7 @@ def document_of(status: InterfaceStatus) -> InterfaceDocument:
 
 
 def status_of_interfaces(links: Sequence[CanInterface]) -> dict[str, InterfaceStatus]:
-    """Return the status of interfaces by name; takes half a second to see what goes over those that are up."""
+    """Return the status of interfaces by name; measures their traffic for half a second."""
     traffic = measure(links, LOOK_S)
     return {link.name: _interface_status(link, traffic.get(link.name)) for link in links}
 

@@ -130,7 +130,7 @@ def _announce(plan: CalibrationPlan, controller: str, robot: str) -> None:
 
 
 def _report(outcome: CalibrationResult, controller: str, copy: _YamlCopy) -> None:
-    """Print what was gained, and what to do with it."""
+    """Print the improvement and the next step."""
     if outcome.first is outcome.last:
         _say(f"nothing to correct: the largest error is {1e3 * outcome.first.largest:.1f} mm")
         return

@@ -97,7 +97,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print what was found; 0 good, 2 for errors, with --strict for warnings too."""
+    """Print the findings; 0 good, 2 for errors, with --strict for warnings too."""
     from canopen_control.check.checker import CheckOptions, check_robot
     from canopen_control.runtime.robot_files import find_launch
 

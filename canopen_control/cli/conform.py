@@ -1,4 +1,4 @@
-"""Check a device against CiA 301, 302, 305 and 402, and its EDS against CiA 306, and report what it does not keep.
+"""Check a device against CiA 301, 302, 305 and 402, and its EDS against CiA 306, and report violations.
 
 Without --configure, --store and --motion the checks change no value; some send requests that a device has to refuse.
 With --configure they write parameters, and start, stop and reset the node; with --store they store parameters; with

@@ -205,7 +205,7 @@ def _run_buses(args: argparse.Namespace) -> int:
 
 
 def _tell_status(args: argparse.Namespace) -> int:
-    """Print what running drives are doing."""
+    """Print the state of running drives."""
     channel = str(parse_channel(args.can))
     for node_id in parse_node_ids(args.node_id):
         with DriveClient.connect(channel, node_id) as client:
@@ -215,7 +215,7 @@ def _tell_status(args: argparse.Namespace) -> int:
 
 
 def parse_node_ids(text: str) -> list[int]:
-    """Return the node ids of ``3``, ``2,3`` or ``1-64``; ConfigError with what to write instead."""
+    """Return the node ids of ``3``, ``2,3`` or ``1-64``; ConfigError with the valid forms."""
     if text.strip() == _NO_NODE_ID:
         return [int(_NO_NODE_ID)]
     node_ids: list[int] = []

@@ -122,7 +122,7 @@ class PdoDocument(Document, frozen=True, kw_only=True):
 
 
 def checked(name: str, file: EdsFile) -> EdsCheckDocument:
-    """Return what reading a file has found."""
+    """Return the issues of reading a file."""
     count = dict.fromkeys(Severity, 0)
     for issue in file.issues:
         count[issue.severity] += 1

@@ -102,7 +102,7 @@ def _sentence(does: str) -> str:
 
 
 def drive_of(word: str, can: str | None) -> tuple[str, int]:
-    """Return the channel and the node id of the drive that is meant; ConfigError with what to write instead."""
+    """Return channel and node id of the selected drive; ConfigError with the valid forms."""
     nodes, silent = ask_nodes(can)
     node = find_node(word, nodes)
     if node is not None:

@@ -187,7 +187,7 @@ _SPARE_S = 1.0  # of a jog, until it is at its speed and to stop again
 
 
 def jog_interfaces(setup: RobotSetup) -> dict[str, str | None]:
-    """Return what each joint is turned by, in the order of the description: velocity, position, or None: not at all."""
+    """Return the interface that jogs each joint, in the order of the description: velocity, position, or None."""
     parts = (part for tag in setup.description.hardware for part in tag.joints)
     return {
         part.name: next((interface for interface in (VELOCITY, POSITION) if interface in part.command_interfaces), None)
@@ -268,7 +268,7 @@ class Jog:
         return PreflightStep("jog", passed, text)
 
     def stop(self) -> PreflightStep:
-        """Turn all joints that turned, press STOP, and see how long it takes until nothing moves under power.
+        """Jog all joints that turned, press STOP, and measure the time to standstill.
 
         Those that are led by their position go back where they came from.
         """
@@ -295,7 +295,7 @@ class Jog:
         return abs(sample["velocity"] - self.speed) <= self.speed * TOLERANCE
 
     def _groups(self) -> dict[str, list[str]]:
-        """Return the joints by what they are turned by."""
+        """Return the joints grouped by their jog interface."""
         groups: dict[str, list[str]] = {}
         for joint, interface in self._interfaces.items():
             groups.setdefault(interface, []).append(joint)

@@ -185,7 +185,7 @@ def _sentence(channel: str, played: PlayReport, lost: int) -> str:
 
 
 def node_ids_in(frames: Iterable[RecordedFrame]) -> set[int]:
-    """Return the node ids that frames come from or are for, by the predefined connection set."""
+    """Return the node ids of senders and receivers of frames, by the predefined connection set."""
     node_ids = set()
     for _, frame in frames:
         service, node_id = service_of(frame.can_id) or (None, 0)

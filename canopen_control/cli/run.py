@@ -295,7 +295,7 @@ def _collector_off() -> Iterator[None]:
 
 
 def _prepare(args: argparse.Namespace, *, motion: bool, table: bool) -> tuple[RobotSetup, RunOptions]:
-    """Read the files, and import what the run and its children need; ConfigError."""
+    """Read the files, and import the modules of the run and its child processes; ConfigError."""
     setup = read_setup(args)
     if motion and setup.reaches_real_drives:
         channels = setup.files.asked.real_word or ", ".join(setup.channels.values())
@@ -363,7 +363,7 @@ def _require_parts(args: argparse.Namespace, setup: RobotSetup) -> None:
 
 
 def _check_like(args: argparse.Namespace, setup: RobotSetup) -> None:
-    """Raise ConfigError for a personality that does not exist, or that no drive of this run could have."""
+    """Raise ConfigError for an unknown personality, or one that no drive of this run can have."""
     from canopen_control.personality import read_personality
     from canopen_control.virtual.quirks import quirks_of
 
@@ -384,7 +384,7 @@ def _check_physics(args: argparse.Namespace, setup: RobotSetup) -> None:
 
 
 def _plant(args: argparse.Namespace, setup: RobotSetup) -> Path | None:
-    """Return the plant file of the drives, None without one; ConfigError for mistakes in it, and what bars it."""
+    """Return the plant file of the drives, None without one; ConfigError for errors in it, or options against it."""
     if getattr(args, "plant", None) is None:
         return None
     for name in ("physics", "real", "mock", "no_drives"):

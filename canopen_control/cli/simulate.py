@@ -147,7 +147,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_served(parser: argparse.ArgumentParser) -> None:
-    """Declare for whom the robot runs, and how fast."""
+    """Declare the options for programs that use the simulated robot, and for its speed."""
     parser.add_argument(
         "--speed",
         type=_speed,
@@ -228,7 +228,7 @@ def _behave(robot: RobotUnderTest, args: argparse.Namespace) -> None:
 
 
 def _at_most(speed: float | None) -> float | None:
-    """Return how many times real time a simulation may go, None: as fast as it can."""
+    """Return the speed relative to real time, None for the maximum."""
     return None if speed == math.inf else speed
 
 
@@ -330,7 +330,7 @@ def _run_campaign(args: argparse.Namespace) -> int:
 
 
 def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[ScenarioEvent, ...], int, int]:
-    """Return what happens, the seed and how long, of the scenario file or drawn."""
+    """Return schedule, seed and duration, of the scenario file or random."""
     from canopen_control.simulation.motions import motions_of
     from canopen_control.simulation.random_schedule import draw_schedule, known_faults
     from canopen_control.simulation.scenario_steps import read_scenario_steps

@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _done(latch: bool, release: bool, has_drives: bool) -> str:
-    """Return what was done and what to call next; simulated and mocked joints have no drive that could be disabled."""
+    """Return the result and the next step; simulated and mocked joints have no drive to disable."""
     if release:
         return f"released, the drives are disabled; {NEXT}" if has_drives else f"released; {WITHOUT_DRIVES}"
     disabled = " and disabled" if has_drives else ""

@@ -255,7 +255,7 @@ class TeleopRobot:
         self._robot.ask(request, TIMEOUT_S)
 
     def news(self) -> list[str]:
-        """Return what the robot warns of."""
+        """Return the warnings of the robot."""
         events = [message for message in self._robot.messages(0) if isinstance(message, RobotEvent)]
         lines, self._news = [*self._news, *(event.text for event in events if event.level != "info")], []
         return lines

@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_view_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what to show, and how."""
+    """Declare the options for the shown frames and their form."""
     parser.add_argument(
         "--node", action="append", default=[], metavar="N", help="only this node: id or name (repeatable)"
     )
@@ -148,7 +148,7 @@ def _chunks(recording: Iterable[RecordedFrame]) -> Iterator[list[RecordedFrame]]
 
 
 def show(args: argparse.Namespace, network: NetworkDescription, source: Iterable[list[RecordedFrame]]) -> int:
-    """Print what the arguments want of `source`, a batch at a time; return the number of lines."""
+    """Print the selected frames of `source` by batches; return the number of lines."""
     decoder, selects = Decoder(network), _filter(args, network)
     line = _line_of(args, network)
     shown = 0

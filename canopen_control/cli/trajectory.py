@@ -56,7 +56,7 @@ _APART_S: Final = 0.045
 
 
 class TrajectoryRecording:
-    """Positions of `joints` as they come, at times in s; `most` is how many a trajectory may have."""
+    """Positions of `joints` at times in s; `most` is the maximum number of points of a trajectory."""
 
     def __init__(self, joints: Sequence[str], most: int) -> None:
         self.joints, self._most = tuple(joints), most

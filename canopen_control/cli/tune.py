@@ -139,7 +139,7 @@ def _add_proposal(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_what(parser: argparse.ArgumentParser) -> None:
-    """Declare what is done, of which there is one."""
+    """Declare the tests, which exclude each other."""
     group = parser.add_mutually_exclusive_group(required=True)
     group.add_argument("--step", metavar="X[rad/s|rpm|pps]", help="apply a velocity step")
     group.add_argument(
@@ -308,7 +308,7 @@ def _own(
 
 
 def _plan(request: TuneRequest, scale: JogScale, limits: JogLimits) -> Iterator[str]:
-    """Yield what the user confirms."""
+    """Yield the lines to confirm."""
     yield f"excitation: {request.words(scale)}"
     yield f"limits: {scale.velocity_words(limits.speed)}, {scale.position_words(limits.travel)} each way,"
     yield f"        current {limits.current / 10:g} % of the rated one, more for {PEAK_S:g} s at most"

@@ -172,7 +172,7 @@ class _VerbParser(argparse.ArgumentParser):
     def parse_known_args(  # type: ignore[override]  # of its three signatures, the one that is called
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> tuple[argparse.Namespace, list[str]]:
-        """Parse, and put such words under `xacro`; what follows --ros-args is ROS's."""
+        """Parse; NAME:=VALUE goes to `xacro`, arguments after --ros-args to ROS."""
         words = list(sys.argv[1:] if args is None else args)
         if not any(action.dest == XACRO for action in self._actions):
             return super().parse_known_args(words, namespace)

@@ -52,7 +52,7 @@ def shapes_of_world(nodes: Iterable[tuple[str, int]]) -> tuple[WorldShape, ...]:
 
 
 def signal_values(text: str) -> dict[str, float]:
-    """Return the values of ``di0=1,ai0=2.5`` by signal; ConfigError with what to write instead."""
+    """Return the values of ``di0=1,ai0=2.5`` by signal; ConfigError with the valid form."""
     values = {}
     for field in text.split(","):
         name, _, number = (part.strip() for part in field.partition("="))

@@ -140,7 +140,7 @@ class RobotClient(Client[RobotHello, RobotPush]):
         return cls(LineClient(socket_path("robot", robot), timeout, label=f"robot {robot}"), timeout)
 
     def sdo_write(self, request: SdoWrite, timeout: float) -> None:
-        """Download an object of any length that the robot passes on, in pieces where it is long."""
+        """Download an object of any length through the robot, in pieces if it is long."""
         data = request.data
         last_piece = max(0, len(data) - 1) // _PIECE * _PIECE  # the last piece goes with the request that writes
         for start in range(0, last_piece, _PIECE):

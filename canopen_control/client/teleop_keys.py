@@ -1,4 +1,4 @@
-"""From keys to velocities: the keys of ROS's teleop_twist_keyboard, with a dead-man that it does not have.
+"""Velocities from keys: the keys of ROS's teleop_twist_keyboard, with a dead-man timeout in addition.
 
 Sans-IO, time is `now` in monotonic nanoseconds. A terminal reports no release of a key, only that
 a held key repeats: for the first time after 0.25 to 0.66 s, then some 25 times a second. So the first press moves for
@@ -107,7 +107,7 @@ class KeyDecoder:
         return self._since + _ESCAPE_NS if self._buffer else None
 
     def tick(self, now: int) -> list[str]:
-        """Return what an unfinished sequence is when nothing follows it: the escape key."""
+        """Return the key of an unfinished sequence after its timeout: escape."""
         deadline = self.next_deadline()
         if deadline is None or now < deadline:
             return []

@@ -89,7 +89,7 @@ def parse_trajectory(text: str, path: str) -> tuple[list[str], list[TrajectoryPo
 
 
 def write_trajectory(path: str, joints: Sequence[str], points: Iterable[TrajectoryPoint]) -> None:
-    """Write a file that `read_trajectory` reads, a point on each line; ConfigError where it cannot be written."""
+    """Write a file for `read_trajectory`, one point per line; ConfigError if it cannot be written."""
     lines = [f"joint_names: [{', '.join(joints)}]", "points:"]
     for point in points:
         values = {"positions": point.positions, "velocities": point.velocities, "accelerations": point.accelerations}

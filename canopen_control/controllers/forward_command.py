@@ -235,7 +235,7 @@ TYPE = "canopen_control/TargetController"
 
 
 class TargetController(ForwardCommandController):
-    """Forwards one number to the command interface `target` of one joint; `interface` is what the number is now."""
+    """Forwards one number to the command interface `target` of one joint; `interface` is its present quantity."""
 
     topic: ClassVar[str | None] = TARGET
 

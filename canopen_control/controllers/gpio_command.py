@@ -280,7 +280,7 @@ class GpioCommandController(Controller):
         return OK
 
     def sample(self, wall_offset_ns: int) -> GpioSample:
-        """Return what inputs and outputs were at the last update."""
+        """Return the inputs and outputs of the last update."""
         return GpioSample(time=self.published(wall_offset_ns), parts=self._copy.by_joint())
 
     def _refuse_unless_active(self) -> None:

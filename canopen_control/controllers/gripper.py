@@ -92,7 +92,7 @@ class EffortGripperParams(GripperParams):
 
 
 def read_params(params: Params, name: str, cls: type[P]) -> P:
-    """Return the parameters of controller `name`; raise RobotConfigError with what is wrong in them."""
+    """Return the parameters of controller `name`; RobotConfigError with every error."""
     node = params.flat.get("joint")
     joint = "" if node is None else node.text
     found = params.read(_with_gains(cls, joint))
@@ -227,7 +227,7 @@ class PositionGripperActionController(Controller):
     # -------------------------------------------------------------------------------------------------- cycle
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Judge the goal, and command the joint."""
+        """Check the goal and command the joint."""
         self._read()
         if self.goal is not None:
             self._judge(now)

@@ -55,7 +55,7 @@ class GripStatus(enum.Enum):
 
 
 class StallDetector:
-    """Judges a gripper cycle by cycle; `timeout` in s."""
+    """Detects success and stall of a gripper cycle by cycle; `timeout` in s."""
 
     def __init__(self, tolerance: float, slowest: float, timeout: float) -> None:
         self._tolerance, self._slowest, self._timeout_ns = tolerance, slowest, round(timeout * 1e9)
@@ -66,7 +66,7 @@ class StallDetector:
         self._moved = now
 
     def look(self, now: int, error: float, velocity: float) -> GripStatus:
-        """Judge the position that is missing and the velocity."""
+        """Check position error and velocity."""
         if abs(error) < self._tolerance:
             return GripStatus.REACHED
         if abs(velocity) > self._slowest:

@@ -1,4 +1,4 @@
-"""The joint state broadcaster: what all joints measure.
+"""Joint state broadcaster: the measured states of all joints.
 
 Rules (ros2_controllers jazzy): `names` are the joints of a JointState, whose arrays have their length, a
 missing interface is not known; with a description only its movable joints are named, in alphabetical order, without one
@@ -99,5 +99,5 @@ class JointStateBroadcaster(Controller):
         return OK
 
     def sample(self, wall_offset_ns: int) -> JointStatesSample:
-        """Return what the joints measured at the last update."""
+        """Return the measured states of the last update."""
         return JointStatesSample(time=self.published(wall_offset_ns), names=self.names, joints=self._copy.by_joint())

@@ -75,7 +75,7 @@ class RateLimiter:
         return self._min_v if v < self._min_v else self._max_v if v > self._max_v else v
 
     def limit_acceleration(self, v: float, v0: float, dt: float) -> float:
-        """Clamp the step from v0: what slows down and what speeds up have bounds of their own."""
+        """Clamp the step from v0 by the bounds for acceleration and deceleration."""
         if not self._has_a:
             return v
         step = v - v0

@@ -91,7 +91,7 @@ class Limiter(Protocol):
     """Keeps the commands within the limits of the description (enforce_command_limits)."""
 
     def enforce(self, period: float) -> str | None:
-        """Change commands that exceed a limit; `period` in s. Return which, when that begins."""
+        """Limit commands; `period` in s. Return the limited ones when this begins."""
         ...
 
 
@@ -245,7 +245,7 @@ class ControllerManager:
         return {each.name: tuple(joints_of(each, running)) for each in running if each.is_base}
 
     def events(self) -> Events:
-        """Return what happened since the last call, in order."""
+        """Return the events since the last call, in order."""
         if not self.happened:
             return ()
         events = tuple(self.happened)
@@ -390,7 +390,7 @@ class ControllerManager:
                 self._fall_back(list(fallbacks), controller.name, now)
 
     def _fall_back(self, names: Sequence[str], failed: str, now: int) -> None:
-        """Activate what takes over from a controller that failed; those that are active already go on."""
+        """Activate the fallback controllers of a failed one."""
         wanted = [name for name in names if name not in self.active]
         try:
             self.switch(wanted, now=now)

@@ -262,7 +262,7 @@ class MobileBase(Controller):
         raise NotImplementedError(f"{type(self).__name__}.integrate_command (its name up to 0.2: believe)")
 
     def velocities(self) -> tuple[float, float, float]:
-        """Return how fast it is: forward and to the left in m/s, and in rad/s."""
+        """Return the velocities: forward and to the left in m/s, turning in rad/s."""
         raise NotImplementedError
 
     def follow(self, now: int) -> bool:

@@ -150,17 +150,20 @@ class PidController(Controller):
         return [f"{dof}/{self.params.command_interface}" for dof in self.params.dof_names]
 
     def state_interface_names(self) -> list[str]:
-        """Return what is controlled of each degree of freedom, then the derivatives of all; nothing if by messages."""
+        """Return the controlled states of the degrees of freedom, then their derivatives.
+
+        None if measured by messages.
+        """
         if self.params.use_external_measured_states:
             return []
         return [f"{dof}/{each}" for each in self.params.reference_and_state_interfaces for dof in self.params.measured]
 
     def reference_interfaces(self) -> Sequence[CommandInterface]:
-        """Return what another controller may command: references, then their derivatives."""
+        """Return the interfaces for another controller: references, then their derivatives."""
         return self._references
 
     def exported_states(self) -> Sequence[StateInterface]:
-        """Return what it measures, under the names of the references."""
+        """Return the measured states, under the names of the references."""
         return self._exported
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
@@ -246,7 +249,7 @@ class PidController(Controller):
         self.feed_forward = enabled
 
     def sample(self, wall_offset_ns: int) -> PidSample | None:
-        """Return what was of each degree of freedom in the last cycle."""
+        """Return the state of each degree of freedom in the last cycle."""
         if not self.stamp:
             return None
         return PidSample(

@@ -97,7 +97,7 @@ class PidParams(CommonParams):
 
 
 def read_params(params: Params, name: str) -> PidParams:
-    """Return the parameters of controller `name`; raise RobotConfigError with what is wrong in them."""
+    """Return the parameters of controller `name`; RobotConfigError with every error."""
     node = params.flat.get("dof_names")
     dofs = tuple(dict.fromkeys(each.text for each in node.elements())) if node is not None else ()
     found = params.read(_with_gains(dofs))

@@ -179,7 +179,7 @@ def read_params(params: Params, cls: type[SteeringParams]) -> SteeringParams:
 
 
 def _renames(params: Params, cls: type[SteeringParams]) -> dict[str, str]:
-    """Return the names of keys by front and rear wheels, as `front_steering` has it; "" for what has no effect."""
+    """Return the new names of keys for front and rear wheels by `front_steering`; "" for keys without effect."""
     node = params.flat.get("front_steering")
     by_front = node is None or node.text.lower() != "false"
     known = cls.__dataclass_fields__
@@ -268,7 +268,7 @@ def is_ros1(params: Params) -> bool:
 def read_ros1(
     params: Params, geometry: WheelGeometrySource | None = None, report: Callable[[str], object] = lambda _: None
 ) -> Ros1AckermannParams:
-    """Return the parameters as a bicycle has them, not yet checked for what cannot be together.
+    """Return the parameters as those of a bicycle, not yet checked for contradictions.
 
     Sizes that are not given are those of the description's `geometry`; `report` is told of each.
     """

@@ -503,7 +503,7 @@ class UpdateLoop:
 
 @dataclass(frozen=True, slots=True)
 class Switched:
-    """The result of a switch of controllers: what was activated and deactivated."""
+    """Result of a switch: activated and deactivated controllers."""
 
     activated: tuple[str, ...] = ()
     deactivated: tuple[str, ...] = ()

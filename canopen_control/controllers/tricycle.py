@@ -50,7 +50,7 @@ class TractionLimits:
     max_jerk: float = setting(NAN, low=0.0, nan=True, help="half of the rad/s^3")
 
     def limiter(self) -> RateLimiter:
-        """Return what limits the speed; upstream's jerk counts twice."""
+        """Return the limiter of the speed; upstream's jerk counts twice."""
         gain, loss = self.max_acceleration, self.max_deceleration
         if math.isnan(gain) and not math.isnan(loss):
             gain = math.inf

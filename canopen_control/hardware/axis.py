@@ -205,7 +205,7 @@ _TARGETS: Final = (
 
 
 class AxisObjectLimits:
-    """What the drive allows, in its own units; `deceleration` in units/s^2 is what a ramp of the master uses.
+    """Limits in the drive, in its own units; `deceleration` in units/s^2 is that of the master's ramps.
 
     `blocked` is the direction, 1 or -1, that an active limit (bit 11) closes, 0 for none. `described` is the velocity
     limit of the description, or a lower one of this run, in rad/s (m/s) of the axis, infinite where there is none;
@@ -256,7 +256,7 @@ class AxisObjectLimits:
         return self.within(raw, self.most)
 
     def within(self, raw: int, most: float) -> int:
-        """Return a velocity within `most`, in the same units, that no active limit forbids."""
+        """Return a velocity within `most`, in the same units, that respects the active limits."""
         if raw * self.blocked > 0:
             return 0
         if -most <= raw <= most:
@@ -343,7 +343,7 @@ class AxisProcessData:
                 output.set(raw if is_position else 0)
 
     def _require_widths(self) -> None:
-        """Raise RobotConfigError for objects that are narrower than what CiA 402 makes of them."""
+        """Raise RobotConfigError for objects narrower than in CiA 402."""
         positions = [self.target_objects[mode] for mode, name in self.own_modes.items() if name == POSITION]
         wide = dict.fromkeys((*_WIDTHS, *((address, 32) for address in positions)))
         for (index, subindex), least in wide:

@@ -44,7 +44,7 @@ _NOT_GIVEN: Final = {"pos_to_dev": 1000.0, "pos_from_dev": 0.001, "vel_to_dev": 
 
 
 class AxisParameters:
-    """The parameters of one axis; `on_loaded` is called after each `load`, `failed` names what did not answer.
+    """Parameters of one axis; `on_loaded` is called after each `load`, `failed` lists objects without an answer.
 
     With `profile` the ramp is asked for too that the drive would make by itself (0x6081, 0x6083). `tell` takes what was
     found later, in a sentence.

@@ -57,7 +57,7 @@ NEAR: Final = 0.002  # rad or m: so far outside it may still move back
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class JointLimiter:
-    """Clamps the commands of one joint; `before` are the last ones, nan where none was given since `reset`."""
+    """Limiter of one joint's commands; `before` are the last ones, nan without one since `reset`."""
 
     def __init__(self, limits: HardLimits) -> None:
         self.limits = limits
@@ -286,7 +286,7 @@ class Limited:
         return False
 
     def enforce(self, period: float, clock: float) -> str | None:
-        """Clamp the commands; return what was asked for and what limits it, where that begins.
+        """Clamp the commands; return commands and limits when this begins.
 
         `clock` is how much time has passed in the cycles until the end of this one, in s.
         """
@@ -420,7 +420,7 @@ class JointCommands(Limited):
         return min(max(value, behind), ahead)
 
     def _quantity(self, at: int, value: float) -> str:
-        """Return a value with the unit that it has in the description."""
+        """Return a value with the unit of the description."""
         length = "m" if self._joint.type == "prismatic" else "rad"
         if at == EFF:
             return f"{value:g} {'N' if length == 'm' else 'Nm'}"
@@ -557,7 +557,7 @@ _KINDS: Final[Mapping[str, type[JointCommands]]] = MappingProxyType({POSITION: J
 
 
 def limited_joint(joint: Joint, limits: HardLimits, commands: Commands, states: States) -> Limited:
-    """Return what limits these commands of a joint with the least work."""
+    """Return the cheapest limiter for these commands of a joint."""
     if joint.soft is not None:
         return JointCommands(joint, limits, commands, states)
     parts = [_KINDS.get(command.interface, JointCommands)(joint, limits, [command], states) for command in commands]
@@ -599,7 +599,7 @@ class CommandLimits:
                 self._limited.append(limited_joint(joint, limits, limitable, states))
 
     def enforce(self, period: float) -> str | None:
-        """Change commands that exceed a limit; return which, when that begins. `period` in s."""
+        """Limit commands; return the limited ones when this begins. `period` in s."""
         self._clock = clock = self._clock + period
         judged = period > 0.0
         texts: list[str] | None = None

@@ -126,7 +126,7 @@ class OutputSignal:
 
 
 def _bounds(entry: Entry) -> tuple[float, float]:
-    """Return what an object can hold by its type."""
+    """Return the range of an object by its type."""
     if entry.data_type.is_integer:
         return entry.data_type.minimum, entry.data_type.maximum
     return (-3.4e38, 3.4e38) if entry.data_type is DataType.REAL32 else (-1.7e308, 1.7e308)
@@ -195,7 +195,7 @@ class RawInput:
         return self.read_at if self._input is None or self._input.pdo.stamp < 0 else self._input.pdo.stamp
 
     def poll(self, now: int) -> bool:
-        """Ask for it by SDO where it is time to; return whether that was done."""
+        """Read it by SDO if it is due; return whether it was read."""
         if self._input is not None or now - self._asked < POLL_NS:
             return False
         self._asked = now
@@ -251,7 +251,7 @@ class NodeInputs:
             self.jumps.append(text)
 
     def poll(self, now: int) -> None:
-        """Ask for one of those that no TPDO carries."""
+        """Read one of the inputs without a TPDO."""
         if self.ready:
             for device_input in self._inputs.values():
                 if device_input.polled and device_input.poll(now):
@@ -510,7 +510,7 @@ class DevicePart:
             output.read()
 
     def write(self) -> None:
-        """Send what was commanded."""
+        """Send the commands."""
         for output in self._outputs.values():
             output.write()
 
@@ -599,7 +599,7 @@ class DeviceParts:
         return False
 
     def take_news(self) -> list[tuple[RemoteNode, str, str]]:
-        """Return node, kind and sentence of what happened since the last call: a node was lost, an input jumped."""
+        """Return events since the last call as node, kind and sentence: lost nodes, jumps of inputs."""
         events = []
         for inputs in self._nodes.values():
             jumps, inputs.jumps = inputs.jumps, []
@@ -629,12 +629,12 @@ class DeviceParts:
             part.read(now)
 
     def write(self) -> None:
-        """Send what was commanded."""
+        """Send the commands."""
         for part in self._parts:
             part.write()
 
     def poll(self, now: int) -> None:
-        """Ask the nodes for inputs that no TPDO carries, each for one."""
+        """Read inputs without a TPDO, one per node."""
         for inputs in self._nodes.values():
             inputs.poll(now)
 

@@ -120,19 +120,19 @@ class Engine(Protocol):
     """Simulation of coupled motors and their sensors, used instead of independent motors."""
 
     def motor(self, joint: str) -> SimulatedMotor | None:
-        """Return the motor of a joint, None where it has none; its target counts at the next step of all."""
+        """Return the motor of a joint, None without one; its target is used from the next step on."""
 
     def sensed(self, interface: str) -> Callable[[], float] | None:
-        """Return what reads a state interface of a sensor, such as "imu/orientation.x"; None: it measures no such."""
+        """Return a function that reads a sensor's state interface, such as "imu/orientation.x"; None if unknown."""
 
     def step(self, seconds: float) -> None:
         """Advance all motors and sensors by a time step."""
 
     def scan(self, seconds: float) -> Sequence[LaserScanReading]:
-        """Return what its lidars see now, `seconds` into the simulation."""
+        """Return the present scans of its lidars, `seconds` into the simulation."""
 
     def reset(self, keyframe: str) -> None:
-        """Bring everything back to where it began, or to a key frame; ControlError for one that is not there."""
+        """Reset to the start, or to a key frame; ControlError for an unknown one."""
 
     def act(self, world_act: WorldAct) -> None:
         """Apply a disturbance to its world now; ConfigError for a missing link or joint."""
@@ -293,7 +293,7 @@ class SimulatedSystem(ComponentLifecycle):
             self._engine.act(world_act)
 
     def reset(self, keyframe: str) -> None:
-        """Bring the joints back to where they began, at rest; a `keyframe` is one of the engine's model."""
+        """Reset the joints to the start, at rest; a `keyframe` is one of the engine's model."""
         if self._engine is not None:
             self._engine.reset(keyframe)
         elif keyframe:
@@ -373,7 +373,7 @@ _Extras = tuple[list[StateInterface], list[CommandInterface], list[tuple[Command
 
 
 def _extras(parts: Sequence[ControlJoint]) -> _Extras:
-    """Return what sensors and gpios export: states at their initial values, commands shown in states of their name."""
+    """Return the states of sensors and GPIOs: initial values, and commands with a state of the same name."""
     states: list[StateInterface] = []
     commands: list[CommandInterface] = []
     mirrored: list[tuple[CommandInterface, StateInterface]] = []

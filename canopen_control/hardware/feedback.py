@@ -258,7 +258,7 @@ class Feedback:
         return doubt_unit(self._axis, speed, raw, rising=rising)
 
     def _largest_step(self, elapsed_ns: int) -> int:
-        """Return what can lie between two samples: twice the way at the present velocity, and a revolution."""
+        """Return the largest change between two samples: twice that of the present velocity, plus a revolution."""
         axis = self._axis
         slack = self._slack
         if self._raw_velocity is not None:

@@ -202,7 +202,7 @@ _LIVE: Final = FeedbackStatus.LIVE
 
 
 class JointDrive(JointParts):
-    """A joint bound to one axis of one node; the interfaces are what controllers claim.
+    """Joint bound to one axis of one node; controllers claim its interfaces.
 
     `power` is where it is in its statechart. `resume` is set by a stop whose cause may be mended without a user: the
     joint was enabled before it. `<param name="holds_load">true</param>` says that its load would fall without power.
@@ -371,7 +371,7 @@ class JointDrive(JointParts):
             targets.write_outputs()
 
     def supervise(self) -> None:
-        """Check what need not be checked in every cycle; called ten times a second."""
+        """Run the checks that are not needed in every cycle; called ten times a second."""
         if self._watch.leaves_limit():
             self._events.append(JointEvent("limit_left", "the limit is left", Level.INFO))
         self._motion.look(self.targets.current, self.enabled)

@@ -100,7 +100,7 @@ class JointTargets:
         return None if target is None else target.interface
 
     def leading_interface(self, interfaces: Collection[str]) -> str:
-        """Return which of the interfaces that are claimed together drives the joint; DriveError where none could.
+        """Return the leading one of the interfaces claimed together; DriveError if the combination is invalid.
 
         Beside a position in CSP there may be its velocity and effort, whose offsets RPDOs carry.
         """
@@ -309,7 +309,7 @@ class ModeTarget:
         return False
 
     def events(self) -> Sequence[SetPointEvent]:
-        """Return what happened since the last call."""
+        """Return the events since the last call."""
         return ()
 
     def _same(self, value: float) -> bool:
@@ -321,7 +321,7 @@ class ModeTarget:
 
 
 def stop_slope(axis: AxisProcessData, speed: float) -> float:
-    """Return units/s^2 of a stop: the drive's (0x6084), or what stops this speed in half a second."""
+    """Return the deceleration of a stop in units/s^2: the drive's (0x6084), or one that stops in half a second."""
     slope = axis.limits.deceleration
     return slope if math.isfinite(slope) and slope > 0 else speed / _DEFAULT_STOP_S
 
@@ -657,7 +657,7 @@ class SetPointTarget(_PositionTarget):
         return True
 
     def events(self) -> Sequence[SetPointEvent]:
-        """Return what happened to the set-points."""
+        """Return the events of the set-points."""
         return self._handshake.events()
 
     def _take_back(self, target: int) -> None:

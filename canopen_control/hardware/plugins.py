@@ -76,7 +76,7 @@ class _Joint:
         self.follows: tuple[_Joint, Mimic] | None = None
 
     def reset(self, offset: float) -> None:
-        """Set the states to what they start with; `offset` is added to the position."""
+        """Set the states to their initial values; `offset` is added to the position."""
         for name, state in self.states.items():
             initial = self.initial[name]
             state.value = (0.0 if math.isnan(initial) else initial) + (offset if name == POSITION else 0.0)

@@ -46,7 +46,7 @@ J = TypeVar("J", bound=GroupMember)
 
 
 class BaseJoints(Generic[J]):
-    """The joints that one controller of a base holds; `name` is the controller's."""
+    """Joints claimed by one base controller; `name` is the controller's."""
 
     __slots__ = ("joints", "name")
 

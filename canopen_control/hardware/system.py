@@ -63,7 +63,7 @@ class Recovery:
         self._joints, self._report = joints, report
 
     def step(self, now: int) -> None:
-        """Enable what waits and can go; a few times a second is enough."""
+        """Enable joints that wait and are ready; call a few times a second."""
         waiting = [joint for joint in self._joints if joint.resume]
         for joint in waiting:
             if joint.resume and all(_can_go(member) for member in joint.group.joints if member.resume):

@@ -1,4 +1,4 @@
-"""Tracking error of a joint: how far behind its set-points it is, and which set-points were repeated or skipped.
+"""Tracking of a joint: its error, and repeated or skipped set-points.
 
 What a drive measures at a SYNC is compared with the set-point that it was to have reached then,
 not with the newest one: it takes a set-point with the SYNC after the RPDO and arrives a period later (0x60C2), so that

@@ -60,7 +60,7 @@ def write_whole(path: str | Path, data: bytes) -> None:
 
 @contextlib.contextmanager
 def telling(path: str | Path, kept: str) -> Iterator[None]:
-    """Convert an OSError of a write to `path`: DiskFull with what was `kept`, else ConfigError."""
+    """Convert an OSError of a write to `path`: DiskFull with the text `kept`, else ConfigError."""
     try:
         yield
     except OSError as error:

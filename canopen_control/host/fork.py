@@ -1,4 +1,4 @@
-"""Children that are forks of this process: they begin with every module that it has imported.
+"""Child processes as forks of this process, with its imported modules.
 
 A fork is for programs of our own that have one thread, before they own anything that two processes cannot share:
 `allow_forks` declares that, and `can_fork` is False in every other process, as in a user's program. The child begins

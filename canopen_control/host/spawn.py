@@ -316,7 +316,7 @@ def spawn_detached(
 
 
 def _start_detached(argv: Sequence[str], report_fd: int, log: LogFile, main: Main | None) -> int:
-    """Start the process through one that ends at once, a shell or a fork; return the process group, which was its."""
+    """Start the process through an intermediate shell or fork that ends at once; return the process group."""
     environment = clean_environment(ros=False)
     environment[READY] = str(report_fd)
     starter: subprocess.Popen[bytes] | ForkedProcess

@@ -1,4 +1,4 @@
-"""The keys of bus.yml: those of ros2_canopen, and what this package adds, as frozen dataclasses.
+"""Keys of bus.yml, those of ros2_canopen and additional ones, as frozen dataclasses.
 
 Every key that ros2_canopen reads stands here. It is either honoured, or listed in
 `UNUSED_MASTER` or `UNUSED_NODE` with what takes its place, and then named once to the user; none is dropped silently.
@@ -322,7 +322,7 @@ class UnitKeys:
     guesses: list[str] = field(default_factory=list)
 
     def with_scale(self, to_device: float) -> UnitKeys:
-        """Return these with all four scales made of one, device units per SI unit."""
+        """Return these units with all four scales derived from one, in device units per SI unit."""
         back = 1 / to_device
         return replace(
             self,

@@ -1,4 +1,4 @@
-"""The master of one bus: frames in, frames out, every node supervised. Sans-IO like the services it is made of.
+"""Master of one bus: frames in, frames out, all nodes supervised. Sans-IO like its services.
 
 A frame is routed by one look-up of its identifier and never raises, whatever it holds; frames
 nobody expects are counted in `unknown`. PDOs go straight to the process image. Everything else wakes the node it is
@@ -110,7 +110,7 @@ class SecondMasterDetector:
     def handlers(
         self, own_id: int, sync: int, nodes: dict[int, RemoteNode]
     ) -> Iterator[tuple[int, Callable[[bytes, int, int], None]]]:
-        """Return what takes the frames of each identifier that only a master sends, RPDOs apart."""
+        """Return the handlers of frames that only a master sends, by identifier, except RPDOs."""
         yield 0, self._on_nmt
         yield sync, self._handler(sync, Evidence.MASTER, f"SYNC 0x{sync:03X}")
         for node_id in {own_id, *_CUSTOMARY} - nodes.keys():
@@ -122,7 +122,7 @@ class SecondMasterDetector:
             yield can_id, self._on_sdo(can_id, node)
 
     def on_rpdo(self, can_id: int, node: RemoteNode) -> Callable[[bytes, int, int], None]:
-        """Return what takes the frames of an RPDO."""
+        """Return the handler of an RPDO."""
         return self._handler(can_id, Evidence.MASTER, f"RPDO 0x{can_id:03X} of {node.who}")
 
     def on_expected_sync(self, can_id: int, period_ns: int, now: int, late: bool) -> None:
@@ -411,7 +411,7 @@ class Network:
             handlers.setdefault(sent.cob_id, self._foreign.on_rpdo(sent.cob_id, node))
 
     def _lay_out(self, node: RemoteNode, result: BootResult) -> None:
-        """Exchange process data as the boot found or made them; they begin with the node's own values."""
+        """Set up process data as the boot found or configured them, with the node's own values."""
         own = {(kind, layout.number): layout for kind, layout in result.adopted}
         for planned, received in zip(node.plan.tpdos, node.received, strict=True):
             layout = own.get(("tpdo", planned.number), planned)
@@ -463,7 +463,7 @@ class Network:
             self._handlers[default] = astray
 
     def _checked(self, node: RemoteNode, pdo: ReceivedPdo) -> Callable[[bytes, int, int], None]:
-        """Return what takes a TPDO of a length that is not its own."""
+        """Return a handler for a TPDO with a wrong length."""
         right, receive = pdo.codec.length, pdo.receive
 
         def on_pdo(data: bytes, length: int, now: int) -> None:

@@ -103,7 +103,7 @@ def _objects(
 
 
 def _signal(plan: NodePlan, mapped: MappedObject) -> _Meaning | None:
-    """Return what an input or output of a device means, where no number of the device has a part in it."""
+    """Return the scale of a device's input or output, if no object of the device affects it."""
     for signal in plan.signals.values():
         if signal.address == (mapped.index, mapped.subindex) and signal.bit is None and not signal.scales:
             own = signal.data_type in (None, mapped.data_type)

@@ -1,4 +1,4 @@
-"""The configuration plan of a node: a list of SDO writes and a PDO layout, made of bus.yml and the EDS.
+"""Configuration plan of a node: SDO writes and PDO layout, from bus.yml and the EDS.
 
 Everything is decided here, before the first frame is sent, and whatever does not fit (an object
 the EDS lacks, a value out of its type, a mapping over 64 bits) is an error of the configuration, not of the boot.
@@ -318,7 +318,7 @@ def _turns(node: NodeConfig, od: ObjectDictionary) -> dict[int, float]:
 
 
 def _expected(builder: PlanBuilder) -> Iterator[PlannedWrite]:
-    """Yield what scales count on: 0x607E, and with a scale in bus.yml 0x608F, 0x6091, 0x6092.
+    """Yield the objects on which scales depend: 0x607E, and with a scale in bus.yml 0x608F, 0x6091, 0x6092.
 
     They are not written: they describe motor and mechanics, and a drive that was commissioned holds the right ones.
     """

@@ -1,4 +1,4 @@
-"""Builds the plan of a node: encodes and marks its SDO writes, and reports what does not fit.
+"""Builder of a node's plan: encodes and marks its SDO writes, and reports errors.
 
 A write is encoded here once, as the EDS types its object, so that all speak of the same bytes.
 What can be read back is compared before it is written and verified after; what cannot (objects without read access, the

@@ -1,4 +1,4 @@
-"""The PDOs of a plan: which are live, what they carry, and the writes that make it so (CiA 301, 7.5.2.35 to 38).
+"""PDOs of a plan: enabled PDOs, their mapping, and the writes for them (CiA 301, 7.5.2.35 to 38).
 
 A PDO is made invalid before anything of it is changed, and valid last; bit 30 of its COB-ID is the
 device's own. What bus.yml does not say is as in the EDS, and written all the same: a device may have stored something

@@ -108,7 +108,7 @@ def work_words(name: str, text: str, node: str, robot: str) -> list[str]:
 
 
 class WorkRun:
-    """A verb that runs; `title` is what was typed, `code` its exit code, None while it runs.
+    """Running verb; `title` is its line, `code` its exit code, None while it runs.
 
     CanopenError where there can be no process.
     """
@@ -239,7 +239,7 @@ class DriveObjects:
             return self._history(node).write(session, entry, value).words
 
     def undo(self) -> str:
-        """Undo the newest write at this node, and return what that changed; CanopenError with the reason. Waits."""
+        """Undo the newest write at this node, and return the change; CanopenError with the reason. Waits."""
         if (node := self._node) is None:
             raise ConfigError(f"undo: {self._why}")
         with self._editing, node.session() as session:

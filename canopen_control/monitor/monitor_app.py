@@ -194,7 +194,7 @@ class WorkChoice(OptionList):
 
 
 class DrivePane(Vertical):
-    """The drive's objects, live; below them the choice of what may be done, and the lines of the verb that does it."""
+    """Objects of the drive, with the choice of actions and the output of its verb."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -540,7 +540,7 @@ class MonitorApp(App[None]):
             self._on_thread("undo", looking.undo)
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        """Ask for the line of what was chosen."""
+        """Open the input line of the chosen action."""
         self._chosen = event.option.id or ""
         self._drive.choice.remove_class("shown")
         if self._chosen == SET:

@@ -135,7 +135,7 @@ class BusTable:
         return MonitorContent(title, state, "", facts, drives, joints)
 
     def log(self) -> list[LogLine]:
-        """Return what happened since the last call."""
+        """Return the log since the last call."""
         lines, self._log = self._log, []
         return lines
 
@@ -300,7 +300,7 @@ class RobotLink:
         return self.state is not None and time.monotonic() - self._heard < _SILENCE_S
 
     def events(self) -> list[RobotEvent]:
-        """Return what happened since the last call."""
+        """Return the events since the last call."""
         events = []
         while self._events:
             events.append(self._events.popleft())
@@ -486,10 +486,10 @@ class ScreenSource(Protocol):
         """Select a node and return its objects; None if they cannot be read."""
 
     def content(self) -> MonitorContent:
-        """Return how it is now."""
+        """Return the present content."""
 
     def log(self) -> list[LogLine]:
-        """Return what happened since the last call."""
+        """Return the log since the last call."""
 
     def emergencies(self) -> list[LogLine]:
         """Return the emergencies since the last call."""
@@ -633,7 +633,7 @@ class BusSource:
         return self._table.content(time.time_ns(), f"{self.network.channel} (listening only)", tuple(facts))
 
     def log(self) -> list[LogLine]:
-        """Return what happened since the last call."""
+        """Return the log since the last call."""
         return self._table.log()
 
     def emergencies(self) -> list[LogLine]:

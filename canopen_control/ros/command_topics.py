@@ -37,7 +37,7 @@ class ForwardCommands(Endpoint):
         )
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Know whether it is active, and how many joints it has."""
+        """Update state and number of joints of the controller."""
         self._controller = controller
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""From the API's messages to what ROS messages hold, as plain numbers: this file imports no ROS.
+"""Conversions from messages of the API to fields of ROS messages, without ROS.
 
 Rules (REP 103, REP 107, ros2_control): SI units on both sides; what the API does not know (None) is nan;
 the arrays of a joint state have one length; a stamp is when the sample was taken, not when it is sent.

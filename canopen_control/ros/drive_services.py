@@ -75,7 +75,7 @@ class DriveTargets:
     def command(
         self, controller: ControllerReading, joint: str, target: float, joints: Mapping[str, JointReading]
     ) -> list[float]:
-        """Return the command that gives one joint a target, and leaves the others what they have."""
+        """Return the command with one joint's target; other joints keep theirs."""
         now = time.monotonic()
         self._told[controller.name, joint] = (now, target)
         return [self._value(controller, name, joints.get(name), now) for name in controller.joints]
@@ -112,7 +112,7 @@ class DriveServices(Endpoint):
         ]
 
     def on_state(self, state: StateSample) -> None:
-        """Know the newest sample: which joints it drives, and what they are commanded."""
+        """Store the newest sample with joints and commands."""
         self._state = state
 
     def close(self) -> None:

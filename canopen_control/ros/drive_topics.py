@@ -75,7 +75,7 @@ class DriveTopics(Endpoint):
             self._emcy.publish(self._emergency(event))
 
     def on_process_data(self, nodes: dict[str, list[MappedValue]]) -> None:
-        """Publish what has come of this node."""
+        """Publish the received values of this node."""
         if not self._listeners:
             return
         for mapped in nodes.get(self._view.name, ()):

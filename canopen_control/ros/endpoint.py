@@ -89,7 +89,7 @@ class Ros(Protocol):
 
 
 def success_of(response: RosMessage, reply: Reply) -> Callable[[object, str | None], None]:
-    """Return what answers a service that has `success` and `message`, once the robot has answered, or refused."""
+    """Return a callback that answers a service with `success` and `message`."""
 
     def answer(_done: object, error: str | None) -> None:
         response.success, response.message = error is None, error or ""

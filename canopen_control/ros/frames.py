@@ -43,7 +43,7 @@ class Frames(Endpoint):
         self._publish_fixed(0.0)
 
     def on_state(self, state: StateSample) -> None:
-        """Publish what has moved."""
+        """Publish the changed transforms."""
         based = frames_with_a_place(state)
         if based != self._based:
             self._based = based

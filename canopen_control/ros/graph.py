@@ -241,7 +241,7 @@ class Graph:
         self._node.create_subscription(class_of(kind), topic, callback, quality_of(infos))
 
     def publisher(self, topic: str, kind: str, data: object) -> Publication:
-        """Return what publishes a message made of data; raises ConfigError."""
+        """Return a publisher of a message made from data; ConfigError if it is invalid."""
         message = _filled(class_of(kind)(), data)
         publisher = self._node.create_publisher(type(message), topic, 10)
         return Publication(

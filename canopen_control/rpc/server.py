@@ -69,7 +69,7 @@ class ServerObserver(Protocol):
 
 
 class Server(Generic[H, P]):
-    """Serves an `Api` on a Unix socket from a reactor; `hello()` is what each client is greeted with.
+    """Server of an `Api` on a Unix socket in a reactor; `hello()` returns the greeting.
 
     `keeps(connection)` names those who may stay although they are silent; SocketInUse when somebody serves the path
     already; `listener` is for who listens there before he serves. `check` tells whether every method has its handler.

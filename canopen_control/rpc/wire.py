@@ -46,7 +46,7 @@ def read_line(line: bytes) -> dict[str, Raw]:
 
 
 def read_request(line: bytes) -> Incoming:
-    """Return a request that anybody may have sent; ValueError, before decoding, for one that takes long."""
+    """Return a request from an untrusted client; ValueError, before decoding, for one that would take long."""
     if too_many_values(line):
         raise ValueError(f"more than {MAX_VALUES} values")
     fields = read_line(line)

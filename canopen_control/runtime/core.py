@@ -315,7 +315,7 @@ class RobotCore:
         return f"no TPDO has brought the statusword of {names}; see: canopen-control trace --service pdo"
 
     def join(self) -> None:
-        """Open the buses, which starts those that a program serves; BusError. `start` begins."""
+        """Open the buses, and start local ones; BusError. `start` starts the robot."""
         self._with_buses(RobotBus.join)
 
     def has_heard(self, names: Iterable[str]) -> bool:

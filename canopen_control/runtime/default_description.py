@@ -1,4 +1,4 @@
-"""A bus without ros2_control: what its nodes are when there is neither a URDF nor a ros2_controllers.yaml.
+"""Description and controllers of a bus without a URDF and a ros2_controllers.yaml.
 
 Rules (ros2_canopen's device container): a node is what `driver` of bus.yml says. A CiA 402 drive
 (`ros2_canopen::Cia402Driver`, or no driver and an EDS with a controlword) is a joint with the name of the node, or of a

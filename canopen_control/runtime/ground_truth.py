@@ -75,7 +75,7 @@ def odometry_at(manager: ControllerManager, ahead_ns: int) -> tuple[str, Planar]
 
 
 class TruePoseQuery:
-    """Asks `drives`, by the names of their sockets, until one moves a base, and then that one every `period_ns`.
+    """Queries `drives`, by their sockets, until one moves a base, and then that one every `period_ns`.
 
     `take` gets the pose that it answers, `sense` what the sensors of its world measure; with sensors a world without a
     base will do.

@@ -82,7 +82,7 @@ class LaunchFile:
         return (text.strip().lower() in _TRUE) is not condition.negated
 
     def arguments_in(self, text: str) -> set[str]:
-        """Return the arguments that a text is made of, those in the defaults of others included."""
+        """Return the arguments used in a text, including those in defaults of others."""
         names, new = set[str](), set(_VARIABLE.findall(text))
         while new:
             names |= new

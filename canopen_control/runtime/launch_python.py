@@ -50,7 +50,7 @@ class LaunchCondition:
 
 @dataclass(frozen=True, slots=True)
 class LaunchInclude:
-    """Another launch file that is included, and what its arguments are given; a `file` of None is computed."""
+    """Included launch file with its arguments; a `file` of None is computed."""
 
     file: str | None
     arguments: dict[str, str]
@@ -238,7 +238,7 @@ class _Reader:
         return [] if node is None else [node]
 
     def _files(self, node: ast.AST) -> None:
-        """Collect what names a file, whole paths only, and the commands."""
+        """Collect file names, as whole paths, and commands."""
         if isinstance(node, ast.Call) and _called(node) == "process_file" and (text := self._processed(node)):
             self.launch.found.append(LaunchText(text, node.lineno))
             return

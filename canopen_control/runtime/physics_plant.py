@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 def sensed_parts(setup: RobotSetup, tag: Ros2ControlSystem) -> list[ControlJoint]:
-    """Return the sensors of a tag that the world measures: with physics, those that no device is."""
+    """Return the sensors of a tag that the world simulates: with physics, those without a device."""
     if not setup.physics:
         return []
     nodes = {name: node.node_id for bus in setup.buses.values() for name, node in bus.nodes.items()}
@@ -169,7 +169,7 @@ def _copied_from(description: UrdfDescription) -> Iterator[str]:
 
 
 def _sensor_lines(setup: RobotSetup) -> list[str]:
-    """Return what of the description's sensors the world measures, as lines of the file."""
+    """Return the sensors of the description as lines of the plant file."""
     sensors = world_sensors(setup)
     lines = [
         f"  {json.dumps(name)}: {{kind: {sensor.kind}, link: {json.dumps(sensor.link)}, noise: {sensor.noise!r}, "
@@ -180,13 +180,13 @@ def _sensor_lines(setup: RobotSetup) -> list[str]:
 
 
 def _bus_of(setup: RobotSetup, node: str) -> str:
-    """Return what an address in the plant file begins with, nothing on the main bus."""
+    """Return the prefix of an address in the plant file, "" for the main bus."""
     bus = next(name for name, bus in setup.buses.items() if node in bus.nodes)
     return "" if bus == MAIN_BUS else f"{bus}:"
 
 
 def _encoders(setup: RobotSetup) -> Iterator[str]:
-    """Yield the encoders of joints that nothing commands: their `device_name` is a node that measures them."""
+    """Yield the encoders of joints without a command: their `device_name` is the node of the encoder."""
     nodes = {name: node.node_id for bus in setup.buses.values() for name, node in bus.nodes.items()}
     for part in (joint for tag in setup.description.hardware for joint in tag.joints):
         device = part.parameters.get("device_name", "")

@@ -1,4 +1,4 @@
-"""Real-time scheduling of the robot's thread: what `--realtime` and `--cpu` ask of the kernel.
+"""Real-time scheduling of the robot's thread by the options `--realtime` and `--cpu`.
 
 What was asked for is had, or the run ends before anything moves, with the command that would
 allow it; only that the processors stay awake is asked for and not insisted on: most users may not. Nothing of it

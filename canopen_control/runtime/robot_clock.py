@@ -52,7 +52,7 @@ class WallClock:
         return self.follow()
 
     def follow(self) -> int:
-        """Follow the clock now; return by how many ns it was set forward, negative: back, 0: it was not set."""
+        """Follow the clock now; return its step in ns, negative for a step back, 0 for none."""
         if not self._follows:
             return 0
         before = self._now()

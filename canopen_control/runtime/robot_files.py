@@ -73,7 +73,7 @@ class AskedHardware:
         return [self.channel]
 
     def is_real(self, *, option: bool) -> bool:
-        """Return whether the drives are to be real, by `--real` or an argument; RobotConfigError where they differ."""
+        """Return whether the drives are real, by `--real` or an argument; RobotConfigError if they contradict."""
         if option and self.real is False:
             raise RobotConfigError(f"{self.real_word} contradicts --real; leave one of them away")
         return option or bool(self.real)

@@ -91,7 +91,7 @@ class DemoMotion:
         self._step += 1
 
     def _values(self) -> list[float]:
-        """Return the commands of this step, none where there is nothing to play."""
+        """Return the commands of this step, none while there is no motion."""
         controller = self._robot.manager.get(self._controller)
         if controller.topic is None:  # it takes goals
             return []

@@ -258,7 +258,7 @@ def _add_free_drives(
 def _read_bus_alone(
     files: RobotFiles, name: str, read: _ReadBuses, *, mock: bool
 ) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile]:
-    """Return the buses of a bus.yml without ros2_control, and what its nodes make of the other two files."""
+    """Return the buses of a bus.yml without ros2_control, with the default description and controllers."""
     _refuse_for_a_bus(files, mock=mock)
     buses = read()
     description = description_of(name, str(files.bus), buses)
@@ -291,7 +291,7 @@ def _told_by_files(
 
 
 def _refuse_for_a_bus(files: RobotFiles, *, mock: bool) -> None:
-    """Raise RobotConfigError for what has no meaning on a bus without controllers."""
+    """Raise RobotConfigError for options without meaning on a bus without controllers."""
     if mock:
         raise RobotConfigError(f"--mock: {files.bus} is a bus without controllers; leave the option away")
     if files.arguments:
@@ -300,7 +300,7 @@ def _refuse_for_a_bus(files: RobotFiles, *, mock: bool) -> None:
 
 
 def _buses(files: RobotFiles, peer_merge: bool, allow_unsupervised: bool) -> dict[str, BusConfig]:
-    """Read all buses; what keeps them from being one robot is a RobotConfigError."""
+    """Read all buses; RobotConfigError if they contradict each other."""
     buses = {
         name_of_bus: read_bus(path, peer_merge=peer_merge, allow_unsupervised=allow_unsupervised)
         for name_of_bus, path in files.buses.items()
@@ -329,7 +329,7 @@ def _sim_time(control: ControllersFile, kinds: Sequence[PluginKind]) -> list[str
 
 
 def clashes_of(buses: Mapping[str, BusConfig]) -> list[str]:
-    """Return what keeps several buses from being one robot: SYNC periods that differ, a name that two nodes have."""
+    """Return the contradictions of several buses: different SYNC periods, a node name used twice."""
     owner: dict[str, str] = {}
     first = next(iter(buses.values()), None)
     differing = [
@@ -376,7 +376,7 @@ def _choose_sync(
 
 
 def _require_kernel_sync(buses: Mapping[str, BusConfig], channels: Mapping[str, str], *, mock: bool) -> None:
-    """Refuse to leave SYNC to the kernel where it has nothing to do with the bus, or there is no SYNC."""
+    """Refuse SYNC by the kernel where the kernel does not serve the bus, or without SYNC."""
     if mock or not buses:
         raise RobotConfigError("--kernel-sync: there is no bus; leave the option away")
     for name, config in buses.items():

@@ -78,7 +78,7 @@ def switch_controllers(
 
 
 def require_active(setup: RobotSetup, manager: ControllerManager, name: str) -> None:
-    """Raise ControlError for a controller of the file that takes no command now, with what makes it take them."""
+    """Raise ControlError for a controller that accepts no command now, with the remedy."""
     state = manager.states.get(name, UNLOADED)
     if name in setup.controllers.controllers and state != ControllerState.ACTIVE.value:
         options = [f"--deactivate {' '.join(in_the_way)}"] if (in_the_way := _in_the_way(setup, manager, name)) else []

@@ -97,7 +97,7 @@ def state_sample(robot: RobotCore, readings: Readings | None = None) -> StateSam
 
 
 def simulated_seconds(robot: RobotCore) -> float | None:
-    """Return how long the simulation has run, for `/clock`; None if nothing is simulated."""
+    """Return the simulated time in s, for `/clock`; None if nothing is simulated."""
     if robot.in_virtual_time:
         return robot.reactor.now() / 1e9
     times = (component.simulated_ns for component in robot.registry.components)

@@ -95,7 +95,7 @@ def axis_number(joint: ControlJoint) -> int:
 
 
 def node_of(config: BusConfig, joint: ControlJoint) -> NodeConfig | None:
-    """Return the node of a bus that moves a joint, None where it is on no drive of it."""
+    """Return the node of a bus that moves a joint, None without one."""
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id", "").strip()
     if name is not None:
         return config.nodes.get(name)

@@ -214,7 +214,7 @@ def _choose_mode(
 def _rpdos(
     od: ObjectDictionary, axes: Sequence[int], chosen: _Chosen
 ) -> tuple[tuple[PdoUse, ...], tuple[Address, ...]]:
-    """Return the RPDOs for controlwords, targets and modes of some axes, and what they cannot carry."""
+    """Return the RPDOs for controlwords, targets and modes of some axes, and the objects that do not fit."""
     needed: list[Address] = []
     for axis, (_, mode) in zip(axes, chosen, strict=True):
         index, subindex = TARGET_OBJECTS[mode]

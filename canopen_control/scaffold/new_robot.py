@@ -61,7 +61,7 @@ class Device:
     like: Personality | None = None
 
     def of_manufacturer(self, like: Personality) -> Device:
-        """Return the device with what drives of `like` have of its EDS: their objects, and their modes in 0x6502."""
+        """Return the device with the objects and modes of drives of `like` only."""
         entries = {address: entry for address, entry in self.od.entries.items() if entry.index not in like.absent}
         objects = {index: info for index, info in self.od.objects.items() if index not in like.absent}
         modes = entries.get((SUPPORTED_DRIVE_MODES, 0))
@@ -106,7 +106,7 @@ class NewNode:
 
     @property
     def known(self) -> Personality | None:
-        """What is known of drives of this manufacturer, None where it is none of them."""
+        """Personality of this manufacturer's drives, None without one."""
         if self.device.like is not None:
             return self.device.like
         od, device = self.device.od, self.device.od.device
@@ -144,7 +144,7 @@ class NewRobot:
     problems: tuple[str, ...] = ()
 
     def eds_name(self, node: NewNode) -> str:
-        """Return what the copy of a node's EDS is called."""
+        """Return the file name of a node's EDS in the robot's folder."""
         return self.eds_names.get(node.device.eds, node.device.eds.name)
 
     @property
@@ -172,7 +172,7 @@ def plan_robot(
     allow_unsupervised: bool = False,
     interfaces: Sequence[str] = (),
 ) -> NewRobot:
-    """Choose everything; RobotConfigError says all that is wrong with what was asked for, one sentence a line.
+    """Choose nodes, joints and PDOs; RobotConfigError lists all errors, one sentence a line.
 
     What is wrong with the devices is among the robot's `problems`. A drive that cannot be moved has no joint, and there
     is no base then.
@@ -279,7 +279,7 @@ def _wrong_base(name: str, axes: int) -> list[str]:
 
 
 def _baudrate(devices: Sequence[Device]) -> int:
-    """Return the highest bit rate that all devices have, in kbit/s; 1000 where the files tell none."""
+    """Return the highest bit rate of all devices in kbit/s; 1000 if the files give none."""
     bit_rates = [device.od.device.bit_rates for device in devices if device.od.device.bit_rates]
     common = frozenset.intersection(*bit_rates) if bit_rates else frozenset[int]()
     return max(common) // 1000 if common else 1000

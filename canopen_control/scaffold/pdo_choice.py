@@ -26,7 +26,7 @@ _PREDEFINED = 4  # PDOs of each direction with a COB-ID in the predefined connec
 
 @dataclass(frozen=True, slots=True)
 class PdoRequirement:
-    """What PDOs of one direction are to carry; `transmission` is the type wanted, as far as the device takes it."""
+    """Required objects of the PDOs of one direction; `transmission` is the preferred type."""
 
     is_rpdo: bool
     needed: tuple[Address, ...]
@@ -50,7 +50,7 @@ class PdoUse:
 
 
 def choose_pdos(od: ObjectDictionary, wish: PdoRequirement) -> tuple[tuple[PdoUse, ...], tuple[Address, ...]]:
-    """Return the PDOs to use, by number, and what is needed and cannot be carried."""
+    """Return the PDOs to use, by number, and the required objects that do not fit."""
     pdos = [pdo for pdo in pdos_of(od) if pdo.is_rpdo == wish.is_rpdo and (pdo.communication, 1) in od]
     needed = [address for address in wish.needed if _mappable(od, address, wish)]
     useful = [address for address in wish.useful if _mappable(od, address, wish)]
@@ -105,7 +105,7 @@ def _packed(od: ObjectDictionary, pdos: Iterable[Pdo], addresses: Sequence[Addre
 def _covering(
     pdos: Sequence[Pdo], needed: Iterable[Address], useful: Iterable[Address], *, doubling: bool = False
 ) -> list[_Use]:
-    """Choose the PDOs that carry most of what is needed, as they are, then those with something useful.
+    """Choose the PDOs with most of the required objects in their default mapping, then useful ones.
 
     Of the latter only those that carry nothing again, unless `doubling` does no harm: it does in an RPDO.
     """
@@ -170,7 +170,7 @@ def _usable(od: ObjectDictionary, pdo: Pdo, wish: PdoRequirement) -> bool:
 
 
 def _slots(od: ObjectDictionary, pdo: Pdo) -> int:
-    """Return how many objects can be mapped by SDO, 0 for a mapping that is fixed."""
+    """Return the number of objects that can be mapped by SDO, 0 for a fixed mapping."""
     count = od.get(pdo.mapping, 0)
     if count is None or not count.writable or not od[pdo.communication, 1].writable:
         return 0
@@ -181,7 +181,7 @@ def _slots(od: ObjectDictionary, pdo: Pdo) -> int:
 
 
 def _auto(od: ObjectDictionary, pdo: Pdo) -> bool:
-    """Whether the predefined COB-ID can be given; a PDO above 4 keeps what it has."""
+    """Whether the predefined COB-ID applies, as for PDOs 1 to 4."""
     entry = od[pdo.communication, 1]
     if pdo.number > _PREDEFINED:
         return not (pdo.cob_id or 0) & 0x7FF

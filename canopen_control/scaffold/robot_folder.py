@@ -288,7 +288,7 @@ def controllers_text(robot: NewRobot) -> str:
 
 
 def _feedback(joints: Sequence[NewJoint]) -> set[str]:
-    """Return what is measured of some joints."""
+    """Return the feedback of joints."""
     return {name for joint in joints for name in joint.axis.feedback}
 
 
@@ -316,7 +316,7 @@ def _diff(robot: NewRobot) -> list[str]:
 
 
 def _odometry(feedback: set[str], timeout: str) -> list[str]:
-    """Return what says where odometry comes from: positions, else velocities, else commands; and when a base stops."""
+    """Return the parameters for the source of odometry (positions, velocities or commands) and for the timeout."""
     source = POSITION if POSITION in feedback else VELOCITY if VELOCITY in feedback else "the commands"
     return [
         "odom_frame_id: odom",
@@ -384,7 +384,7 @@ _LARGEST_POWER: Final = 10
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """What was written: the robot as it is, its files, the warnings that `check` gives, and the errors: problems."""
+    """Result: the robot, its files, the warnings of `check`, and the errors."""
 
     robot: NewRobot
     folder: Path
@@ -394,7 +394,7 @@ class Written:
 
 
 def write_robot(robot: NewRobot, parent: Path, *, force: bool = False) -> Written:
-    """Write the folder of a robot into `parent`; RobotConfigError where it is there, or cannot be made."""
+    """Write the folder of a robot into `parent`; RobotConfigError if it exists or cannot be created."""
     folder = parent / robot.name
     refuse_existing(folder, force=force)
     robot = _with_distinct_files(robot)
@@ -432,7 +432,7 @@ def _with_distinct_files(robot: NewRobot) -> NewRobot:
 
 
 def _make_checked(robot: NewRobot, folder: Path) -> tuple[NewRobot, tuple[str, ...]]:
-    """Make the files with the shortest SYNC period that the bus carries; return the robot and what `check` warns of."""
+    """Create the files with the shortest SYNC period the bus allows; return the robot and the warnings of `check`."""
     errors, warnings, robot = list[str](), tuple[str, ...](), replace(robot, problems=())
     for period in dict.fromkeys([*_told_periods(robot), *_PERIODS_US]):
         robot = replace(robot, sync_us=period)

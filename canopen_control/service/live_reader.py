@@ -135,7 +135,7 @@ class LiveReader:
                 self._read(node, entry, opened, sessions)
 
     def _next(self) -> tuple[NodeObjects, Entry | None] | None:
-        """Return what to read next, None for the entry while nothing is due; None at the end."""
+        """Return the next entry to read, None for the entry while none is due; None at the end."""
         with self._lock:
             if not self._wanted:
                 self._thread = None

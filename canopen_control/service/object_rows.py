@@ -237,7 +237,7 @@ _NOT_IN_A_SCAN: Final = 2  # bit 1 of ObjFlags (CiA 306-1)
 
 
 def select_objects(od: ObjectDictionary, words: Iterable[str]) -> list[Entry]:
-    """Return the entries that any of the words means, by address; all without a word. ConfigError for none of one."""
+    """Return the entries that match a word, by address; all without a word. ConfigError for a word without a match."""
     ordered = sorted(od, key=lambda entry: entry.address)
     patterns = list(words)
     if not patterns:
@@ -267,7 +267,7 @@ def _means(word: str, od: ObjectDictionary, entry: Entry) -> bool:
 
 
 def object_name(od: ObjectDictionary, entry: Entry) -> str:
-    """Return the name of an entry, with that of its object where it is one of several."""
+    """Return the name of an entry, with that of its object if it is one of several."""
     info = od.objects.get(entry.index)
     if info is None or info.code in SCALAR_CODES or info.name == entry.name:
         return entry.name
@@ -378,7 +378,7 @@ class LiveObject:
 
 
 class ObjectRow(Document, frozen=True, kw_only=True):
-    """An object as `objects --json` prints it; texts of values, null where there is none or it was not read."""
+    """Object as in `objects --json`; texts of values, null without one or unread."""
 
     index: str
     subindex: int
@@ -421,7 +421,7 @@ def rows_of(od: ObjectDictionary, objects: Iterable[LiveObject], node_id: int) -
 
 
 def _text(entry: Entry, value: Value, unit: str) -> str:
-    """Return a value on one line: what has a unit in decimal, other wide numbers in hexadecimal."""
+    """Return a value on one line: with a unit in decimal, other wide numbers in hexadecimal."""
     return str(value) if unit and isinstance(value, int) else printable(format_value(value, entry.data_type))
 
 

@@ -107,7 +107,7 @@ def without_unused_slots(values: Mapping[Address, Value]) -> dict[Address, Value
 
 
 def follows_node_id(entry: Entry, value: Value, node_id: int) -> bool:
-    """Whether a value of the node `node_id` is made of that id, so that another node has it with its own.
+    """Whether a value depends on the node id, so that another node has its own.
 
     True for what the file writes with $NODEID, and for identifiers of the predefined connection set that end in it.
     """
@@ -182,7 +182,7 @@ class DeviceIdentity:
         return self._differences(other, ("device_type", "vendor", "product"))
 
     def variations(self, other: DeviceIdentity) -> list[str]:
-        """Return what differs between two devices of one product: revision and software; each has its serial number."""
+        """Return differences within one product: revision and software; serial numbers always differ."""
         return self._differences(other, ("revision", "software"))
 
     def _differences(self, other: DeviceIdentity, names: tuple[str, ...]) -> list[str]:
@@ -293,7 +293,7 @@ def read_backup(path: str | Path, node_id: int | None = None) -> ParameterSet:
 
 
 def parse_backup(data: bytes, name: str) -> ParameterSet:
-    """Return the same of the bytes of a DCF; `name` is what sentences call it."""
+    """Return the parameters in the bytes of a DCF; `name` is its name in messages."""
     return _backup_of(parse_eds(data, name=name), name, None)
 
 
@@ -420,7 +420,7 @@ class ParameterDifference:
 
 
 def differences(a: ParameterSet, b: ParameterSet, skipped: Collection[Address] = ()) -> list[ParameterDifference]:
-    """Return by address what differs, without the `skipped` addresses."""
+    """Return the differences by address, without the `skipped` addresses."""
     return list(_differences(a, b, skipped))
 
 
@@ -450,7 +450,7 @@ def _name(side: ParameterSet, entry: Entry) -> str:
 
 
 def parameter_text(side: ParameterSet, address: Address) -> str:
-    """Return the value of a parameter: `$NODEID+0x180` where it follows the node id, numbers of a drive in decimal."""
+    """Return the text of a parameter: `$NODEID+0x180` if it follows the node id, numbers of a drive in decimal."""
     value, entry = side.values[address], side.od[address]
     if isinstance(value, int) and address in side.relative:
         return f"$NODEID+0x{value - side.node_id:X}"

@@ -328,7 +328,7 @@ def _date() -> Generator[DownloadOrder, DownloadAnswer, ProgramDate | None]:
 
 
 def _number(index: int, subindex: int, seconds: float = 0.0) -> Numbers:
-    """Read a number; None where the node has no such object, _SILENT where it does not answer just now."""
+    """Read a number; None if the node has no such object, _SILENT without an answer."""
     outcome = yield DownloadOrder(DownloadAct.READ, index, subindex, seconds=seconds)
     if outcome.error is not None:
         return None if is_abort(outcome.error) else _SILENT
@@ -403,7 +403,7 @@ def _carry_out(session: NodeSession, order: DownloadOrder, pause: Callable[[floa
 
 
 def _transferred(session: NodeSession, order: DownloadOrder) -> bytes:
-    """Read or write, and return what was read; each answer may take the time of the order, if it has one."""
+    """Read or write, and return the data; each answer may take the time of the order, if it has one."""
     session.transfers.be_patient(order.seconds or None)
     try:
         if order.act is DownloadAct.READ:

@@ -198,7 +198,7 @@ class RestoreStep(enum.Enum):
 
 
 def check_device(parameters: ParameterSet, identity: DeviceIdentity, session: NodeSession) -> list[str]:
-    """Return in what revision and software differ; ConfigError for another product, which takes nothing."""
+    """Return differences of revision and software; ConfigError for another product."""
     if strangers := parameters.identity.strangers(identity):
         raise ConfigError(
             f"{parameters.where} is of another product than {session}: {', '.join(strangers)}; nothing was written"
@@ -258,7 +258,7 @@ class Restore:
         return not self.refused
 
     def _write(self, groups: list[RestoreGroup]) -> list[tuple[RestoreGroup, str]]:
-        """Write the groups, and once more those that were refused; return what was refused twice."""
+        """Write the groups, and refused ones a second time; return those refused twice."""
         self.planned = len(groups)
         failed: list[tuple[RestoreGroup, str]] = []
         for _ in range(2):
@@ -344,7 +344,7 @@ def _wait_for_answer(session: NodeSession, pause: Callable[[float], None]) -> No
 
 
 class KeptParameters:
-    """The file of the node of `session` in a folder of the state folder; `channel` is where it was reached."""
+    """File with previous values of the node of `session`, in a folder of the state folder."""
 
     def __init__(self, folder: str, session: NodeSession, identity: DeviceIdentity, channel: str = "") -> None:
         self._session, self._identity = session, identity
@@ -638,5 +638,5 @@ def _interrupted(restore: Restore, journal: RestoreJournal, error: BaseException
 
 
 def first_of(names: Sequence[str]) -> str:
-    """Return the first names of many, as a sentence has them."""
+    """Return the first names of a long list, as text."""
     return ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")

@@ -1,4 +1,4 @@
-"""A scope's memory and trigger: samples in, shots out, each with what was before its trigger.
+"""Memory and trigger of a scope: samples in, captures with pre-trigger data out.
 
 Sans-IO, time is an argument in seconds of any one clock. A sample is a value for each signal,
 None where none is known yet; between two samples the last one holds. What waits for a trigger keeps `before` seconds
@@ -113,7 +113,7 @@ class Measures:
 
 @dataclass(frozen=True, slots=True)
 class CursorReading:
-    """Of one signal at two cursors: its values there, what lies between them, and the RMS from one to the other."""
+    """Values of one signal at two cursors, the measurements between them, and the RMS."""
 
     first: float
     second: float
@@ -163,7 +163,7 @@ class Shot:
         return CursorReading(*((low, high) if first <= second else (high, low)), measured.rms)
 
     def measure(self, place: int) -> Measures | None:
-        """Measure a signal, each value for as long as it held; None where it had none."""
+        """Measure a signal, each value weighted by its duration; None without values."""
         points = [(time, value) for time, row in self.rows if (value := row[place]) is not None and value == value]
         if not points:
             return None
@@ -295,7 +295,7 @@ class NamedShot:
     label: str = ""
 
     def place(self, name: str) -> int | None:
-        """Return where a signal is; None where it is not one of these."""
+        """Return the column of a signal; None without one."""
         return self.names.index(name) if name in self.names else None
 
 

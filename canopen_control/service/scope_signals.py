@@ -37,10 +37,10 @@ class ScopeSource(Protocol):
     """Whoever brings samples; times in Unix seconds."""
 
     def samples(self, seconds: float) -> Iterator[tuple[float, tuple[float | None, ...]]]:
-        """Yield what comes within `seconds`, at most."""
+        """Yield the samples within `seconds`."""
 
     def cycles(self) -> tuple[int, int] | None:
-        """Return how many cycles a robot has made, and how many it has missed; None where there is no robot."""
+        """Return the numbers of cycles and missed cycles of a robot; None without a robot."""
 
 
 class PolledSource:
@@ -69,7 +69,7 @@ class PolledSource:
 
 
 class RobotSource:
-    """Listens to the TPDOs of a running robot; signals that none has brought yet are polled among them."""
+    """Source of a running robot: signals by TPDO, others by polling."""
 
     def __init__(
         self, client: RobotClient, values: SignalValues, sessions: Mapping[int, NodeSession], rate: float
@@ -86,13 +86,13 @@ class RobotSource:
         client.ask(Subscribe(pdos=bool(values.objects), state_rate=_EVERY_CYCLE if values.joints else None))
 
     def cycles(self) -> tuple[int, int]:
-        """Return how many cycles the robot has made, and how many it has missed."""
+        """Return the numbers of cycles and missed cycles of the robot."""
         cycle = self._client.ask(GetStatus()).cycle
         return cycle.count, cycle.missed
 
     @property
     def polled(self) -> list[ScopeSignal]:
-        """The signals that no TPDO has brought."""
+        """Signals without a TPDO so far."""
         return list(self._polled.values())
 
     def samples(self, seconds: float) -> Iterator[tuple[float, tuple[float | None, ...]]]:
@@ -120,7 +120,7 @@ class RobotSource:
         return is_read
 
     def _poll(self) -> Iterator[tuple[float, tuple[float | None, ...]]]:
-        """Read one of those that no TPDO carries, in turn."""
+        """Read one of the polled signals, in turn."""
         self._due = time.monotonic() + self._period
         key, signal = next(iter(self._polled.items()))
         self._polled[key] = self._polled.pop(key)
@@ -251,7 +251,7 @@ def signal_of(text: str, session: NodeSession) -> ScopeSignal:
 
 
 def statuswords_of(signals: Iterable[Signal], sessions: Mapping[int, NodeSession]) -> list[ScopeSignal]:
-    """Return the statusword of each node of the signals, for a trigger on faults; ConfigError where one has none."""
+    """Return the statusword of each node of the signals, for a trigger on faults; ConfigError if one has none."""
     nodes = dict.fromkeys(signal.node_id for signal in signals if isinstance(signal, ScopeSignal))
     if not nodes:
         raise ConfigError("a trigger on faults looks at drives, and no signal is an object of one; add NODE:0x6041")
@@ -259,7 +259,7 @@ def statuswords_of(signals: Iterable[Signal], sessions: Mapping[int, NodeSession
 
 
 def statusword_of(session: NodeSession) -> ScopeSignal:
-    """Return the statusword of a node; ConfigError where it has none."""
+    """Return the statusword of a node; ConfigError if it has none."""
     return signal_of(f"{session.node_id}:0x{STATUSWORD:04X}", session)
 
 

@@ -102,7 +102,7 @@ def set_gains(session: NodeSession, values: Mapping[Address, Value], kept: KeptG
 
 
 def revert_gains(session: NodeSession, kept: KeptGains) -> list[GainChange]:
-    """Give a drive back the gains from before the first `set_gains`; DriveError where there were none."""
+    """Restore the gains from before the first `set_gains`; DriveError if there are none."""
     target = kept.read()
     if not target:
         raise DriveError(f"{session}: no gains were set on this drive from here, so there is nothing to take back")
@@ -373,7 +373,7 @@ class GainPlace:
 
 
 def applied(session: NodeSession, gains: CascadeGains, units_per_rad: float, place: GainPlace) -> Iterator[str]:
-    """Set gains; yield what changed."""
+    """Set gains; yield the changes."""
     objects = settable_gains(session, place.axis, place.named, units_per_rad)
     values = gain_values(session.dictionary, objects, gains, units_per_rad)
     yield from _told(session, set_gains(session, values, _kept(session, place)), place)

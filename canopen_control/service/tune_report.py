@@ -102,7 +102,7 @@ def _crossing(shares: Sequence[tuple[float, float]], level: float) -> float:
 
 
 def _settling(shares: Sequence[tuple[float, float]], band: float) -> float | None:
-    """Return from when on it stays within the band; None where it leaves it in the last part of the record."""
+    """Return the time from which it stays within the band; None if it leaves it near the end of the record."""
     outside = [place for place, (_, share) in enumerate(shares) if abs(share - 1.0) > band]
     if not outside:
         return shares[0][0]
@@ -190,7 +190,7 @@ def bode_picture(bode: Bode) -> bytes:
 
 
 def record_picture(record: TuneRecord) -> bytes:
-    """Draw what was commanded and measured over the time, as PNG."""
+    """Draw commanded and measured values over time, as PNG."""
     times = [record.seconds(sample) for sample in record.samples]
     rows = [
         ("command", times, [sample.command for sample in record.samples]),
@@ -213,7 +213,7 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def _pairs(record: TuneRecord) -> tuple[list[float], list[float]]:
-    """Return what was commanded and measured in each cycle; one that was lost is between those around it."""
+    """Return commanded and measured values of each cycle; a lost one is interpolated."""
     cycles = [sample.cycle for sample in record.samples]
     commands, speeds = [sample.command for sample in record.samples], list(map(_speed, record.samples))
     return filled(cycles, commands), filled(cycles, speeds)
@@ -264,7 +264,7 @@ def identified(record: TuneRecord) -> PlantModel:
 
 
 def plant_lines(plant: PlantModel) -> Iterator[str]:
-    """Yield what was identified, in per mille of the rated torque."""
+    """Yield the identified plant, in per mille of the rated torque."""
     yield f"inertia             {plant.inertia:.4g} per mille s^2/rad"
     yield f"viscous friction    {plant.viscous:.4g} per mille s/rad"
     yield f"Coulomb friction    {plant.coulomb:.4g} per mille"

@@ -255,7 +255,7 @@ class TuneRun:
         self._gone = True
 
     def _begin(self, client: RobotClient) -> tuple[TuneMotion, TuneRecord]:
-        """Choose the mode, enable, and return the motion, which begins now."""
+        """Choose the mode, enable, and return the motion, which starts now."""
         node, joint = self._drive.node, self._drive.joint
         if self._drive.mode:
             choose_mode(
@@ -311,7 +311,7 @@ class TuneRun:
             record.samples[-1] = replace(record.samples[-1], effort=self._torque)
 
     def _take(self, sample: StateSample, motion: TuneMotion, record: TuneRecord) -> None:
-        """Judge a sample and keep it."""
+        """Check a sample and store it."""
         self._sample = sample
         joint, axis = sample.joints.get(self._drive.joint), axis_reading(sample, self._drive)
         enabled = axis is None or axis.enabled
@@ -352,7 +352,7 @@ _TAPS: Final = {7: (7, 6), 8: (8, 6, 5, 4), 9: (9, 5), 10: (10, 7), 11: (11, 9)}
 
 
 class Excitation(Protocol):
-    """A signal; `seconds` is its length, `peak` the most that it commands, either way."""
+    """Excitation signal; `seconds` is its length, `peak` its largest magnitude."""
 
     @property
     def seconds(self) -> float:
@@ -439,7 +439,7 @@ class Prbs:
 
 
 def _envelope(seconds: float, length: float) -> float:
-    """Return how far a signal is faded in, from 0 to 1."""
+    """Return the fade-in factor of a signal, from 0 to 1."""
     return max(0.0, min(1.0, seconds / RAMP_S, (length - seconds) / RAMP_S))
 
 

@@ -72,7 +72,7 @@ class _Axis:
 
 @dataclass(slots=True)
 class _Waiting:
-    """A breach that is told at a time unless a reason has been reported since another one."""
+    """Breach that is reported at a time, unless a reason for it was reported before."""
 
     axis: _Axis
     rule: str

@@ -15,7 +15,7 @@ LONGEST_S: Final = 1e9  # some thirty years
 
 
 def number(title: str, accept: Callable[[float], bool]) -> Callable[[str], float]:
-    """Return what reads a number; one that is not accepted, or none, "is no WHAT"."""
+    """Return a parser of a number; others are refused as "is no WHAT"."""
 
     def read(text: str) -> float:
         try:
@@ -30,7 +30,7 @@ def number(title: str, accept: Callable[[float], bool]) -> Callable[[str], float
 
 
 def whole_number(title: str, numbers: range) -> Callable[[str], int]:
-    """Return what reads a whole number, decimal or 0x; one that is not among `numbers`, or none, "is no WHAT"."""
+    """Return a parser of an integer, decimal or 0x; those not in `numbers` are refused as "is no WHAT"."""
 
     def read(text: str) -> int:
         try:

@@ -1,4 +1,4 @@
-"""Commands from a shell: repeated until Ctrl-C or for a while, then zeros, so that nothing keeps moving unattended.
+"""Commands from a shell, repeated until Ctrl-C or for a time, then zeros.
 
 What is repeated ends with this process, whatever ends that; `--once` lives out its time. Drives
 that are being enabled are waited for; where nothing can move the robot's sentence is the end, with exit code 1. A
@@ -40,7 +40,7 @@ _OFF = "NotEnabled"
 
 
 def add_repeat_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare how long a command lasts."""
+    """Declare the options for the duration of a command."""
     how = parser.add_mutually_exclusive_group()
     how.add_argument("--for", type=seconds, metavar="S", dest="seconds", help="repeat for S seconds, then send zeros")
     how.add_argument("--once", action="store_true", help="send once; the command ends with the controller's timeout")

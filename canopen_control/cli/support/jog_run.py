@@ -88,7 +88,7 @@ class Keyboard:
         self._signals.close()
 
     def read(self, timeout: float) -> bytes:
-        """Return what has been typed within `timeout` seconds, b"" when nothing was or it has ended."""
+        """Return the input within `timeout` seconds, b"" without any or after its end."""
         if self.ended or not select.select([self._fd], [], [], max(timeout, 0.0))[0]:
             return b""
         try:
@@ -166,7 +166,7 @@ class JogRun:
         self._gone = True
 
     def _begin(self, client: RobotClient) -> JogMotion:
-        """Choose the mode, enable, and return the motion, which begins now."""
+        """Choose the mode, enable, and return the motion, which starts now."""
         node, joint = self._drive.node, self._drive.joint
         if self._drive.mode:
             choose_mode(

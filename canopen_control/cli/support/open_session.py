@@ -116,7 +116,7 @@ class BusTransfers(Transfers):
         self._target.be_patient(self._node, seconds)
 
     def progress(self) -> tuple[int, int | None]:
-        """Return how far the transfer under way is."""
+        """Return the progress of the present transfer."""
         return self._target.progress(self._node)
 
     def command(self, command: NmtCommand) -> None:
@@ -266,7 +266,7 @@ def like_file(session: NodeSession, file: ParameterSet) -> NodeSession:
 
 
 def read_like(session: NodeSession, file: ParameterSet) -> Side:
-    """Read from a node what a file holds, by the types of the file, with progress."""
+    """Read the objects of a file from a node, with the types of the file and progress."""
     with Progress(f"reading {session}", "objects") as progress:
         parameters, left_out = read_same(session, file, progress.at)
     return Side(parameters, tuple(left_out))
@@ -290,7 +290,7 @@ def sides(a: str, b: str, args: argparse.Namespace) -> tuple[Side, Side]:
 
 
 def add_restore_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what restore and clone have in common."""
+    """Declare the common options of restore and clone."""
     parser.add_argument(
         "--protect",
         metavar="GLOB",

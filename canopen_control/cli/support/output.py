@@ -63,7 +63,7 @@ def json_line(document: object) -> str:
 
 
 class Progress:
-    """Tells how far `what` is: a line that is written over on a terminal, now and then a plain line elsewhere.
+    """Progress of `what`: a rewritten line on a terminal, otherwise a line now and then.
 
     Use as a context manager, or call `end`; `quiet` says nothing at all, `rate` adds speed and remaining time.
     """
@@ -157,7 +157,7 @@ def with_token(text: str) -> str:
 
 
 def painted(lines: Iterable[str]) -> list[str]:
-    """Return lines with what is good, doubtful and wrong in colour, as they are without a terminal or with NO_COLOR."""
+    """Return lines coloured by level; unchanged without a terminal or with NO_COLOR."""
     if not sys.stdout.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
         return list(lines)
     return [
@@ -175,7 +175,7 @@ _COLOURED: Final = re.compile(
 
 @contextlib.contextmanager
 def watched(progress: Progress, sample: Callable[[], Sample]) -> Iterator[None]:
-    """Ask `sample` how far it is, several times a second on a thread, while this one is busy with the work."""
+    """Poll `sample` for progress on a thread while this one works."""
     over = threading.Event()
 
     def watch() -> None:
@@ -217,7 +217,7 @@ class Announcer:
             self.dropped += 1
 
     def close(self) -> None:
-        """Print what waits, for a second at most."""
+        """Print the waiting lines, for a second at most."""
         if self._thread.ident is None:
             self.start()
         try:

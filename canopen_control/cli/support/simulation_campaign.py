@@ -1,4 +1,4 @@
-"""Campaigns of `simulate`: how far they are, what was breached, what was written, and the sum at the end."""
+"""Campaigns of `simulate`: progress, breaches, written files, and the summary."""
 
 from __future__ import annotations
 

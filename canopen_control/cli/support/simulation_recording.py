@@ -86,7 +86,7 @@ class SimulationRecorder(SimulationObserver):
         self._events.append(event_message(event, self._robot.core.wall_offset_ns))
 
     def asked(self, now: int, act: ScenarioEvent) -> None:
-        """Record what a client asks for."""
+        """Record a request of a client."""
         for request in _requests_of(act, self._robot.core.manager.states):
             method = ROBOT.of(type(request)).name
             self._requests.append(text_of(RequestSeen(now / 1e9, method, Raw(text_of(request)))))
@@ -109,7 +109,7 @@ class SimulationRecorder(SimulationObserver):
 
 
 def _requests_of(act: ScenarioEvent, active: Mapping[str, str]) -> list[Request[Any]]:
-    """Return what a client would send to have this done."""
+    """Return the request of a client for an act."""
     name, values = act.target, list(act.values)
     controllers = [each for each, state in active.items() if state == "active" and "broadcaster" not in each]
     if act.kind == "command":

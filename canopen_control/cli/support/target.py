@@ -63,7 +63,7 @@ class SdoTarget(Protocol):
         """Set the timeout of each answer in s; None: the initial one."""
 
     def progress(self, node: TargetNode) -> tuple[int, int | None]:
-        """Return how many bytes of the transfer under way are over, and of how many; from another thread."""
+        """Return transferred and total bytes of the present transfer; from another thread."""
 
     def close(self) -> None:
         """Close the connection."""
@@ -178,7 +178,7 @@ class RobotTarget:
         self.transfers(node).be_patient(seconds)
 
     def progress(self, node: TargetNode) -> tuple[int, int | None]:
-        """Return how far the transfer under way is."""
+        """Return the progress of the present transfer."""
         return self.transfers(node).progress()
 
 
@@ -224,12 +224,12 @@ class BusTarget:
         self.bus.client(node.node_id).timeout_ns = round((seconds or self.bus.timeout_s) * 1e9)
 
     def progress(self, node: TargetNode) -> tuple[int, int | None]:
-        """Return how far the transfer under way is."""
+        """Return the progress of the present transfer."""
         return self.bus.client(node.node_id).progress
 
 
 def parse_node_id(text: str) -> int:
-    """Return a node id, decimal or 0x; ConfigError with what it may be."""
+    """Return a node id, decimal or 0x; ConfigError with the valid range."""
     try:
         node_id = int(text, 0)
     except ValueError:

@@ -1,4 +1,4 @@
-"""A trajectory that is being followed: what its joints are to do at a time, and how far it has come.
+"""Active trajectory: states of its joints over time, and its progress.
 
 Rules (ros2_controllers jazzy, Trajectory): it starts at its stamp, or when it is first sampled if that is
 0; until the arrival at the first point it leads there from the point before it; what a point lacks is deduced from its
@@ -50,7 +50,7 @@ class Segment:
         self._c5: list[float] = []
 
     def fit(self, begin: int, a: Point, end: int, b: Point) -> None:
-        """Join point `a` at `begin` with point `b` at `end`, in ns; the joints are those with a position in `a`."""
+        """Compute the segment from point `a` at `begin` to point `b` at `end`, in ns."""
         self._begin, self._duration = begin, (end - begin) / 1e9
         joints, time = len(a.positions), self._duration
         self._joints = joints
@@ -177,7 +177,7 @@ class JointSetpoint(metaclass=ABCMeta):
 
     @abstractmethod
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
-        """Write the point at `t`, in ns, into `out`; False, and nothing is said of it, where there is none.
+        """Write the state at `t`, in ns, to `out`; False without one.
 
         `ahead` looks into the future: the place that has been reached stays.
         """
@@ -187,7 +187,7 @@ class JointSetpoint(metaclass=ABCMeta):
         """Return the time of a point from start, in ns."""
 
     def end_point(self) -> Point | None:
-        """Return the point that stays when it is over, None where it has none."""
+        """Return the final point, None without one."""
         return None
 
     def begin(self, t: int) -> None:
@@ -198,7 +198,7 @@ class JointSetpoint(metaclass=ABCMeta):
             self.sampled = True
 
     def query(self, t: int, out: Point) -> bool:
-        """Write what is said of any time into `out`, past or to come, and leave the place that has been reached."""
+        """Write the state at any time to `out`, without changing the position in the trajectory."""
         return self.sampled and self.sample(t, out, ahead=True)
 
     @property
@@ -294,7 +294,7 @@ class ActiveTrajectory(JointSetpoint):
         return self._times[index]
 
     def end_point(self) -> Point | None:
-        """Return the last point, None where there is none."""
+        """Return the last point, None without one."""
         end = self._last_point()
         if end is None or not self._shifted:
             return end
@@ -351,14 +351,14 @@ class ActiveTrajectory(JointSetpoint):
         return index
 
     def query(self, t: int, out: Point) -> bool:
-        """Write what is said of any time into `out`, see `JointSetpoint`."""
+        """Write the state at any time to `out`, see `JointSetpoint`."""
         reached, self.reached = self.reached, 0
         found = self.sampled and self.sample(t, out, ahead=True)
         self.reached, self._seen = reached, None  # `out` is not the follower's
         return found
 
     def _between(self, index: int, t: int, out: Point, *, ahead: bool) -> None:
-        """Write what stands between a point and the next one."""
+        """Write the interpolated state between a point and the next one."""
         seen, self._seen = self._seen, None
         if seen is not None and not ahead and t == self._seen_at and index == self._fitted:
             out.take(seen)

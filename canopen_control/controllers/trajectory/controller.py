@@ -72,7 +72,7 @@ _NEXT: Final = 20_000_000
 
 
 class Acceptance:
-    """Judges trajectories for a group of joints; `limits` are those of the description and of the interfaces."""
+    """Check of trajectories for a group of joints; `limits` are those of the description and of the interfaces."""
 
     def __init__(self, params: TrajectoryParams, group: JointGroup, description: Mapping[str, Joint]) -> None:
         self.limits = {each: _limits_of(_joint_of(each, description)) for each in params.joints}
@@ -84,7 +84,7 @@ class Acceptance:
         return [self.limits[each].continuous for each in self._params.joints]
 
     def take_params(self, params: TrajectoryParams) -> None:
-        """Judge by other parameters."""
+        """Use other parameters."""
         self._params = params
 
     def cannot_brake(self) -> str | None:
@@ -105,7 +105,7 @@ class Acceptance:
         )
 
     def point_limiter(self) -> PointLimiter | None:
-        """Return what keeps each point within the limits, None where none is wanted."""
+        """Return the limiter of points, None without one."""
         if not self._params.joint_limiter_type:
             return None
         pairs = zip(self.limits.values(), self._params.joint_limits, strict=True)
@@ -227,7 +227,7 @@ class _Tolerated:
 
 
 class ToleranceMonitor:
-    """What was found in one cycle of the joints of a group: who `left` the path, who is `outside` at the end."""
+    """Check of one cycle: `left` is the joint off its path, `outside` the one off its goal."""
 
     def __init__(self, group: JointGroup) -> None:
         self._group = group
@@ -242,7 +242,7 @@ class ToleranceMonitor:
         return self.left >= 0 or self.late
 
     def look(self, tolerances: SegmentTolerances, follower: TrajectoryExecutor, *, over: bool, past: float) -> None:
-        """Compare the errors of this cycle with the tolerances; `time_since_end` is how long it is over, in s."""
+        """Compare the errors of this cycle with the tolerances; `time_since_end` in s."""
         self.left, self.outside, self.over, self.late = _NOBODY, _NOBODY, over, False
         if follower.holding:
             return
@@ -434,7 +434,7 @@ class JointTrajectoryController(Controller):
     # ------------------------------------------------------------------------------------------------- lifecycle
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters, see `params`; what cannot be together is an error."""
+        """Read the parameters, see `params`; contradictions are errors."""
         self.params = given = read_params(params, self.name)
         self._changed = None
         self.update_rate = given.update_rate
@@ -502,7 +502,7 @@ class JointTrajectoryController(Controller):
         self._follower.clear(holding=False)
 
     def forget(self, now: int) -> None:
-        """Give up what was commanded: joints that do not follow end the goal, where all do they brake."""
+        """Clear the command: if a joint does not follow the goal ends, else the joints brake."""
         del now
         self._waiting = self._group.waits_for()
         why = self.life.ended_by or "it was to stop"
@@ -589,14 +589,14 @@ class JointTrajectoryController(Controller):
         return self._follower.told(t, self.name)
 
     def sample(self, wall_offset_ns: int) -> TrajectorySample | None:
-        """Return where the joints were to be and where they were, in the last cycle that moved or held them."""
+        """Return desired and actual state of the last cycle with a command."""
         if not self.stamp:
             return None
         return self._follower.sample_of(self.published(wall_offset_ns), self.goal is not None, self.speed.factor)
 
     @property
     def holding(self) -> bool:
-        """Whether the joints stay where they are, or come to rest."""
+        """Whether the joints hold their position or come to rest."""
         return self._follower.holding
 
     @property
@@ -616,7 +616,7 @@ class JointTrajectoryController(Controller):
 
     @property
     def error(self) -> Point:
-        """By how much the joints were off what was desired."""
+        """Error of the joints: desired minus actual."""
         return self._group.error
 
     def _check(self, message: JointTrajectory, now: int) -> None:
@@ -661,7 +661,7 @@ class JointTrajectoryController(Controller):
         return OK
 
     def _follow(self, motion: JointSetpoint, now: int, period: float) -> None:
-        """Command what was worked out, unless a joint is off its path or late at its goal."""
+        """Command the computed state, unless a joint violates its tolerances."""
         group, follower, judgement = self._group, self._follower, self._judgement
         over, past = motion.is_over, follower.time_since_end
         if over and not follower.holding and 0.0 < self._timeout < past:
@@ -725,7 +725,7 @@ class JointTrajectoryController(Controller):
         self._follower.brake([each.max_deceleration_on_cancel for each in self.params.constraints])
 
     def _end(self, state: GoalState, code: ResultCode, text: str) -> None:
-        """Give the goal its result, where there is one."""
+        """End the active goal with its result."""
         goal, self.goal = self.goal, None
         if goal is None:
             if code in (ResultCode.PATH_TOLERANCE_VIOLATED, ResultCode.GOAL_TOLERANCE_VIOLATED):

@@ -167,7 +167,7 @@ _AT_REST: Final = 2.0**-23
 
 
 class StopMotion(JointSetpoint):
-    """The way to rest of all joints from where they are with `set_before`; `decelerations` in rad/s2, above 0.
+    """Motion of all joints to rest from the state in `set_before`; `decelerations` in rad/s2, above 0.
 
     Its time is real, however slowly trajectories run; `pace` is by how much they did, where it begins from what was
     commanded and not from what is measured.

@@ -355,7 +355,7 @@ class TrajectoryParams(CommonParams):
         return SegmentTolerances(path, goal, self.goal_time)
 
     def mistakes(self) -> Iterator[tuple[str, str]]:
-        """Yield what cannot be, by parameter."""
+        """Yield the contradictions by parameter."""
         if not self.joints:
             yield "joints", "no 'joints'; give it under ros__parameters: joints: [joint_1, joint_2]"
         for key, names in (("joints", self.joints), ("command_joints", self.command_joints)):

@@ -60,7 +60,7 @@ class Values(Protocol):
 
 
 class Range:
-    """The extremes of each joint in the points from `begin` to before `end`."""
+    """Extremes of each joint in the points from `begin` to before `end`."""
 
     __slots__ = ("begin", "end", "highest", "lowest")
 
@@ -224,7 +224,7 @@ class SurveyedPoints(Points):
 
 
 class PointBuffer(SurveyedPoints):
-    """Points that are added as they come, and made again when they are asked for; `survey` is what they come to."""
+    """Buffer of points with their summary `survey`; points are created on access."""
 
     def __init__(self) -> None:
         self.times: array[int] = array("q")

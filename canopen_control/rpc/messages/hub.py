@@ -46,7 +46,7 @@ class Member(msgspec.Struct, frozen=True):
 
 
 class DropState(msgspec.Struct, frozen=True):
-    """A rule that loses frames, as `drop` made it: how many it has `seen` and `lost`."""
+    """Rule of `drop` that loses frames: how many it has `seen` and `lost`."""
 
     label: str = ""
     can_id: int | None = None
@@ -119,7 +119,7 @@ class SendErrorFrame(Request[Done], frozen=True, kw_only=True):
 
 @HUB.method("drop", Effect.CHANGES)
 class DropFrames(Request[Done], frozen=True, kw_only=True):
-    """Lose frames that a label, or anybody, sends: of one identifier or of all, each `every`-th, `count` in all."""
+    """Drop frames of a label, or of all: of one identifier or of all, each `every`-th, `count` in all."""
 
     label: str = ""
     can_id: Identifier | None = None

@@ -138,13 +138,13 @@ class GetSdoProgress(Request[SdoProgress], frozen=True, kw_only=True):
 
 
 class SdoPiece(Request[Done], frozen=True, kw_only=True):
-    """A piece of what this connection's next `sdo_write` writes before its own data: a request has 64 KiB at most."""
+    """Piece of data of this connection's next `sdo_write`, since a request has 64 KiB at most."""
 
     data: bytes
 
 
 class PdoWrite(Request[Done], frozen=True, kw_only=True):
-    """Send an object in the RPDOs that map it, once, with the next cycle and the SYNC that follows; not what moves."""
+    """Send an object in the RPDOs that map it, once, with the next cycle and SYNC; not for motion objects."""
 
     node: NodeName
     index: Index

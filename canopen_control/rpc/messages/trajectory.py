@@ -92,7 +92,7 @@ class SetTrajectory(_Trajectory[Done], frozen=True, kw_only=True):
 
 
 class TrajectoryData(Request[Done], frozen=True, kw_only=True):
-    """The first points of the trajectory that this connection sends next, for one that no single request can carry."""
+    """First points of this connection's next trajectory, for one larger than a request."""
 
     points: list[TrajectoryPoint]
 
