@@ -113,7 +113,7 @@ class OmniWheelDriveController(HolonomicBase):
         self.kinematics.begin(self._reading)
 
     def advance(self, dt: float) -> None:
-        """Follow the wheels."""
+        """Integrate the wheels' motion into the pose."""
         self._read()
         if self.params.position_feedback:
             self.kinematics.update_position(self._reading, dt)

@@ -148,7 +148,7 @@ class SdoEntry:
 
 @dataclass(frozen=True)
 class AxisUnitKeys:
-    """The units of one axis of a device with several (`channels`); None is the node's own."""
+    """Units of one axis of a multi-axis device (`channels`); None uses those of the node."""
 
     scale_pos_to_dev: float | None = None
     scale_pos_from_dev: float | None = None

@@ -336,7 +336,7 @@ def parse_csv(text: str, place: str) -> NamedShot:
 
 
 def refuse_without_pictures() -> None:
-    """Raise ConfigError where the extra is not installed, before anything is looked at."""
+    """Raise ConfigError at the start if the extra for pictures is not installed."""
     from importlib.util import find_spec
 
     if find_spec("matplotlib") is None:

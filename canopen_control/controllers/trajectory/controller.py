@@ -326,7 +326,7 @@ class PolicyTimes(Sequence[int]):
     @overload
     def __getitem__(self, index: slice) -> list[int]: ...
     def __getitem__(self, index: int | slice) -> int | list[int]:
-        """Return one of them, or some."""
+        """Return one point, or a slice of the points."""
         if isinstance(index, slice):
             return [self[each] for each in range(*index.indices(self._count))]
         if not -self._count <= index < self._count:
