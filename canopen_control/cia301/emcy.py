@@ -1,4 +1,4 @@
-"""Emergency object, producer and consumer (CiA 301, 7.2.7, 7.5.2.2 to 7.5.2.4, 7.5.2.20 and 7.5.2.21).
+"""Emergency object, producer and consumer (CiA 301, 7.2.7, 7.5.2.2 to 7.5.2.4, 7.5.2.17 and 7.5.2.18).
 
 The producer keeps the active errors, the error register (0x1001) computed from them, and the history (0x1003, newest
 first). Each new error is sent once. Each error that is cleared is sent as error reset (0x0000) with the remaining
@@ -16,12 +16,12 @@ from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.outbox import Outbox
 from canopen_control.frame import CanFrame
 
-# Error codes: CiA 301, table 26; CiA 402-2 for drives. A code that is missing here takes the text of the closest class
+# Error codes: CiA 301, 7.2.7; CiA 402-2 for drives. A code that is missing here takes the text of the closest class
 # (its first 12, 8 or 4 bits). Class FFxx is manufacturer-specific.
 
 
 class ErrorRegister(enum.IntFlag):
-    """Bits of the error register 0x1001 (CiA 301, table 43); GENERIC is set whenever another bit is set."""
+    """Bits of the error register 0x1001 (CiA 301, 7.5.2.2); GENERIC is set whenever another bit is set."""
 
     NONE = 0
     GENERIC = 0x01

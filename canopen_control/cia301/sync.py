@@ -1,4 +1,4 @@
-"""SYNC object, producer and consumer, and TIME object (CiA 301, 7.2.5, 7.2.6, 7.5.2.5 to 7.5.2.7, 7.5.2.17).
+"""SYNC object, producer and consumer, and TIME object (CiA 301, 7.2.5, 7.2.6, 7.5.2.5 to 7.5.2.7, 7.5.2.22).
 
 Without a counter (0x1019 = 0) a SYNC has no data. With an overflow value n of 2 to 240 it carries one byte that
 counts from 1 to n and starts again at 1. A SYNC of the wrong length is reported for EMCY 0x8240 and still counts as a
@@ -48,13 +48,13 @@ def parse_cob_id_sync(value: int) -> tuple[int, bool]:
 
 
 def is_valid_overflow(overflow: int) -> bool:
-    """Whether the value is valid for 0x1019: 0 (no counter) or 2 to 240 (CiA 301, 7.5.2.17)."""
+    """Whether the value is valid for 0x1019: 0 (no counter) or 2 to 240 (CiA 301, 7.5.2.22)."""
     return overflow == 0 or 2 <= overflow <= 240
 
 
 def check_overflow(overflow: int, period_us: int) -> AbortCode | None:
     """Return the abort code of a write to 0x1019 while 0x1006 is `period_us`, None if accepted."""
-    # CiA 301, 7.5.2.17: the overflow value must not change while 0x1006 is not 0
+    # CiA 301, 7.5.2.22: the overflow value must not change while 0x1006 is not 0
     if period_us:
         return AbortCode.DEVICE_STATE
     return None if is_valid_overflow(overflow) else AbortCode.INVALID_VALUE
