@@ -263,7 +263,7 @@ def _parameters(cls: type[Any]) -> dict[str, str]:
 
 
 def faults() -> str:
-    """Return the faults of virtual drives, and what a good master makes of each."""
+    """Return the faults of virtual drives, and the reaction of a correct master to each."""
     from canopen_control.virtual.fault_table import FAULTS
 
     rows = [

@@ -303,7 +303,7 @@ class EnableTrigger(Enum):
     QUICK_STOP_ENABLED = "a request quick stops it in OPERATION_ENABLED"
     DISABLE_VOLTAGE = "a request cuts its voltage"
     LEFT = "the drive is seen in another state than OPERATION_ENABLED"
-    ARRIVED = "what was on its way to the drive has arrived, or its time is over"
+    ARRIVED = "the request on its way to the drive has arrived, or its timeout has elapsed"
     LOST = "a fault, or an enable that ended without a command"
 
 

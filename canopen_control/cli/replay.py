@@ -101,7 +101,9 @@ def _be_watched(args: argparse.Namespace) -> int:
     if args.can is not None or not is_flight_file(path):
         raise ConfigError(f"--page shows a flight recording, a .zip, and plays into no bus; {args.file} is given")
     if running := list_sockets("robot"):
-        raise ConfigError(f"robot {running[0]} runs, and STOP is to mean one robot; end it before a recording is shown")
+        raise ConfigError(
+            f"robot {running[0]} runs, and STOP must always refer to one robot; end it before a recording is shown"
+        )
     file, samples = read_flight(path), read_samples(path)
     from canopen_control.host.reactor import Reactor
     from canopen_control.trace.replayed_robot import ReplayedRobot

@@ -14,21 +14,21 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from canopen_control.errors import ControlError, nearest
-from canopen_control.rpc.messages.parameters import SCALARS, ParameterReading, told
+from canopen_control.rpc.messages.parameters import SCALARS, ParameterReading, plain_value
 from canopen_control.yamlfile.convert import fields_of, help_of, key_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from canopen_control.controllers.params import Params
-    from canopen_control.rpc.messages.parameters import ParameterValue, Told
+    from canopen_control.rpc.messages.parameters import ParameterValue, PlainValue
 
 
 _HIDDEN: Final = frozenset({"type"})  # the manager's parameter of a controller
 _NO_METADATA: Final[Mapping[str, Any]] = types.MappingProxyType({})
 
 
-def declared_by(taken: object, settable: Iterable[str] = (), **effective: Told) -> tuple[ParameterReading, ...]:
+def declared_by(taken: object, settable: Iterable[str] = (), **effective: PlainValue) -> tuple[ParameterReading, ...]:
     """Return the parameters of a dataclass, sorted by name; `settable` are patterns of names.
 
     `effective` are values that differ from the file: the `update_rate` that a controller has from the manager.
@@ -45,7 +45,7 @@ def _reading(row: _Row, value: object, patterns: Iterable[str]) -> ParameterRead
     return ParameterReading(
         name=name,
         kind=kind,
-        value=told([plain] if kind.endswith("_array") and isinstance(plain, str) else plain),
+        value=plain_value([plain] if kind.endswith("_array") and isinstance(plain, str) else plain),
         read_only=not any(fnmatchcase(name, each) for each in patterns),
         low=low,
         high=high,
@@ -58,16 +58,16 @@ def given_in(params: Params) -> tuple[ParameterReading, ...]:
     """Return the parameters in the files for a controller that is not configured, whose declarations are unknown."""
     values = {key.text: value.value for key, value in params.flat.pairs()}
     return tuple(
-        ParameterReading(name=name, kind=_kind_of(value), value=told(value), read_only=True)
+        ParameterReading(name=name, kind=_kind_of(value), value=plain_value(value), read_only=True)
         for name, value in sorted(values.items())
         if name not in _HIDDEN
     )
 
 
-def checked(owner: str, known: Sequence[ParameterReading], wanted: Sequence[ParameterValue]) -> dict[str, Told]:
+def checked(owner: str, known: Sequence[ParameterReading], wanted: Sequence[ParameterValue]) -> dict[str, PlainValue]:
     """Return the values to set, by name; ControlError, with the text of rclcpp, for invalid ones."""
     rows = {each.name: each for each in known}
-    values: dict[str, Told] = {}
+    values: dict[str, PlainValue] = {}
     for each in wanted:
         row = rows.get(each.name)
         if row is None:

@@ -70,7 +70,7 @@ class LimitedTwist:
         return not any(self.limited)
 
     @property
-    def rests(self) -> bool:
+    def is_standstill(self) -> bool:
         """Whether standstill is requested, and was in the last steps."""
         return self._quiet > _STEPS and not any(self.wanted)
 
@@ -424,14 +424,14 @@ class MobileBase(Controller):
         self._take_reference(now)
         if not self._twist.known:
             return OK if self.waits_for_a_twist else self._rest(now)
-        rests = self._twist.rests
-        if not rests:
+        is_standstill = self._twist.is_standstill
+        if not is_standstill:
             self._twist.limit(period)
         if not self.follow(now):
             return self._without_feedback()
-        if not rests:
+        if not is_standstill:
             self._twist.step()
-        self._write(rests=rests)
+        self._write(is_standstill=is_standstill)
         self._publish(now)
         return OK
 
@@ -500,13 +500,13 @@ class MobileBase(Controller):
             self.stamp = now
             self.snapshot()
 
-    def _write(self, *, rests: bool) -> None:
+    def _write(self, *, is_standstill: bool) -> None:
         """Write all commands of the limited twist, or none if one does not fit its drive.
 
-        `rests`: standstill, whose limits need not be computed.
+        `is_standstill`: standstill, whose limits need not be computed.
         """
         self._writing = True
-        if (rests and self.by_twist_alone) or (self.braking and self._twist.stands):
+        if (is_standstill and self.by_twist_alone) or (self.braking and self._twist.stands):
             zero_targets(self.commands)
             return
         self.compute_commands(self.limited)

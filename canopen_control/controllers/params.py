@@ -23,7 +23,7 @@ from canopen_control.yamlfile.problems import Problems
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping
 
-    from canopen_control.rpc.messages.parameters import Told
+    from canopen_control.rpc.messages.parameters import PlainValue
 
 
 T = TypeVar("T")
@@ -72,7 +72,7 @@ class Params:
         self.taken, self.known = value, {*keys_of(cls), *(renames or {})}
         return typing.cast("T", value)
 
-    def changed(self, values: Mapping[str, Told]) -> Params:
+    def changed(self, values: Mapping[str, PlainValue]) -> Params:
         """Return these with other values by their dotted names; the file keeps its own."""
         made = Params.of(values, self.name)
         return Params(made.flat.over(self.flat), self.name, self.shared)

@@ -2,7 +2,7 @@
 
 Rules (ros2_control jazzy): the leaving controllers stop and release, the hardware changes its modes, the
 entering ones claim and start; if one of those fails, all of that request are stopped again. A request is checked as a
-whole before (`make_plan`). A controller that fails stops together with those chained to it.
+whole before (`plan_switch`). A controller that fails stops together with those chained to it.
 """
 
 from __future__ import annotations
@@ -226,7 +226,7 @@ class SwitchPlan:
     switches: tuple[tuple[HardwareComponent, tuple[str, ...], tuple[str, ...]], ...]
 
 
-def make_plan(
+def plan_switch(
     controllers: Mapping[str, Controller],
     registry: InterfaceRegistry,
     activate: Sequence[str],
@@ -531,7 +531,7 @@ class Switcher:
 
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], now: int, *, strict: bool) -> Switched:
         """Deactivate and activate in one step, see `ControllerManager.switch`."""
-        plan = make_plan(self._controllers, self._registry, activate, deactivate, strict=strict)
+        plan = plan_switch(self._controllers, self._registry, activate, deactivate, strict=strict)
         for component, start, stop in plan.switches:
             component.prepare_command_mode_switch(start, stop)
         for controller in plan.deactivate:

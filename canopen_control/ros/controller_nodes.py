@@ -18,7 +18,7 @@ from canopen_control.ros.participants import client_of, folder_of
 from canopen_control.ros.qos import EVENTS
 from canopen_control.ros.rcl import further_node
 from canopen_control.ros.sample_publisher import time_message
-from canopen_control.rpc.messages.parameters import KINDS, GetParameters, ParameterValue, SetParameters, told
+from canopen_control.rpc.messages.parameters import KINDS, GetParameters, ParameterValue, SetParameters, plain_value
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -91,7 +91,7 @@ def wanted_by(parameter: RosMessage) -> ParameterValue:
     kind = _KIND_OF.get(parameter.value.type, "not_set")
     value = None if kind == "not_set" else getattr(parameter.value, f"{kind}_value")
     plain = value if isinstance(value, bool | int | float | str | None) else list(value)
-    return ParameterValue(name=parameter.name, kind=kind, value=told(plain))
+    return ParameterValue(name=parameter.name, kind=kind, value=plain_value(plain))
 
 
 def matches(name: str, prefixes: Iterable[str], depth: int) -> bool:

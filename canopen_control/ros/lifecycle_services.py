@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from canopen_control.ros.endpoint import Reply, Ros, RosMessage
     from canopen_control.rpc.messages.state import NodeReading, StateSample
 
-    Told = Callable[[str | None], object]  # a sentence, or None where it was done
+    Done = Callable[[str | None], object]  # a sentence, or None where it was done
 
 
 class LifecycleTransition(NamedTuple):
@@ -105,7 +105,7 @@ class LifecycleServices(Endpoint):
         else:
             self._actions.get(transitions[0].label, lambda answer: answer(None))(done)
 
-    def _activate(self, done: Told) -> None:
+    def _activate(self, done: Done) -> None:
         wanted = list(self._nodes) if self._node is None else [self._node]
         nodes = {name: self._nodes.get(name) for name in wanted}
         late = [
@@ -121,7 +121,7 @@ class LifecycleServices(Endpoint):
         node = self._nodes.get(self._node or "")
         return node is not None and bool(node.axes)
 
-    def _deactivate(self, done: Told) -> None:
+    def _deactivate(self, done: Done) -> None:
         if self.state != "active" or (self._node is not None and not self._moves):
             done(None)
         elif self._node is None:

@@ -18,7 +18,7 @@ from canopen_control.master.event_log import Event, Level
 from canopen_control.rpc.messages import robot as messages
 from canopen_control.rpc.messages.declare import PROTOCOL, Done
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, WorldAct
-from canopen_control.rpc.messages.parameters import MANAGER, GetParameters, ParameterReading, SetParameters, told
+from canopen_control.rpc.messages.parameters import MANAGER, GetParameters, ParameterReading, SetParameters, plain_value
 from canopen_control.rpc.messages.robot import (
     ROBOT,
     AxisDone,
@@ -209,10 +209,10 @@ class ParameterMethods:
             yield ParameterReading(name=f"{name}.type", kind="string", value=config.type)
             for key, texts in (("fallback_controllers", config.fallbacks), ("node_options_args", config.node_options)):
                 if texts:
-                    yield ParameterReading(name=f"{name}.{key}", kind="string_array", value=told(texts))
+                    yield ParameterReading(name=f"{name}.{key}", kind="string_array", value=plain_value(texts))
         for name, given in self._spawned.given.items():
             if given.params_file:
-                value = told(given.params_file)
+                value = plain_value(given.params_file)
                 yield ParameterReading(name=f"{name}.params_file", kind="string_array", value=value)
 
 

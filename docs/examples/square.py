@@ -11,7 +11,7 @@ SPEED, TURN = 0.2, 1.0  # m/s and rad/s; the base ramps up and down by 1 m/s² a
 
 
 def drive(robot: Robot, seconds: float, linear: float, angular: float) -> None:
-    """Command one twist until its time is over, and let the base come to rest before the next one."""
+    """Command one twist for its duration, and wait until the base is at rest before the next one."""
     end, rested = time.monotonic() + seconds, time.monotonic() + seconds + 0.1 + linear + angular
     while (now := time.monotonic()) < rested:
         robot.twist(BASE, *((linear, angular) if now < end else (0.0, 0.0)))

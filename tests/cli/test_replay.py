@@ -146,7 +146,7 @@ def test_a_flight_recording_is_watched_as_a_robot_until_one_runs(stage, flight):
     assert "robot robby runs now; the recording makes way for it" in program.err
     again = stage.start("replay", flight, "--page")
     assert again.wait() == 2
-    assert "robot robby runs, and STOP is to mean one robot" in again.err
+    assert "robot robby runs, and STOP must always refer to one robot" in again.err
     other.end()
 
 

@@ -84,16 +84,16 @@ def test_standstill_rests_after_three_steps_until_something_is_wanted_or_the_lim
     fill(twist.wanted, 0.0)
     rests = []
     for _ in range(5):
-        rests.append(twist.rests)
+        rests.append(twist.is_standstill)
         twist.limit(0.1)
         twist.step()
     assert rests == [False, False, False, True, True]
     twist.wanted[0] = 1.0
-    assert not twist.rests
+    assert not twist.is_standstill
     fill(twist.wanted, 0.0)
-    assert twist.rests
+    assert twist.is_standstill
     twist.set_limits("base", limits)
-    assert not twist.rests
+    assert not twist.is_standstill
 
 
 def test_limits_that_exclude_each_other_are_told_with_controller_and_axis_and_change_nothing():

@@ -17,7 +17,7 @@ from canopen_control.controllers.switcher import (
     Rate,
     in_order,
     joints_of,
-    make_plan,
+    plan_switch,
     users_of,
 )
 from canopen_control.errors import ControlError, InterfaceConflict, UnsupportedMode
@@ -205,7 +205,7 @@ def test_the_end_of_a_client_ends_what_it_commands_and_no_more():
 
 
 def plan(control, activate=(), deactivate=(), *, strict=True):
-    return make_plan(control._controllers, control.registry, activate, deactivate, strict=strict)
+    return plan_switch(control._controllers, control.registry, activate, deactivate, strict=strict)
 
 
 def robot_of_claims():

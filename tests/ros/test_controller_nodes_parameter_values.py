@@ -9,7 +9,7 @@ from support import endpoints
 
 from canopen_control.ros import controller_nodes
 from canopen_control.ros.controller_nodes import descriptor_of, matches, value_of, wanted_by
-from canopen_control.rpc.messages.parameters import ParameterReading, told
+from canopen_control.rpc.messages.parameters import ParameterReading, plain_value
 
 pytestmark = pytest.mark.ros
 TEXT = st.text(st.characters(blacklist_categories=["Cs"], blacklist_characters="\0"))
@@ -36,8 +36,8 @@ def parameter(name, value):
 @given(st.sampled_from(sorted(KINDS)).flatmap(lambda kind: st.tuples(st.just(kind), KINDS[kind])))
 def test_what_is_told_to_ros_and_set_again_is_the_same(value):
     kind, plain = value
-    came = wanted_by(parameter("a.b", value_of(ParameterReading(name="a.b", kind=kind, value=told(plain)))))
-    assert (came.name, came.kind, came.value) == ("a.b", kind, told(plain))
+    came = wanted_by(parameter("a.b", value_of(ParameterReading(name="a.b", kind=kind, value=plain_value(plain)))))
+    assert (came.name, came.kind, came.value) == ("a.b", kind, plain_value(plain))
 
 
 def test_what_is_not_set_has_no_type():

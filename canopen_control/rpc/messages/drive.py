@@ -63,8 +63,8 @@ class FaultListing(msgspec.Struct, frozen=True, kw_only=True):
     """A fault that can be switched on, and whether it is.
 
     `row` is its number in the catalogue of real drives' behaviour (0: not in it), `acts` where it acts, "wire", "node",
-    "axis", "input" or "output", `does` what the drive does, `reaction` what a good master makes of it; `once`: it goes
-    off by itself.
+    "axis", "input" or "output", `does` what the drive does, `reaction` how a correct master reacts; `once`: it goes off
+    by itself.
     """
 
     name: str

@@ -23,14 +23,14 @@ KINDS: Final = {
 SCALARS: Final = {bool: "bool", int: "integer", float: "double", str: "string"}
 
 Scalar = bool | int | float | str
-Told = Scalar | list[Scalar] | None
+PlainValue = Scalar | list[Scalar] | None
 _SPECIAL: Final = {".nan": math.nan, ".inf": math.inf, "-.inf": -math.inf}
 
 
-def told(value: object) -> Told:
+def plain_value(value: object) -> PlainValue:
     """Return a value in its form on the wire; None for a value that cannot be a parameter."""
     if isinstance(value, list | tuple):
-        elements = [told(item) for item in value]
+        elements = [plain_value(item) for item in value]
         return [element for element in elements if element is not None and not isinstance(element, list)]
     if isinstance(value, float) and not math.isfinite(value):
         return ".nan" if math.isnan(value) else ".inf" if value > 0.0 else "-.inf"
@@ -49,10 +49,10 @@ class ParameterValue(msgspec.Struct, frozen=True, kw_only=True):
 
     name: str
     kind: str
-    value: Told = None
+    value: PlainValue = None
 
     @property
-    def plain(self) -> Told:
+    def plain(self) -> PlainValue:
         """Value in Python, including doubles that are not finite; ValueError if it does not match its kind."""
         element = KINDS.get(self.kind)
         if self.kind == "double" and not isinstance(self.value, list | None):

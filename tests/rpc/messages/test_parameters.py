@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.rpc.messages.parameters import ParameterValue, told
+from canopen_control.rpc.messages.parameters import ParameterValue, plain_value
 from canopen_control.rpc.wire import decode, plain
 
 KINDS = {
@@ -32,15 +32,15 @@ def same(one, other):
 @given(VALUES)
 def test_a_value_comes_over_the_wire_as_it_was(value):
     kind, given = value
-    message = ParameterValue(name="a.b", kind=kind, value=told(given))
+    message = ParameterValue(name="a.b", kind=kind, value=plain_value(given))
     came = decode(msgspec.json.encode(message), ParameterValue)
     assert same(came.plain, given)
 
 
 @pytest.mark.parametrize(("value", "text"), [(math.nan, ".nan"), (math.inf, ".inf"), (-math.inf, "-.inf")])
 def test_a_double_that_is_not_finite_is_the_text_of_yaml(value, text):
-    assert told(value) == text
-    assert plain(ParameterValue(name="x", kind="double", value=told(value)))["value"] == text
+    assert plain_value(value) == text
+    assert plain(ParameterValue(name="x", kind="double", value=plain_value(value)))["value"] == text
 
 
 @pytest.mark.parametrize("value", [True, "fast", [1.0, "slow"]])
@@ -51,5 +51,5 @@ def test_a_double_of_another_type_is_refused(value):
 
 
 def test_what_is_no_parameter_is_not_told():
-    assert told({"a": 1}) is None
-    assert told([1, {"a": 1}, [2]]) == [1]
+    assert plain_value({"a": 1}) is None
+    assert plain_value([1, {"a": 1}, [2]]) == [1]
