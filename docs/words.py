@@ -124,7 +124,11 @@ BUS_YML: dict[str, dict[str, str]] = {
         "sync_start": "the count of SYNC at which it begins",
         "mapping": "the mapped objects, in their order",
     },
-    "A mapped object": {"index": "index of the object", "sub_index": "its sub-index"},
+    "A mapped object": {
+        "index": "index of the object",
+        "sub_index": "its sub-index",
+        "bits": "length; compared with the EDS, whose length counts",
+    },
     "An object of `sdo`": {
         "index": "index of the object",
         "sub_index": "its sub-index",
