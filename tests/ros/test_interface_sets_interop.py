@@ -28,6 +28,8 @@ ENDPOINTS = """
 from canopen_control.ros import action_goals
 from canopen_control.ros import controller_endpoints
 action_goals.JudgedActionServer = lambda *args, **more: None  # which needs a node
+from canopen_control.ros.sample_topics import SAMPLE_TOPICS
+from canopen_control.rpc.messages.samples import kind_of
 from canopen_control.rpc.messages.state import ControllerReading
 class Ros:
     def __init__(self): self.lacking = []
@@ -50,7 +52,8 @@ def of(tells, type="x/Y", publishes=()):
     made = Ros()
     names = [each.__class__.__name__ for each in controller_endpoints.endpoints_for(made, reading)]
     return names, made.lacking
-kinds = {tells: of(tells) for tells in controller_endpoints.BY_SAMPLE}
+samples = {kind_of(row.kind) for row in SAMPLE_TOPICS} - {'joint_states'} | controller_endpoints.BY_SAMPLE.keys()
+kinds = {tells: of(tells) for tells in sorted(samples)}
 kinds |= {type: of(None, type) for type in controller_endpoints.BY_TYPE}
 kinds["broadcaster"] = of("joint_states", publishes=("joint_states", "dynamic_joint_states"))
 print(json.dumps(kinds))
