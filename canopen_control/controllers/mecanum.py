@@ -102,7 +102,7 @@ class MecanumDriveController(HolonomicBase):
         return [f"{joint}/{VELOCITY}" for joint in self.params.measured]
 
     def advance(self, dt: float) -> None:
-        """Follow the wheels."""
+        """Integrate the wheels' motion into the pose."""
         for index in range(len(self._speeds)):
             self._speeds[index] = self.states[index].value
         self.kinematics.update(self._speeds, dt)

@@ -119,7 +119,7 @@ class SteeringController(MobileBase):
         self.kinematics.angle = self.kinematics.measured_angle(self._steering)
 
     def advance(self, dt: float) -> None:
-        """Follow the wheels."""
+        """Integrate the wheels' motion into the pose."""
         self._read()
         if self.params.position_feedback:
             self.kinematics.update_position(self._traction, self._steering, dt)

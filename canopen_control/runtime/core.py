@@ -341,7 +341,7 @@ class RobotCore:
         self.pacer.start()
 
     def _with_buses(self, verb: Callable[[RobotBus], None]) -> None:
-        """Apply a method to all buses; if it fails, leave them all."""
+        """Call a method of all buses; close all of them if it fails."""
         try:
             for bus in self.buses.values():
                 verb(bus)

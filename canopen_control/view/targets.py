@@ -55,7 +55,7 @@ class DriveTarget:
 
     @property
     def unit(self) -> str:
-        """The unit of a target now, as the page writes it."""
+        """Unit of the target on the page."""
         return _UNITS.get(self.quantity, "")
 
 

@@ -63,7 +63,7 @@ class QuirkHooks:
         table[key] = value
 
     def healthy(self, point: InjectionPoint[T], value: T) -> None:
-        """Set the healthy value of an injection point: faults come and go from there."""
+        """Set the normal value of an injection point, which faults change."""
         self.attribute(point, "healthy", value)
         self.attribute(point, "value", value)
 
