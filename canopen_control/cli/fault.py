@@ -26,6 +26,8 @@ from canopen_control.virtual.fault_table import FAULTS, find_fault
 if TYPE_CHECKING:
     import argparse
 
+    from canopen_control.virtual.fault_table import Fault
+
 
 EXAMPLE = """canopen-control fault list
          canopen-control fault left_drive heartbeat_lost on
@@ -69,8 +71,10 @@ def run(args: argparse.Namespace) -> int:
             return _report(args, [fault.name for fault in client.ask(ListFaults()) if fault.on], node_id)
         if "=" in args.name:
             return _set(args, client, node_id)
-        _check(args.name)
+        fault = _check(args.name)
         active = client.ask(SwitchFault(name=args.name, on=args.state != "off")).active
+        if fault.quirk and not args.json:
+            print(f"{fault.name} is a quirk, the way of other healthy drives: quirk {args.what} {fault.quirk} on|off")
         return _report(args, active, node_id)
 
 
@@ -86,6 +90,7 @@ def _list(args: argparse.Namespace) -> int:
         return 0
     for fault in FAULTS.values():
         how = "once" if fault.once else "until it is switched off"
+        how = f"the quirk {fault.quirk}" if fault.quirk else how
         text = f"{_sentence(fault.does)} ({how}). A good master: {fault.reaction}."
         print(fault.name)
         print(textwrap.fill(text, _WIDTH, initial_indent="    ", subsequent_indent="    "))
@@ -154,10 +159,10 @@ def _set(args: argparse.Namespace, client: DriveClient, node_id: int) -> int:
     return 0
 
 
-def _check(name: str) -> None:
+def _check(name: str) -> Fault:
     if name in _ON_THE_BUS:
         raise ConfigError(f"{name} breaks the wire, not a drive: canopen-control bus fault CHANNEL {name} ...")
-    find_fault(name)
+    return find_fault(name)
 
 
 def connect_to(channel: str, node_id: int) -> DriveClient:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, TypeVar
 
 from canopen_control.cia301.emcy import EmcyMessage, ErrorRegister
 from canopen_control.cia301.nmt import NmtCommand, NmtState
-from canopen_control.cia402 import objects as o
 from canopen_control.frame import CanFrame
 
 if TYPE_CHECKING:
@@ -161,11 +160,6 @@ def clock_off_by(ppm: float) -> Switch:
     return lambda node, on, _now: node.set_clock_drift(ppm if on else 0.0)
 
 
-def rpdos_late(delay_ns: int) -> Switch:
-    """Return a switch that delays every RPDO."""
-    return lambda node, on, _now: node.pdos.input.delay_ns.switch(on, delay_ns)
-
-
 def rpdos_lost(one_of: int) -> Switch:
     """Return a switch that loses one of N RPDOs."""
     return lambda node, on, _now: node.pdos.input.lost.switch(on, one_of)
@@ -179,11 +173,6 @@ def wrong_entry(index: int, subindex: int, off: int) -> Switch:
         node.store.preset(index, subindex, node.store.number(index, subindex) + step)
 
     return turn
-
-
-def clamped(node: VirtualNode, on: bool, _now: int) -> None:
-    """Clamp a profile acceleration to 1000 without an error."""
-    node.store.ceilings.switch(on, {o.PROFILE_ACCELERATION: 1000})
 
 
 def _undefined(_word: int) -> int:
@@ -250,10 +239,8 @@ program_damaged: Switch = _breaks_program(lambda area: area.damages, True)
 flash_failing: Switch = _breaks_program(lambda area: area.fails_at, 1024)
 flash_slow: Switch = _breaks_program(lambda area: area.erase_ns, 12 * _S)
 served_in_preop: Switch = _breaks(lambda drive: drive.power.serves_preop, True)
-transition_slow: Switch = _breaks(lambda drive: drive.power.transition_delay_ns, 2 * _S)
 status_undefined: Switch = _each(no_state)
 mode_frozen: Switch = _breaks(lambda drive: drive.modes.stuck, True)
-mode_late: Switch = _breaks(lambda drive: drive.modes.delay_ns, 200 * _MS)
 local_control: Switch = _breaks(lambda drive: drive.readings.statusword.remote, False)
 warning: Switch = _breaks(lambda drive: drive.readings.statusword.warning, True)
 ack_missing: Switch = _breaks(lambda drive: drive.readings.statusword.suppressed, 1 << 12)

@@ -8,197 +8,43 @@ drive healthy; what the fault led to (a FAULT state, a reset) is the master's to
 
 from __future__ import annotations
 
-import difflib
 import heapq
-import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from canopen_control.cia301.abort import AbortCode
-from canopen_control.cia301.nmt import NmtCommand
-from canopen_control.cia402 import objects as o
-from canopen_control.errors import ConfigError
-from canopen_control.frame import CanFrame, Service, cob_id
+from canopen_control.errors import ConfigError, nearest
 from canopen_control.rpc.messages.drive import FaultListing
 from canopen_control.virtual import device_faults
 from canopen_control.virtual import device_faults as device
+from canopen_control.virtual.fault_frames import (
+    deaf,
+    deaf_to_sdo,
+    deaf_to_start,
+    deaf_to_sync,
+    drop_all,
+    heartbeat_dropped,
+    heartbeat_twice,
+    heartbeat_wrong,
+    jittered,
+    refuses_writes,
+    sdo_one_byte,
+    sdo_segment_lost,
+    sdo_toggled,
+    sdo_wrong_mux,
+    tpdo_delayed,
+    tpdo_dropped,
+    tpdo_lengthened,
+    tpdo_shortened,
+)
 from canopen_control.virtual.node_events import FaultSwitched
+from canopen_control.virtual.quirk_table import QUIRKS
+from canopen_control.virtual.quirks import switches_of
 from canopen_control.virtual.virtual_node import VirtualNode
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
+    from canopen_control.frame import CanFrame
     from canopen_control.virtual.device_faults import Switch
-
-    Outgoing = Callable[[VirtualNode, CanFrame, int], list[tuple[int, CanFrame]]]  # (delay in ns, frame)
-    Incoming = Callable[[VirtualNode, CanFrame, int], CanFrame | None]
-
-
-# What faults do to frames: to those that leave a node, and to those that reach it.
-#
-# A function returns what goes on, and changes nothing else. None of them knows its name or its row: those are in
-# `fault_table`.
-
-
-_MS = 1_000_000
-_MUX = struct.Struct("<BHB")
-_ABORT, _SEGMENTS = 0x80, (0x00, 0x10)
-
-
-# -- which frame is it
-
-
-def is_heartbeat(node: VirtualNode, frame: CanFrame) -> bool:
-    """Whether the frame is the node's heartbeat or boot-up."""
-    return frame.can_id == cob_id(Service.HEARTBEAT, node.node_id)
-
-
-def is_sdo_answer(node: VirtualNode, frame: CanFrame) -> bool:
-    """Whether the node's SDO server sent it."""
-    return frame.can_id == node.sdo.answer_cob_id and len(frame.data) == 8
-
-
-def is_sdo_request(node: VirtualNode, frame: CanFrame) -> bool:
-    """Whether the frame is a request to the node's SDO server."""
-    return frame.can_id == node.sdo.request_cob_id and len(frame.data) == 8
-
-
-def is_tpdo(node: VirtualNode, frame: CanFrame) -> bool:
-    """Whether the frame is a TPDO of the node."""
-    ids = {tpdo.producer.parameters.cob_id for tpdo in node.pdos.tpdos.values() if tpdo.producer.parameters.enabled}
-    return frame.can_id in ids
-
-
-# -- frames that leave
-
-
-def drop_all(_node: VirtualNode, _frame: CanFrame, _now: int) -> list[tuple[int, CanFrame]]:
-    """Lose everything."""
-    return []
-
-
-def _on(
-    matches: Callable[[VirtualNode, CanFrame], bool], change: Callable[[CanFrame], list[tuple[int, CanFrame]]]
-) -> Outgoing:
-    def outgoing(node: VirtualNode, frame: CanFrame, _now: int) -> list[tuple[int, CanFrame]]:
-        return change(frame) if matches(node, frame) else [(0, frame)]
-
-    return outgoing
-
-
-def _data(frame: CanFrame, data: bytes) -> list[tuple[int, CanFrame]]:
-    return [(0, CanFrame(frame.can_id, data))]
-
-
-def _shortened(frame: CanFrame) -> list[tuple[int, CanFrame]]:
-    return _data(frame, frame.data[:-1])
-
-
-def _lengthened(frame: CanFrame) -> list[tuple[int, CanFrame]]:
-    return _data(frame, (frame.data + b"\xa5")[:8])
-
-
-def _wrong_mux(frame: CanFrame) -> list[tuple[int, CanFrame]]:
-    command, index, subindex = _MUX.unpack_from(frame.data)
-    return _data(frame, _MUX.pack(command, index + 1 & 0xFFFF, subindex) + frame.data[4:])
-
-
-def _toggled(frame: CanFrame) -> list[tuple[int, CanFrame]]:
-    """Turn the toggle bit of segment answers, 0x and 1x (upload) and 2x and 3x (download)."""
-    if frame.data[0] >> 5 in (0, 1):
-        return _data(frame, bytes((frame.data[0] ^ 0x10,)) + frame.data[1:])
-    return [(0, frame)]
-
-
-def _lost_segment(frame: CanFrame) -> list[tuple[int, CanFrame]]:
-    return [] if frame.data[0] >> 5 == 0 else [(0, frame)]
-
-
-def _one_byte(frame: CanFrame) -> list[tuple[int, CanFrame]]:
-    """Claim that an expedited upload of 2 or 4 bytes has one."""
-    if frame.data[0] in (0x43, 0x47, 0x4B):
-        return _data(frame, b"\x4f" + frame.data[1:5] + b"\0\0\0")
-    return [(0, frame)]
-
-
-def _pre_operational(frame: CanFrame) -> list[tuple[int, CanFrame]]:
-    return _data(frame, b"\x7f") if frame.data != b"\0" else [(0, frame)]
-
-
-def _twice(frame: CanFrame) -> list[tuple[int, CanFrame]]:
-    return [(0, frame), (0, frame)]
-
-
-def jittered(node: VirtualNode, frame: CanFrame, now: int) -> list[tuple[int, CanFrame]]:
-    """Delay heartbeats by a random part of up to 60 % of their period."""
-    if not is_heartbeat(node, frame) or frame.data == b"\0":
-        return [(0, frame)]
-    period = node.heartbeat.period_ns
-    step = now // period if period else 0
-    return [(period * ((step * step * 7 + step * 13) % 61) // 100, frame)]
-
-
-heartbeat_dropped: Outgoing = _on(is_heartbeat, lambda _frame: [])
-heartbeat_wrong: Outgoing = _on(is_heartbeat, _pre_operational)
-heartbeat_twice: Outgoing = _on(is_heartbeat, _twice)
-tpdo_dropped: Outgoing = _on(is_tpdo, lambda _frame: [])
-tpdo_shortened: Outgoing = _on(is_tpdo, _shortened)
-tpdo_lengthened: Outgoing = _on(is_tpdo, _lengthened)
-tpdo_delayed: Outgoing = _on(is_tpdo, lambda frame: [(70 * _MS, frame)])
-sdo_wrong_mux: Outgoing = _on(is_sdo_answer, _wrong_mux)
-sdo_delayed: Outgoing = _on(is_sdo_answer, lambda frame: [(700 * _MS, frame)])
-sdo_toggled: Outgoing = _on(is_sdo_answer, _toggled)
-sdo_segment_lost: Outgoing = _on(is_sdo_answer, _lost_segment)
-sdo_one_byte: Outgoing = _on(is_sdo_answer, _one_byte)
-
-
-# -- frames that reach the node
-
-
-def deaf(_node: VirtualNode, _frame: CanFrame, _now: int) -> CanFrame | None:
-    """Hear nothing."""
-    return None
-
-
-def deaf_to_sdo(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
-    """Hear no SDO request."""
-    return None if is_sdo_request(node, frame) else frame
-
-
-def deaf_to_start(_node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
-    """Hear no NMT start."""
-    return None if frame.can_id == 0 and frame.data[:1] == bytes((NmtCommand.START,)) else frame
-
-
-def deaf_to_sync(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
-    """Hear no SYNC."""
-    return None if frame.can_id == node.sync.cob_id else frame
-
-
-def refusing(code: AbortCode, concerns: Callable[[int, int], bool]) -> Incoming:
-    """Answer SDO initiates that `concerns` (command, index) with an abort, before the server sees them."""
-
-    def incoming(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
-        if not is_sdo_request(node, frame):
-            return frame
-        command, index, subindex = _MUX.unpack_from(frame.data)
-        if command >> 5 not in (1, 2, 5, 6) or not concerns(command, index):
-            return frame
-        answer = _MUX.pack(_ABORT, index, subindex) + int(code).to_bytes(4, "little")
-        node.outbox.send(CanFrame(node.sdo.answer_cob_id, answer))
-        return None
-
-    return incoming
-
-
-_OPTIONAL = frozenset((o.ERROR_CODE, o.ABORT_CONNECTION_OPTION, o.INTERPOLATION_TIME_PERIOD))
-refuses_writes: Incoming = refusing(AbortCode.DEVICE_STATE, lambda command, _index: command >> 5 in (1, 6))
-lacks_optional: Incoming = refusing(AbortCode.NO_OBJECT, lambda _command, index: index in _OPTIONAL)
-refuses_mapping: Incoming = refusing(
-    AbortCode.READ_ONLY,
-    lambda command, index: command >> 5 in (1, 6) and (0x1600 <= index < 0x1800 or 0x1A00 <= index < 0x1C00),
-)
-refuses_blocks: Incoming = refusing(AbortCode.UNKNOWN_COMMAND, lambda command, _index: command >> 5 in (5, 6))
+    from canopen_control.virtual.fault_frames import Incoming, Outgoing
 
 
 # ruff: noqa: E501 - one fault is one line of the table
@@ -208,7 +54,8 @@ refuses_blocks: Incoming = refusing(AbortCode.UNKNOWN_COMMAND, lambda command, _
 class Fault:
     """Row of the table; `acts` is ``wire``, ``node``, ``axis``, ``program``, ``input`` or ``output`` (not of drives).
 
-    Those of a ``program`` are of nodes whose program can be loaded over CANopen.
+    Those of a ``program`` are of nodes whose program can be loaded over CANopen. One with a `quirk` is the way of other
+    healthy drives, under the name that it had before there were quirks: the quirk is switched.
     """
 
     row: int
@@ -222,6 +69,7 @@ class Fault:
     once: bool = False
     floods: bool = False
     second_node: bool = False
+    quirk: str = ""
 
     def fits(self, node: VirtualNode) -> bool:
         """Whether a node can show it."""
@@ -255,18 +103,18 @@ _ROWS = (
     Fault(5, "heartbeat_wrong_state", "wire", "its heartbeats show PRE-OPERATIONAL", f"a fault of operation: {_STOP_ALL}", outgoing=heartbeat_wrong),
     Fault(5, "leaves_operational", "node", "goes to PRE-OPERATIONAL without a command", f"a fault of operation: {_STOP_ALL}", switched=device.drop_out, once=True),
     Fault(6, "nmt_start_ignored", "wire", "does not hear NMT start", "repeats it up to three times, then an error that names the node", incoming=deaf_to_start),
-    Fault(7, "already_operational", "node", "is OPERATIONAL without a command", "resets its communication before configuring it", switched=device.start_by_itself),
+    Fault(7, "already_operational", "node", "is OPERATIONAL without a command", "resets its communication before configuring it", quirk="already_operational"),
     Fault(8, "sdo_silent_once", "wire", "does not answer one SDO request", "asks once more", incoming=deaf_to_sdo, once=True),
     Fault(8, "sdo_silent", "wire", "answers no SDO request", "error that names node and object, no hang", incoming=deaf_to_sdo),
-    Fault(8, "sdo_late", "wire", "answers SDO requests 0.7 s late", "never takes a late answer for that of another request", outgoing=sdo_delayed),
+    Fault(8, "sdo_late", "wire", "answers SDO requests 0.7 s late", "never takes a late answer for that of another request", quirk="sdo_late=0.7"),
     Fault(9, "sdo_wrong_mux", "wire", "answers for another object than asked", "ignores it until the time-out", outgoing=sdo_wrong_mux),
     Fault(10, "sdo_busy", "wire", "refuses writes because of its present state", "tries again for some seconds, then says why", incoming=refuses_writes),
-    Fault(11, "optional_missing", "wire", "lacks 0x603F, 0x6007 and 0x60C2", "does without", incoming=lacks_optional),
+    Fault(11, "optional_missing", "wire", "lacks 0x603F, 0x6007 and 0x60C2", "does without", quirk="optional_missing"),
     Fault(12, "sdo_toggle_error", "wire", "repeats the toggle bit in segments", "aborts and starts the transfer again, at most twice", outgoing=sdo_toggled),
     Fault(12, "sdo_segment_lost", "wire", "loses the segments of its uploads", "aborts and starts the transfer again, at most twice", outgoing=sdo_segment_lost),
-    Fault(13, "sdo_no_block", "wire", "knows no block transfer", "uses segments instead", incoming=refuses_blocks),
+    Fault(13, "sdo_no_block", "wire", "knows no block transfer", "uses segments instead", quirk="sdo_no_block"),
     Fault(14, "sdo_short_answer", "wire", "sends one byte where the object has more", "says so, takes no wrong value", outgoing=sdo_one_byte),
-    Fault(15, "mapping_fixed", "wire", "its PDO mapping cannot be written", "uses the present mapping if it will do, else a clear error", incoming=refuses_mapping),
+    Fault(15, "mapping_fixed", "wire", "its PDO mapping cannot be written", "uses the present mapping if it will do, else a clear error", quirk="mapping_fixed"),
     Fault(17, "tpdo_short", "wire", "its TPDOs lack their last byte", "drops and counts them, warns once, uses no old bytes", outgoing=tpdo_shortened),
     Fault(17, "tpdo_long", "wire", "its TPDOs have a byte too many", "warns once", outgoing=tpdo_lengthened),
     Fault(18, "tpdo_missing", "wire", "its TPDOs do not arrive", "after some cycles a controlled stop; feedback has an age", outgoing=tpdo_dropped),
@@ -280,12 +128,12 @@ _ROWS = (
     Fault(25, "short_circuit", "axis", "short circuit: FAULT, whose cause lasts", "names it; a reset says that the cause is still present", switched=device.short_circuit),
     Fault(25, "fault_reset_ignored", "axis", "does not obey a fault reset", "says so after its time-out", switched=device.reset_deaf),
     Fault(26, "fault_needs_reset", "node", "FAULT that only a reset of the communication takes back", "offers the chain: reset communication, boot, fault reset", switched=device.stubborn_fault),
-    Fault(27, "transition_slow", "axis", "takes two seconds for every transition", "waits, holds its targets", switched=device.transition_slow),
+    Fault(27, "transition_slow", "axis", "takes two seconds for every transition", "waits, holds its targets", quirk="transition_slow=2"),
     Fault(28, "power_stage_off", "axis", "its power stage loses the supply, no fault", "reports it, stops all axes, does not fight", switched=device.power_stage_off),
     Fault(28, "undervoltage", "axis", "under-voltage: FAULT, whose cause lasts", "names it; a reset says that the cause is still present", switched=device.supply_low),
     Fault(30, "undefined_statusword", "axis", "shows a statusword that is no state (0x0001)", "keeps the last state for some cycles, then an error", switched=device.status_undefined),
     Fault(31, "mode_display_stuck", "axis", "its mode display never changes", "no set-point in the new mode; time-out, old mode back", switched=device.mode_frozen),
-    Fault(31, "mode_display_late", "axis", "changes its mode 200 ms late", "waits for the display", switched=device.mode_late),
+    Fault(31, "mode_display_late", "axis", "changes its mode 200 ms late", "waits for the display", quirk="mode_display_late=0.2"),
     Fault(32, "pp_ack_missing", "axis", "never acknowledges a set-point (bit 12)", "time-out; bit 4 goes back to 0", switched=device.ack_missing),
     Fault(32, "pp_ack_stuck", "axis", "its acknowledgement (bit 12) is always set", "waits for it to fall first; time-out", switched=device.ack_stuck),
     Fault(33, "target_reached_stale", "axis", "bit 10 is always set", "waits for the acknowledgement first", switched=device.reached_stuck),
@@ -302,13 +150,13 @@ _ROWS = (
     Fault(40, "wrong_identity", "node", "shows another product code", "refuses it at boot (error M)", switched=device.wrong_entry(0x1018, 2, 1)),
     Fault(40, "wrong_revision", "node", "shows another revision", "warns", switched=device.wrong_entry(0x1018, 3, 1)),
     Fault(41, "local_control", "axis", "is under local control (bit 9 is 0)", "refuses to enable it, with words", switched=device.local_control),
-    Fault(42, "parameter_clamped", "node", "takes at most 1000 for 0x6083, silently", "reads back and compares", switched=device.clamped),
+    Fault(42, "parameter_clamped", "node", "takes at most 1000 for 0x6083, silently", "reads back and compares", quirk="parameter_clamped=1000"),
     Fault(43, "direction_inverted", "axis", "shows position and velocity with the wrong sign", "finds it in a jog test", switched=device.inverted),
     Fault(47, "clock_fast", "node", "has a clock that is 100 ppm fast: in CSP it sees a set-point twice now and then", "goes on; a repeated set-point is no fault", switched=device.clock_off_by(100.0)),
     Fault(47, "clock_slow", "node", "has a clock that is 100 ppm slow: in CSP it misses a set-point now and then", "goes on; a missed set-point is no fault", switched=device.clock_off_by(-100.0)),
-    Fault(0, "rpdo_late", "node", "hears its RPDOs 3 ms late", "goes on; what the drive reports of its set-points shows the phase", switched=device.rpdos_late(3_000_000)),
+    Fault(0, "rpdo_late", "node", "hears its RPDOs 3 ms late", "goes on; what the drive reports of its set-points shows the phase", quirk="rpdo_late=0.003"),
     Fault(0, "rpdo_lost", "node", "does not hear one RPDO of a hundred", "goes on; what the drive reports of its set-points counts the missed ones", switched=device.rpdos_lost(100)),
-    Fault(0, "enabled_in_preop", "axis", "obeys controlword 15 in PRE-OPERATIONAL too, and set-points by SDO", "enables it in OPERATIONAL alone, as always", switched=device.served_in_preop),
+    Fault(0, "enabled_in_preop", "axis", "obeys controlword 15 in PRE-OPERATIONAL too, and set-points by SDO", "enables it in OPERATIONAL alone, as always", quirk="enabled_in_preop"),
     Fault(0, "warning", "axis", "sets the warning bit", "shows it, nothing stops", switched=device.warning),
     Fault(0, "device_error", "node", "reports an error of its hardware (0x5000) that lasts", "shows it", switched=device.hardware_error),
     Fault(0, "input_stuck", "input", "its inputs stay at what they show (a device that is no drive)", "cannot know; a second sensor, or what it should do, tells", switched=device.inputs("stuck")),
@@ -333,9 +181,11 @@ def find_fault(name: str) -> Fault:
     """Return a fault by name; ConfigError with the nearest name if it is unknown."""
     fault = FAULTS.get(name)
     if fault is None:
-        near = difflib.get_close_matches(name, FAULTS, 1)
-        hint = f"did you mean {near[0]}?" if near else "canopen-control fault list explains those there are"
-        raise ConfigError(f"no fault {name!r}; {hint}")
+        if name.partition("=")[0].partition("@")[0] in QUIRKS:
+            raise ConfigError(
+                f"{name} is a quirk, not a fault: canopen-control quirk NODE {name}, or quirk: in a scenario"
+            )
+        raise ConfigError(f"no fault {name!r}{nearest(name, FAULTS)}; see: canopen-control fault list")
     return fault
 
 
@@ -370,6 +220,7 @@ class FaultSwitches:
     def __init__(self, node: VirtualNode) -> None:
         self._node = node
         self._on: dict[str, Fault] = {}
+        self._quirks: list[str] = []  # faults that are quirks, and on
         self._held: list[tuple[int, int, CanFrame]] = []  # due, order, frame
         self._due: list[CanFrame] = []
         self._order = 0
@@ -383,8 +234,8 @@ class FaultSwitches:
 
     @property
     def active(self) -> list[str]:
-        """Names of the active faults."""
-        return list(self._on)
+        """The names of the faults that are on."""
+        return [*self._on, *self._quirks]
 
     def schedule(self, text: str) -> None:
         """Schedule a fault: ``name`` at start-up, ``name@seconds`` after it; ConfigError for anything else."""
@@ -413,9 +264,12 @@ class FaultSwitches:
     def set(self, name: str, on: bool, now: int) -> None:
         """Switch a fault; no-op if unchanged. ConfigError for a name this node does not have."""
         fault = find_fault(name)
-        if on == (name in self._on):
+        if on == (name in self.active):
             return
         self._require(fault)
+        if fault.quirk:
+            self._set_quirk(fault, on, now)
+            return
         self._node.advance_drives(now)
         self._node.filter = self
         if on:
@@ -433,6 +287,13 @@ class FaultSwitches:
                 self._off(name)
         self._node.outbox.values_changed()
         self._node.follow(now)
+        self._retire()
+
+    def _set_quirk(self, fault: Fault, on: bool, now: int) -> None:
+        (self._quirks.append if on else self._quirks.remove)(fault.name)
+        self._node.filter = self
+        switches_of(self._node).set(fault.quirk, on, now)
+        self._node.outbox.publish(FaultSwitched(fault.name, on))
         self._retire()
 
     def incoming(self, frame: CanFrame, now: int) -> CanFrame | None:
@@ -505,7 +366,7 @@ class FaultSwitches:
 
     def _retire(self) -> None:
         """Get out of the way when nothing is on, planned or held."""
-        quirks = self._outgoing or self._incoming
+        quirks = self._outgoing or self._incoming or self._quirks
         if not (self._on or self._planned or self._held or self._due or quirks) and self._started:
             self._node.filter = None
 

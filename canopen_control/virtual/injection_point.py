@@ -5,7 +5,7 @@ A node depends on these alone; `fault_table` has the faults, `quirks` the quirks
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 if TYPE_CHECKING:
     from canopen_control.frame import CanFrame
@@ -55,6 +55,9 @@ class FaultFilter(Protocol):
 
     def set(self, name: str, on: bool, now: int) -> None:
         """Switch a fault; ConfigError for an unknown name."""
+
+    def set_quirks(self, outgoing: tuple[Any, ...], incoming: tuple[Any, ...]) -> None:
+        """Let these functions of quirks, and no others, change the frames of the node."""
 
     def incoming(self, frame: CanFrame, now: int) -> CanFrame | None:
         """Return the frame that the node receives; None: it is lost."""

@@ -25,8 +25,17 @@ from canopen_control.cia402.state import (
     transition_of,
 )
 from canopen_control.frame import CanFrame
+from canopen_control.virtual.device_faults import served_in_preop, start_by_itself
 from canopen_control.virtual.device_model import MissingSetPoint
-from canopen_control.virtual.fault_table import FAULTS, is_heartbeat, is_sdo_answer, is_sdo_request, refusing
+from canopen_control.virtual.fault_frames import (
+    is_heartbeat,
+    is_sdo_answer,
+    is_sdo_request,
+    lacks_optional,
+    refuses_blocks,
+    refuses_mapping,
+    refusing,
+)
 from canopen_control.virtual.mode_base import BIT_12, NEW_SET_POINT
 from canopen_control.virtual.node_pdos import TPDO
 from canopen_control.virtual.profile_modes import IMMEDIATELY
@@ -37,6 +46,8 @@ if TYPE_CHECKING:
 
     from canopen_control.cia402.state import Transition
     from canopen_control.od.model import Entry, Value
+    from canopen_control.virtual.device_faults import Switch
+    from canopen_control.virtual.fault_frames import Incoming
     from canopen_control.virtual.injection_point import InjectionPoint
     from canopen_control.virtual.object_store import Guard
     from canopen_control.virtual.quirk_hooks import Plain
@@ -144,19 +155,18 @@ def _lacks(*indices: int) -> NodeAct:
     return lambda hooks, _strength: hooks.absent(*indices)
 
 
-def as_fault(name: str) -> NodeAct:
-    """Return an act with the effect of a fault, as normal behaviour of a drive."""
-    fault = FAULTS[name]
+def _hears(incoming: Incoming) -> NodeAct:
+    """Make an act that changes the frames that reach the node."""
+    return lambda hooks, _strength: hooks.incoming.append(incoming)
+
+
+def _turns(switch: Switch) -> NodeAct:
+    """Make an act that switches something of the node, until it is undone."""
 
     def act(hooks: QuirkHooks, _strength: float) -> None:
         node = hooks.node
-        if fault.outgoing is not None:
-            hooks.outgoing.append(fault.outgoing)
-        if fault.incoming is not None:
-            hooks.incoming.append(fault.incoming)
-        if (switched := fault.switched) is not None:
-            hooks.later(lambda: switched(node, False, node.clock.now))
-            switched(node, True, node.clock.now)
+        hooks.later(lambda: switch(node, False, node.clock.now))
+        switch(node, True, node.clock.now)
 
     return act
 
@@ -769,6 +779,8 @@ supported_modes_absent = _lacks(o.SUPPORTED_DRIVE_MODES)
 sync_counter_absent = _lacks(0x1019)
 heartbeat_absent = _lacks(0x1016, 0x1017)
 error_code_absent = _lacks(o.ERROR_CODE)
+mapping_fixed, optional_missing, no_block = _hears(refuses_mapping), _hears(lacks_optional), _hears(refuses_blocks)
+enabled_in_preop, operational_by_itself = _turns(served_in_preop), _turns(start_by_itself)
 velocity_absent = _lacks(o.VELOCITY_ACTUAL)
 mode_fixed_while_halted = _condition(lambda drive: not drive.power.controlword & HALT_BIT)
 mode_fixed_while_enabled = _condition(

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.rpc.messages.drive import QuirkListing
 from canopen_control.virtual import quirk_acts as acts
-from canopen_control.virtual.quirk_acts import as_fault
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -343,7 +342,7 @@ _ROWS: Final = (
         "is enabled in PRE-OPERATIONAL too, and takes set-points by SDO there",
         _POWER,
         "unsourced",
-        node=as_fault("enabled_in_preop"),
+        node=acts.enabled_in_preop,
     ),
     Quirk(
         "sync_period_judged",
@@ -652,13 +651,13 @@ _ROWS: Final = (
         group="abort codes",
     ),
     Quirk("sdo_aborts_zero", "aborts with the code 0", _SDO, "unsourced", node=acts.aborts_zero, group="abort codes"),
-    Quirk("sdo_no_block", "knows no block transfer", _SDO, "unsourced", node=as_fault("sdo_no_block")),
+    Quirk("sdo_no_block", "knows no block transfer", _SDO, "unsourced", node=acts.no_block),
     Quirk(
         "optional_missing",
         "lacks 0x603F, 0x6007 and 0x60C2",
         "CiA 402-2, objects 0x603F, 0x6007 and 0x60C2",
         "unsourced",
-        node=as_fault("optional_missing"),
+        node=acts.optional_missing,
     ),
     Quirk(
         "error_code_absent",
@@ -689,7 +688,7 @@ _ROWS: Final = (
         "has a PDO mapping that cannot be written",
         _MAPPING,
         "unsourced",
-        node=as_fault("mapping_fixed"),
+        node=acts.mapping_fixed,
     ),
     Quirk(
         "mapping_in_preop",
@@ -778,7 +777,7 @@ _ROWS: Final = (
         "is OPERATIONAL without a command",
         _NMT,
         "unsourced",
-        node=as_fault("already_operational"),
+        node=acts.operational_by_itself,
     ),
     Quirk(
         "start_without_errors",

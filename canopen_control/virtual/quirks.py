@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from canopen_control.errors import ConfigError, nearest
-from canopen_control.virtual.fault_table import FaultSwitches
 from canopen_control.virtual.node_events import QuirkSwitched
 from canopen_control.virtual.quirk_hooks import QuirkHooks
 from canopen_control.virtual.quirk_table import QUIRKS
@@ -168,7 +167,7 @@ class QuirkSwitches:
                 if setting.quirk.axis is not None and setting.axis in (None, axis):
                     setting.quirk.axis(hooks, drive, setting.value)
         node.pdos.rules_changed()
-        if isinstance(node.switches, FaultSwitches):
+        if node.switches is not None:
             node.switches.set_quirks(tuple(hooks.outgoing), tuple(hooks.incoming))
 
 

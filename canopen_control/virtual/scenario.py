@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.errors import ConfigError, nearest
+from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.drive import (
     AddPayload,
     BlockJoint,
@@ -35,7 +35,7 @@ from canopen_control.rpc.messages.drive import (
     SwitchFault,
     SwitchQuirk,
 )
-from canopen_control.virtual.fault_table import FAULTS
+from canopen_control.virtual.fault_table import find_fault
 from canopen_control.virtual.quirks import parse_quirk
 from canopen_control.yamlfile.convert import position, setting
 from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
@@ -188,11 +188,9 @@ class ScenarioStep(WorldEvent):
 
     def check_name(self, fault: str | None, quirk: str | None) -> None:
         """Report an unknown fault or quirk."""
-        if fault is not None and fault not in FAULTS:
-            self.here.error(f"no fault {fault!r}{nearest(fault, list(FAULTS))}; see: canopen-control fault list")
-        if quirk is not None:
+        if fault is not None or quirk is not None:
             try:
-                parse_quirk(quirk)
+                find_fault(fault) if fault is not None else parse_quirk(quirk or "")
             except ConfigError as error:
                 self.here.error(str(error))
 

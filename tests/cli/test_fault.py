@@ -67,7 +67,7 @@ def test_what_a_fault_does_is_a_sentence_whatever_it_is_of(capsys):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["5", "hartbeat_lost", "on", "--can", CAN], "did you mean heartbeat_lost"),
+        (["5", "hartbeat_lost", "on", "--can", CAN], "did you mean 'heartbeat_lost'"),
         (["5", "cut", "on", "--can", CAN], "canopen-control bus fault CHANNEL cut"),
         (["5", "silent", "on"], "--can CHANNEL"),
         (["5", "silent", "on", "--can", "local:a/b"], "local:a/b"),

@@ -21,7 +21,7 @@ def test_names_that_nobody_has_are_refused_with_those_there_are(robot):
         robot.drives["left"]
     with pytest.raises(UnknownName, match="no joint 'left'"):
         robot.velocity("left")
-    with pytest.raises(ConfigError, match="did you mean silent"):
+    with pytest.raises(ConfigError, match="did you mean 'silent'"):
         robot.drives[3].fault("silnt")
     with pytest.raises(ConfigError, match="every 0"):
         robot.bus.lose(0)
