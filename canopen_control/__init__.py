@@ -7,10 +7,10 @@ What stands in `__all__`, and the exceptions of `canopen_control.errors`, are th
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING
 
 from canopen_control.version import __version__
 
+TYPE_CHECKING = False  # the module typing takes longer to import than this one
 if TYPE_CHECKING:
     from canopen_control.bus.channel import open_port
     from canopen_control.bus.port import BusEvent, Port

@@ -40,8 +40,7 @@ are converted to these classes in `bus`, and nowhere else.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+TYPE_CHECKING = False  # the module typing takes longer to import than this one
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 

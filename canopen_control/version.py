@@ -1,8 +1,10 @@
 """Version of the package, the only place that defines it, and the kind of build."""
 
-import importlib.machinery
-import importlib.util
-from typing import Final
+from __future__ import annotations
+
+TYPE_CHECKING = False  # every process imports this module, and few need more than the version
+if TYPE_CHECKING:
+    from typing import Final
 
 __version__ = "0.3.0.dev0"
 
@@ -13,6 +15,9 @@ TO_COMPILE: Final = "faster: tools/compile --install"
 
 def build() -> str:
     """Return the build that this process runs: `COMPILED` or `PURE`."""
+    import importlib.machinery
+    import importlib.util
+
     spec = importlib.util.find_spec("canopen_control.frame")  # a compiled module that every process imports
     extension = tuple(importlib.machinery.EXTENSION_SUFFIXES)
     return COMPILED if spec is not None and str(spec.origin).endswith(extension) else PURE

@@ -331,7 +331,8 @@ def command_line() -> str:
     import importlib
     import os
 
-    from canopen_control.cli.verbs import VERBS, parser_of
+    from canopen_control.cli.support.parsers import parser_of
+    from canopen_control.cli.verbs import VERBS
 
     os.environ["COLUMNS"] = "110"
     text = [

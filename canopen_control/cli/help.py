@@ -46,7 +46,8 @@ def run(args: argparse.Namespace) -> int:
 
 def man_page(verb: str | None = None) -> str:
     """Return the man page of a verb, or of the program with all its verbs, in troff's man macros."""
-    from canopen_control.cli.verbs import GROUPS, VERBS, actions_of, parser_of
+    from canopen_control.cli.support.parsers import actions_of, parser_of
+    from canopen_control.cli.verbs import GROUPS, VERBS
     from canopen_control.version import __version__
 
     name = "canopen-control" if verb is None else f"canopen-control-{verb}"

@@ -6,18 +6,16 @@ robot found that. A user sees one sentence, never a traceback, unless CANOPEN_CO
 
 from __future__ import annotations
 
-import argparse
 import errno
 import importlib
 import os
 import stat
 import sys
-from typing import TYPE_CHECKING
 
-from canopen_control.cli.verbs import VERBS, overview, parser_of
+from canopen_control.cli.verbs import VERBS, overview
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.version import PURE, TO_COMPILE, __version__, build
 
+TYPE_CHECKING = False  # the module typing takes longer to import than all that --help needs
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -81,11 +79,16 @@ def _leave_output() -> None:
 
 
 def _dispatch(arguments: list[str]) -> int:
+    if arguments in (["-h"], ["--help"]):
+        print(overview(), end="")
+        raise SystemExit(0)  # as argparse does
+    from canopen_control.cli.support.parsers import parser_of, top_parser
+
     verb = arguments[0] if arguments else ""
     if verb not in VERBS:
         if verb and not verb.startswith("-"):
             raise ConfigError(_no_verb(verb))
-        parser = _top_parser()
+        parser = top_parser()
         parser.parse_args(arguments)  # --help, --version, or the error that names the verbs
         parser.print_help()
         return 2
@@ -107,32 +110,14 @@ def _no_verb(word: str) -> str:
 
 def _with_action(word: str) -> list[str]:
     """Return the verbs that have an action of this name, with it."""
+    from canopen_control.cli.support.parsers import parser_of
+
     return [
         f"canopen-control {verb} {word}"
         for verb in VERBS
         for action in parser_of(verb)._actions  # noqa: SLF001 - no public way
         if not action.option_strings and word in (action.choices or ())
     ]
-
-
-class _TopParser(argparse.ArgumentParser):
-    """Parser before the verb; its help is the overview of the verbs."""
-
-    def format_help(self) -> str:
-        """Return the overview of the most used verbs."""
-        return overview()
-
-
-def _build() -> str:
-    how = build()
-    return f"{how}; {TO_COMPILE}" if how == PURE else how
-
-
-def _top_parser() -> argparse.ArgumentParser:
-    parser = _TopParser(prog="canopen-control", usage="canopen-control VERB [OPTIONS]")
-    parser.add_argument("--version", action="version", version=f"canopen-control {__version__} ({_build()})")
-    parser.add_argument("verb", nargs="?", choices=list(VERBS), metavar="VERB")
-    return parser
 
 
 def _complain_of_output(error: OSError) -> int:

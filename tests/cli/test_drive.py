@@ -15,7 +15,7 @@ from support.onbus import OnBus
 
 from canopen_control.bus.channel import open_port
 from canopen_control.cli.drive import _eds_files, parse_node_ids, run
-from canopen_control.cli.verbs import parser_of
+from canopen_control.cli.support.parsers import parser_of
 from canopen_control.errors import ConfigError
 from canopen_control.frame import CanFrame, pack_records
 from canopen_control.host.sockets import list_sockets

@@ -7,7 +7,7 @@ from support.eds import MALFORMED, eds, section
 
 from canopen_control.cli.eds import EXAMPLE, run
 from canopen_control.cli.main import main
-from canopen_control.cli.verbs import parser_of
+from canopen_control.cli.support.parsers import parser_of
 from canopen_control.data_files import data_path
 from canopen_control.od.dcf import write_dcf
 from canopen_control.od.eds import read_eds

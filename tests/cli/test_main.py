@@ -158,3 +158,13 @@ def test_what_a_lost_terminal_did_not_take_does_not_change_the_exit_code(private
         os.close(ours)
         process.communicate(b"x", timeout=30)
     assert process.returncode == 0
+
+
+def test_help_imports_next_to_nothing():
+    code = "import sys; sys.path.insert(0, sys.argv[1]); before = {*sys.modules}\n"
+    code += "import atexit; atexit.register(lambda: print(*sorted({*sys.modules} - before), file=sys.stderr))\n"
+    code += "from canopen_control.cli.main import main; main(['--help'])"
+    command = [sys.executable, "-I", "-S", "-c", code, str(Path(__file__).parents[2])]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    assert not {"argparse", "typing", "re", "importlib.util"} & {*done.stderr.split()}
+    assert done.stdout.startswith("usage: canopen-control VERB")

@@ -6,7 +6,8 @@ import shlex
 import pytest
 
 from canopen_control.cli.main import main
-from canopen_control.cli.verbs import VERBS, parser_of
+from canopen_control.cli.support.parsers import parser_of
+from canopen_control.cli.verbs import VERBS
 
 
 @pytest.mark.parametrize("verb", VERBS)

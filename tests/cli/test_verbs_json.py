@@ -9,7 +9,8 @@ import pytest
 
 from canopen_control.cli.main import main
 from canopen_control.cli.support.output import painted
-from canopen_control.cli.verbs import VERBS, WITHOUT_JSON, actions_of, parser_of
+from canopen_control.cli.support.parsers import actions_of, parser_of
+from canopen_control.cli.verbs import VERBS, WITHOUT_JSON
 
 FORWARD, BASE = "robby_forward_controller", "robby_base_controller"
 ACTIONS = [(verb, path, action) for verb in VERBS for path, action in actions_of(parser_of(verb), verb)]

@@ -6,7 +6,8 @@ import shlex
 import pytest
 from support.documents import BUILT, DOCS, README, ROOT, pages
 
-from canopen_control.cli.verbs import VERBS, parser_of
+from canopen_control.cli.support.parsers import parser_of
+from canopen_control.cli.verbs import VERBS
 
 MADE = tuple(f"docs/{name}" for name in BUILT[:2])
 FOLDERS = "canopen_control|tests|tools|docs|config|eds"

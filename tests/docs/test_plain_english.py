@@ -10,7 +10,8 @@ import re
 import pytest
 from support.documents import README, ROOT, pages
 
-from canopen_control.cli.verbs import GROUPS, VERBS, overview, parser_of
+from canopen_control.cli.support.parsers import parser_of
+from canopen_control.cli.verbs import GROUPS, VERBS, overview
 
 #: pattern -> what is written instead
 INSTEAD = {

@@ -9,7 +9,7 @@ import pytest
 from support.host import eventually
 from support.parameter_node import session_with
 
-from canopen_control.cli.verbs import parser_of
+from canopen_control.cli.support.parsers import parser_of
 from canopen_control.data_files import data_path
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.monitor import drive_objects

@@ -11,8 +11,9 @@ import_msgspec()
 assert ("msgspec" in sys.modules) is {imported}
 import canopen_control.rpc.wire
 assert ("typing_extensions" in sys.modules) is {slow}
-import typing_extensions
-assert typing_extensions.TypedDict
+assert ("platform" in sys.modules) <= {slow}
+import platform, typing_extensions
+assert platform.python_version() and typing_extensions.TypedDict
 print(canopen_control.rpc.wire.text_of([1]).decode())
 """
 _WAITING_THREAD = "over = threading.Event(); threading.Thread(target=over.wait, daemon=True).start()"

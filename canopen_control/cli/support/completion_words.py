@@ -17,7 +17,8 @@ import argcomplete
 from argcomplete.completers import DirectoriesCompleter, FilesCompleter, SuppressCompleter
 
 from canopen_control.bus.channel import parse_channel
-from canopen_control.cli.verbs import VERBS, parser_of
+from canopen_control.cli.support.parsers import parser_of
+from canopen_control.cli.verbs import VERBS
 from canopen_control.client import RobotClient, find_robots
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.rpc.messages.robot import GetNodes

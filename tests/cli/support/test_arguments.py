@@ -4,7 +4,8 @@ import contextlib
 import pytest
 
 from canopen_control.cli.support.arguments import finite, node_id, seconds, timeout_seconds, whole, whole_number
-from canopen_control.cli.verbs import VERBS, parser_of
+from canopen_control.cli.support.parsers import parser_of
+from canopen_control.cli.verbs import VERBS
 
 
 @pytest.mark.parametrize(("text", "number"), [("12", 12), ("0x1F", 31), ("-3", -3)])

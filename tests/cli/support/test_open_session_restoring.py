@@ -6,7 +6,7 @@ import pytest
 from support.parameter_node import session_with
 
 from canopen_control.cli.support.open_session import reached, restore_into
-from canopen_control.cli.verbs import parser_of
+from canopen_control.cli.support.parsers import parser_of
 from canopen_control.data_files import data_path
 from canopen_control.od.eds import read_eds
 from canopen_control.service.parameter_set import read_parameters

@@ -1,0 +1,143 @@
+"""The parsers of the command line; the module of a verb is imported when its parser is made."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import re
+import sys
+from typing import TYPE_CHECKING
+
+from canopen_control.cli.verbs import VERBS, WITHOUT_JSON, overview
+from canopen_control.version import PURE, TO_COMPILE, __version__, build
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+
+XACRO = "xacro"  # where a verb's arguments hold NAME:=VALUE
+_EXIT_CODES = "Exit codes: 0 good; 1 it failed, or nothing was done; 2 wrong usage or configuration."
+_ARGUMENT = re.compile(r"[A-Za-z_]\w*:=")
+
+
+def parser_of(verb: str) -> argparse.ArgumentParser:
+    """Return the parser of one of VERBS; its module is imported for that."""
+    module = importlib.import_module(f"canopen_control.cli.{verb}")
+    parser = _VerbParser(
+        prog=f"canopen-control {verb}",
+        description=_with_exit_codes(module.__doc__ or ""),
+        epilog=f"example: {module.EXAMPLE}",
+        formatter_class=_HelpFormatter,
+    )
+    module.add_arguments(parser)
+    for path, action in actions_of(parser, verb):
+        if path not in WITHOUT_JSON and "--json" not in action._option_string_actions:  # noqa: SLF001 - no public way
+            action.add_argument("--json", action="store_true", help="print the result as JSON")
+    _describe_actions(parser, module.EXAMPLE.splitlines())
+    return parser
+
+
+def actions_of(parser: argparse.ArgumentParser, path: str) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    """Yield the parsers that have no actions of their own, with their words, as in `ros topic list`."""
+    groups = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]  # noqa: SLF001 - no public way
+    if not groups:
+        yield path, parser
+    for name, action in (item for group in groups for item in group.choices.items()):
+        yield from actions_of(action, f"{path} {name}")
+
+
+def _with_exit_codes(text: str) -> str:
+    """Return the description of a verb, with the common exit codes if it has none of its own."""
+    return text.strip() if "Exit codes" in text else f"{text.strip()}\n\n{_EXIT_CODES}"
+
+
+class _HelpFormatter(argparse.HelpFormatter):
+    """Help formatter for the width of the terminal; indented lines, such as examples, are unchanged."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, width=_width())
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        parts = [
+            part
+            if re.search(r"^ |^example:", part, re.MULTILINE)
+            else super(_HelpFormatter, self)._fill_text(part, width, indent)
+            for part in text.split("\n\n")
+        ]
+        return "\n\n".join(parts)
+
+
+def _width() -> int:
+    """Return the width of help, as argparse has it, without shutil: every parser makes such a formatter."""
+    try:
+        return int(os.environ.get("COLUMNS", "")) - 2
+    except ValueError:
+        pass
+    try:
+        return os.get_terminal_size(sys.__stdout__.fileno() if sys.__stdout__ else 1).columns - 2
+    except (OSError, ValueError):
+        return 78
+
+
+class _VerbParser(argparse.ArgumentParser):
+    """Parser of a verb; NAME:=VALUE is passed to the description wherever it is, if the verb takes it.
+
+    argparse itself takes words without an option in one place only, so that none could follow an option.
+    """
+
+    def parse_known_args(  # type: ignore[override]  # of its three signatures, the one that is called
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """Parse; NAME:=VALUE goes to `xacro`, arguments after --ros-args to ROS."""
+        words = list(sys.argv[1:] if args is None else args)
+        if not any(action.dest == XACRO for action in self._actions):
+            return super().parse_known_args(words, namespace)
+        end = words.index("--ros-args") if "--ros-args" in words else len(words)
+        options = [word for word in words[:end] if _ARGUMENT.match(word)]
+        positionals = [word for word in words[:end] if not _ARGUMENT.match(word)]
+        namespace_filled, unknown = super().parse_known_args([*positionals, *words[end:]], namespace)
+        setattr(namespace_filled, XACRO, [*getattr(namespace_filled, XACRO), *options])
+        return namespace_filled, unknown
+
+
+def _describe_actions(parser: argparse.ArgumentParser, examples: Sequence[str]) -> None:
+    """Add the exit codes of the verb and its examples to the help of each action."""
+    codes = re.search(r"^Exit codes.*?(?=\n\n|\Z)", parser.description or "", re.MULTILINE | re.DOTALL)
+    for group in (action for action in parser._actions if isinstance(action, argparse._SubParsersAction)):  # noqa: SLF001 - no public way
+        texts = {choice.dest: choice.help or "" for choice in group._choices_actions}  # noqa: SLF001 - as above
+        for name, action in group.choices.items():
+            text = action.description or texts.get(name, "")
+            action.description = f"{text[:1].upper()}{text[1:]}.\n\n{codes[0] if codes else _EXIT_CODES}"
+            action.formatter_class = _HelpFormatter
+            own = [line.strip() for line in examples if _is_of(action.prog, line.strip())]
+            if own:
+                action.epilog = "example: " + "\n         ".join(own)
+            _describe_actions(action, examples)
+
+
+def _is_of(program: str, example: str) -> bool:
+    """Whether an example calls an action, `program` with its positionals in upper case."""
+    words = zip(program.split(), example.split(), strict=False)
+    return len(example.split()) >= len(program.split()) and all(word.isupper() or word == used for word, used in words)
+
+
+class _TopParser(argparse.ArgumentParser):
+    """Parser before the verb; its help is the overview of the verbs."""
+
+    def format_help(self) -> str:
+        """Return the overview of the most used verbs."""
+        return overview()
+
+
+def _build() -> str:
+    how = build()
+    return f"{how}; {TO_COMPILE}" if how == PURE else how
+
+
+def top_parser() -> argparse.ArgumentParser:
+    """Return the parser of what stands before a verb."""
+    parser = _TopParser(prog="canopen-control", usage="canopen-control VERB [OPTIONS]")
+    parser.add_argument("--version", action="version", version=f"canopen-control {__version__} ({_build()})")
+    parser.add_argument("verb", nargs="?", choices=list(VERBS), metavar="VERB")
+    return parser
