@@ -160,6 +160,7 @@ def test_what_a_lost_terminal_did_not_take_does_not_change_the_exit_code(private
     assert process.returncode == 0
 
 
+@pytest.mark.process
 def test_help_imports_next_to_nothing():
     code = "import sys; sys.path.insert(0, sys.argv[1]); before = {*sys.modules}\n"
     code += "import atexit; atexit.register(lambda: print(*sorted({*sys.modules} - before), file=sys.stderr))\n"
