@@ -49,7 +49,7 @@ def test_a_public_name_is_defined_in_its_module():
 def test_the_package_imports_nothing_but_its_version_before_a_name_is_used():
     top = [node for node in ast.parse(SOURCE).body if isinstance(node, ast.Import | ast.ImportFrom)]
     names = {getattr(node, "module", None) or node.names[0].name for node in top}
-    assert names == {"__future__", "importlib", "typing", "canopen_control.version"}
+    assert names == {"__future__", "importlib", "canopen_control.version"}
 
 
 def test_what_is_not_public_is_not_found():
