@@ -5,7 +5,8 @@ of one class for the client and one for the server. `receive` processes a frame 
 `out`, and returns PROGRESS, DONE, IGNORED or the abort code to send; its owner sends the abort and ends the transfer.
 
 Segments (7.2.4.3.4 and 7.2.4.3.7) have a toggle bit that starts at 0 and alternates. The bus may deliver a frame twice
-in succession, so that one copy of the previous frame is ignored.
+in succession: a client ignores one copy of the previous frame, a server a copy that comes before it has answered. A
+server aborts a toggle bit that is repeated later.
 
 The segments of a sub-block (7.2.4.3.10 and 7.2.4.3.14) are numbered from 1 and not confirmed one by one. The receiver
 acknowledges a sub-block with the number of the last segment in order; the sender continues after this segment with a
@@ -373,9 +374,10 @@ class ServedUpload:
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
         """Answer a request for a segment."""
         toggle = data[0] & TOGGLE
-        if out or toggle != self._toggle:
-            # Requests of one toggle are identical: after the first segment this is a copy of the last request.
-            return IGNORED if out or self._offset else AbortCode.TOGGLE_NOT_ALTERNATED
+        if out:
+            return IGNORED  # a copy by the bus: the client cannot have the answer yet
+        if toggle != self._toggle:  # CiA 301, 7.2.4.3.7: it alternates
+            return AbortCode.TOGGLE_NOT_ALTERNATED
         out.append(segment_frame(self._cob_id, self._data, self._offset, toggle))
         self._offset += SEGMENT_DATA
         self._toggle ^= TOGGLE
@@ -404,9 +406,9 @@ class ServedDownload(SegmentReceiver):
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
         """Process a segment of the client."""
-        if out or data == self._previous:
-            return IGNORED
-        if data[0] & TOGGLE != self._toggle:
+        if out:
+            return IGNORED  # a copy by the bus: the client cannot have the answer yet
+        if data[0] & TOGGLE != self._toggle:  # CiA 301, 7.2.4.3.4: it alternates
             return AbortCode.TOGGLE_NOT_ALTERNATED
         outcome = self._append(data)
         if outcome == PROGRESS:

@@ -73,6 +73,8 @@ def run(args: argparse.Namespace) -> int:
     with contextlib.suppress(KeyboardInterrupt), on_signals([signal.SIGTERM], interrupt), _network(args) as network:
         service = GatewayService(network, allow_motion=args.allow_motion)
         if args.unix is None and args.tcp is None:
+            if sys.stdin is None or sys.stdout is None:
+                raise ConfigError("standard input or output is closed; serve a socket with --unix")
             if not service.serve_stdio():
                 raise CanopenError("standard input ended in the middle of a line, which was not carried out")
             return 0

@@ -6,7 +6,7 @@ from canopen_control.conformance.check import CheckTouch
 from canopen_control.conformance.run import choose, run_checks
 
 CHECKS = choose("all", CheckTouch)
-KNOWN = {"O07v", "S15r", "R04"}  # recommendations that virtual drives do not keep
+KNOWN = {"O07v", "R04"}  # recommendations that virtual drives do not keep
 PART = 6  # of the checks in the default run
 LONGEST_S = 180  # of a whole run
 
