@@ -154,12 +154,12 @@ def tpdo_cob_id(number: int, node_id: int) -> int:
     return 0x80 + 0x100 * number + node_id
 
 
-# Restricted CAN identifiers (CiA 301, 7.3.5, table 42); 0x080 and 0x100 belong to SYNC and TIME only.
+# Restricted CAN identifiers (CiA 301, 7.3.5, table 40); 0x080 and 0x100 belong to SYNC and TIME only.
 _RESTRICTED: Final = ((0x000, 0x07F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (0x6E0, 0x6FF), (0x701, 0x7FF))
 
 
 def is_restricted(cob_id: int) -> bool:
-    """Whether an 11-bit identifier is restricted (CiA 301, 7.3.5, table 42)."""
+    """Whether an 11-bit identifier is restricted (CiA 301, 7.3.5, table 40)."""
     return any(low <= cob_id <= high for low, high in _RESTRICTED)
 
 

@@ -57,7 +57,7 @@ MASTER_CHECKS: tuple[MasterCheck, ...] = (
     MasterCheck("MC10", "301", "7.5.2.35 and 7.5.2.37", _MUST, "the identifier of a PDO is changed only while it is disabled", "bit 31 set before another identifier", "no COB-ID of a PDO was written"),
     MasterCheck("MC11", "301", "7.5.2.37", _MUST, "the inhibit time is changed only while the PDO is disabled", "bit 31 of its COB-ID set first", "no inhibit time was written"),
     MasterCheck("MC12", "301", "7.5.2.36", _SHOULD, "mappings are written in PRE-OPERATIONAL", "PRE-OPERATIONAL", "no mapping was written"),
-    MasterCheck("MC13", "301", "7.3.5", _MUST, "no restricted CAN identifier is configured", "an identifier outside of table 42", "no COB-ID was written"),
+    MasterCheck("MC13", "301", "7.3.5", _MUST, "no restricted CAN identifier is configured", "an identifier outside of table 40", "no COB-ID was written"),
     MasterCheck("MC14", "302", _BOOT, _SHOULD, "a refused or unanswered write is repeated before NMT start", "the write again, or no start", "no write was refused or unanswered"),
     MasterCheck("MC15", "301", "7.5.2.19", _MUST, "a heartbeat consumer entry names another node than the device", "the node id of the master", "0x1016 was not written"),
     # NMT

@@ -330,7 +330,7 @@ def _refused(
     own = yield from _own(pdo, current, transfers)
     if own.cob_id & EXTENDED_BIT or is_restricted(own.cob_id & 0x7FF):
         text = (
-            f"{_name(planned)}: {refusal}; its own COB-ID 0x{own.cob_id:X} is none a PDO may have (CiA 301, table 42)"
+            f"{_name(planned)}: {refusal}; its own COB-ID 0x{own.cob_id:X} is none a PDO may have (CiA 301, table 40)"
         )
         raise boot_error(plan, "J", text)
     missing = [mapped for mapped in layout.objects if _address(mapped) not in {entry[:2] for entry in own.objects}]

@@ -238,7 +238,7 @@ def _plan_reads(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
 _PREDEFINED = {"rpdo": rpdo_cob_id, "tpdo": tpdo_cob_id}
 _PREDEFINED_COUNT = 4
 _LAST_SPARE = 0x6DF
-_NONE = "none a PDO may have (CiA 301, table 42)"
+_NONE = "none a PDO may have (CiA 301, table 40)"
 _SETTINGS = (2, 3, 5, 6)  # type, inhibit time, event timer, SYNC start
 _SIGNED = frozenset(
     (
@@ -333,7 +333,7 @@ def _switch_off(builder: PlanBuilder, kind: str, number: int, cob_id: int | None
 
 
 def _usable(cob_id: int) -> bool:
-    """Whether a COB-ID is valid for a PDO (CiA 301, table 42)."""
+    """Whether a COB-ID is valid for a PDO (CiA 301, table 40)."""
     return not cob_id & EXTENDED_BIT and not is_restricted(cob_id & 0x7FF)
 
 

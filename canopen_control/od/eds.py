@@ -94,7 +94,7 @@ TYPES: dict[tuple[int, int], tuple[DataType, ...]] = {
 
 # Checks of the dictionary against itself and the standards; nothing is changed. PDO defaults: CiA 301, 7.5.2.35 to
 # 7.5.2.38; number of subindices: 7.4.4 and CiA 306-1, 4.6.3.3; mandatory objects: CiA 301, 7.5.1; COB-IDs: CiA 301,
-# table 42; types of the drive profile: CiA 402-2 and -3 (the types of the file remain in use, because the device sends
+# table 40; types of the drive profile: CiA 402-2 and -3 (the types of the file remain in use, because the device sends
 # them).
 
 
@@ -170,7 +170,7 @@ def _check_cob_id(entry: Entry, node_id: int, report: Report) -> None:
     off = EXTENDED_BIT if entry.index == _SYNC else EXTENDED_BIT | INVALID
     if not identifier & off and is_restricted(identifier & 0x7FF):
         text = f"{_where(entry)} ({clip(entry.name)}) is 0x{value:X}, which is no COB-ID that it may have"
-        report.warning(entry.line, "cob-id", f"{text} (CiA 301, table 42); it can never become active")
+        report.warning(entry.line, "cob-id", f"{text} (CiA 301, table 40); it can never become active")
 
 
 def _check_structure(od: ObjectDictionary, info: ObjectInfo, subindices: list[int], report: Report) -> None:

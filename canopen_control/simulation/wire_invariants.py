@@ -43,7 +43,7 @@ _EVERY_NS: Final = 100 * _MS  # interval of the checks
 _LAG_NS: Final = 120 * _MS  # time allowed for a value of a TPDO
 _CALM_NS: Final = 3000 * _MS  # time since a disturbance of the node, during which it may still boot
 _RESTRICTED: Final = ((0, 0x7F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (0x6E0, 0x6FF), (0x701, 0x7FF))
-"""Ranges of COB-IDs that are invalid for PDOs (CiA 301, table 42)."""
+"""Ranges of COB-IDs that are invalid for PDOs (CiA 301, table 40)."""
 _RECORDS: Final = (*range(0x1400, 0x1600), *range(0x1800, 0x1A00))
 _LOWERED: Final = (PROFILE_VELOCITY, HOMING_SPEEDS)  # reduced to the velocity limit of the description after the boot
 # a read returns another value than the written one (CiA 301, 7.5.2.13 and 7.5.2.14)
