@@ -122,7 +122,7 @@ def test_its_process_data_can_be_mapped_anew_and_carry_profile_velocity():
         node.rpdo[2].transmit()
         assert eventually(lambda: state_of(node) == 0x40)
         assert node.sdo[0x606C].raw == 0
-        assert device.drives[0].mover.standing
+        assert device.drives[0].mover.at_standstill
 
 
 def test_profile_position_with_its_handshake():
