@@ -55,7 +55,7 @@ def test_what_cannot_be_done_is_a_usage_error_of_one_sentence(words):
 
 @pytest.mark.embedded
 def test_a_robot_that_does_as_it_is_told_breaches_nothing(quiet):
-    done = campaign("--replay", quiet, "--for", "6s", "--json")
+    done = campaign("--replay", quiet, "--for", "9s", "--json")
     result = json.loads(done.stdout)
     assert (done.returncode, result["breaches"]) == (0, []), done.stderr
     assert result["moved_s"] > 1.0
