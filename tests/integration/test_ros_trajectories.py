@@ -178,7 +178,7 @@ def test_a_bridge_that_is_stopped_for_long_loses_its_goal_and_the_next_one_takes
     os.kill(bridge, signal.SIGSTOP)
     # Its connection is silent for 3 s, or what watches it has ended it by then: the goal ends either way.
     ends = ("ros has said nothing for 3 s and is gone", "ros is gone, and its command with it")
-    assert eventually(lambda: any(end in each for each in events(arm) for end in ends), 8.0)
+    assert eventually(lambda: any(end in each for each in events(arm) for end in ends), 8.0), events(arm)
     assert at_rest(arm)
     arm.robot.until("process ros: it is started again")
     assert abs(positions(arm)[0] - end[0]) > 0.05
