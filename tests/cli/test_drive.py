@@ -95,7 +95,10 @@ def test_a_node_id_that_answers_already_is_refused_with_a_sentence(processes):
         (("--node-id", "3", "--eds", "none.eds", "--can", "local:clidrive"), "none.eds"),
         (("--node-id", "300", "--eds", "TMCM-1270.eds", "--can", "local:clidrive"), "--node-id"),
         (("--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:a:b"), "local:a:b"),
-        (("--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:x", "--fault", "sillent"), "did you mean silent"),
+        (
+            ("--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:x", "--fault", "sillent"),
+            "did you mean 'silent'",
+        ),
     ],
 )
 def test_wrong_usage_is_a_sentence_and_exit_code_2(processes, arguments, words):

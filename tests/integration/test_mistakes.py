@@ -47,7 +47,7 @@ USAGE = {
     "no node id": (["drive", "--node-id", "0", "--eds", "TMCM-1270.eds", "--can", "local:x"], "1 to 127"),
     "no such fault": (
         ["drive", "--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:x", "--fault", "heartbeat_los"],
-        "did you mean heartbeat_lost",
+        "did you mean 'heartbeat_lost'",
     ),
 }
 
