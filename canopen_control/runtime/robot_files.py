@@ -224,19 +224,8 @@ def find_robot(
     name = _name((folder or (described if no_bus else main).resolve().parent).resolve())
     spawned = launched.spawned if launched is not None and not alone else ()
     variables = launched.variables if launched is not None else {}
-    return RobotFiles(
-        _safe(name),
-        None if no_bus else main,
-        control,
-        described,
-        more,
-        words,
-        hardware,
-        idle,
-        spawned,
-        variables,
-        world,
-    )
+    main_bus = None if no_bus else main
+    return RobotFiles(_safe(name), main_bus, control, described, more, words, hardware, idle, spawned, variables, world)
 
 
 def _bus_of_description(described: Path, words: Mapping[str, str]) -> Path:
