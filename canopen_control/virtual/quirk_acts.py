@@ -703,16 +703,16 @@ def _after_boot(frames: Callable[[VirtualNode], list[tuple[int, CanFrame]]]) -> 
     return lambda hooks, _strength: hooks.outgoing.append(outgoing)
 
 
-heartbeats_at_boot = _after_boot(
+heartbeats_at_boot: NodeAct = _after_boot(
     lambda node: [(count * _MS, CanFrame(0x700 + node.node_id, b"\x7f")) for count in range(1, 5)]
 )
-error_at_boot = _after_boot(
+error_at_boot: NodeAct = _after_boot(
     lambda node: [
         (0, CanFrame(node.emcy.cob_id, bytes.fromhex("0010810000000000"))),
         (_MS, CanFrame(node.emcy.cob_id, bytes(8))),
     ]
 )
-zeros_at_boot = _after_boot(lambda node: [(0, CanFrame(node.emcy.cob_id, bytes(8)))])
+zeros_at_boot: NodeAct = _after_boot(lambda node: [(0, CanFrame(node.emcy.cob_id, bytes(8)))])
 
 
 def boot_unsaid(hooks: QuirkHooks, _strength: float) -> None:
@@ -775,89 +775,112 @@ def storing_takes(hooks: QuirkHooks, seconds: float) -> None:
 
 # -- acts without a function of their own: what the table of `quirks` names
 
-supported_modes_absent = _lacks(o.SUPPORTED_DRIVE_MODES)
-sync_counter_absent = _lacks(0x1019)
-heartbeat_absent = _lacks(0x1016, 0x1017)
-error_code_absent = _lacks(o.ERROR_CODE)
-mapping_fixed, optional_missing, no_block = _hears(refuses_mapping), _hears(lacks_optional), _hears(refuses_blocks)
-enabled_in_preop, operational_by_itself = _turns(served_in_preop), _turns(start_by_itself)
-velocity_absent = _lacks(o.VELOCITY_ACTUAL)
-mode_fixed_while_halted = _condition(lambda drive: not drive.power.controlword & HALT_BIT)
-mode_fixed_while_enabled = _condition(
+supported_modes_absent: NodeAct = _lacks(o.SUPPORTED_DRIVE_MODES)
+sync_counter_absent: NodeAct = _lacks(0x1019)
+heartbeat_absent: NodeAct = _lacks(0x1016, 0x1017)
+error_code_absent: NodeAct = _lacks(o.ERROR_CODE)
+mapping_fixed: NodeAct = _hears(refuses_mapping)
+optional_missing: NodeAct = _hears(lacks_optional)
+no_block: NodeAct = _hears(refuses_blocks)
+enabled_in_preop: NodeAct = _turns(served_in_preop)
+operational_by_itself: NodeAct = _turns(start_by_itself)
+velocity_absent: NodeAct = _lacks(o.VELOCITY_ACTUAL)
+mode_fixed_while_halted: AxisAct = _condition(lambda drive: not drive.power.controlword & HALT_BIT)
+mode_fixed_while_enabled: AxisAct = _condition(
     lambda drive: drive.state not in (State.SWITCHED_ON, State.OPERATION_ENABLED) or not drive.modes.number
 )
-mode_fixed_while_moving = _condition(lambda drive: drive.mover.at_standstill)
-mode_delay = _point(lambda drive: drive.modes.delay_ns, lambda seconds: round(seconds * _S))
-only_mode = _axis_refuses(
+mode_fixed_while_moving: AxisAct = _condition(lambda drive: drive.mover.at_standstill)
+mode_delay: AxisAct = _point(lambda drive: drive.modes.delay_ns, lambda seconds: round(seconds * _S))
+only_mode: AxisAct = _axis_refuses(
     AbortCode.INVALID_VALUE, o.MODES_OF_OPERATION, lambda _drive, value, mode: value not in (0, mode)
 )
-transition_delay = _point(lambda drive: drive.power.transition_delay_ns, lambda seconds: round(seconds * _S))
-enable_faults = _point(lambda drive: drive.power.fault_on_enable, int)
-enable_delay, switch_on_delay, not_ready = _delays(4), _delays(3), _delays(1)
-quick_stop_ends_on = ends_in(State.QUICK_STOP_ACTIVE, State.SWITCHED_ON)
-fault_reaction_endless = ends_in(State.FAULT_REACTION_ACTIVE, None)
-remote_enabled_only = _word(lambda drive, word: word if drive.state is State.OPERATION_ENABLED else word & ~REMOTE)
-remote_never = _word(lambda _drive, word: word & ~REMOTE)
-voltage_never = _word(lambda _drive, word: word & ~VOLTAGE_ENABLED)
-warning_always = _word(lambda _drive, word: word | 0x80)
-limit_always = _word(lambda _drive, word: word | INTERNAL_LIMIT)
-own_bits_flicker = _word(_flickers(13 * _MS, 2, 0x8100))
-reached_flickers, reached_inverted = _word(_reached_flickers), _word(_reached_inverted)
-record_position = _attribute(lambda drive: (drive.modes.interpolated, "position_subindex"))
-homing_without_bit_10 = _word(
+transition_delay: AxisAct = _point(lambda drive: drive.power.transition_delay_ns, lambda seconds: round(seconds * _S))
+enable_faults: AxisAct = _point(lambda drive: drive.power.fault_on_enable, int)
+enable_delay: AxisAct = _delays(4)
+switch_on_delay: AxisAct = _delays(3)
+not_ready: AxisAct = _delays(1)
+quick_stop_ends_on: AxisAct = ends_in(State.QUICK_STOP_ACTIVE, State.SWITCHED_ON)
+fault_reaction_endless: AxisAct = ends_in(State.FAULT_REACTION_ACTIVE, None)
+remote_enabled_only: AxisAct = _word(
+    lambda drive, word: word if drive.state is State.OPERATION_ENABLED else word & ~REMOTE
+)
+remote_never: AxisAct = _word(lambda _drive, word: word & ~REMOTE)
+voltage_never: AxisAct = _word(lambda _drive, word: word & ~VOLTAGE_ENABLED)
+warning_always: AxisAct = _word(lambda _drive, word: word | 0x80)
+limit_always: AxisAct = _word(lambda _drive, word: word | INTERNAL_LIMIT)
+own_bits_flicker: AxisAct = _word(_flickers(13 * _MS, 2, 0x8100))
+reached_flickers: AxisAct = _word(_reached_flickers)
+reached_inverted: AxisAct = _word(_reached_inverted)
+record_position: AxisAct = _attribute(lambda drive: (drive.modes.interpolated, "position_subindex"))
+homing_without_bit_10: AxisAct = _word(
     lambda drive, word: word & ~TARGET_REACHED if drive.modes.number == OperationMode.HM else word
 )
-homing_without_bit_12 = _word(lambda drive, word: word & ~BIT_12 if drive.modes.number == OperationMode.HM else word)
-set_point_alone = _takes(lambda drive, _word, now: drive.mover.at_standstill and now >= drive.mover.demand.end_ns)
-set_point_needs_bit_5 = _takes(lambda _drive, word, _now: bool(word & IMMEDIATELY))
-homing_zero_refused = _axis_refuses(AbortCode.INVALID_VALUE, o.HOMING_METHOD, lambda _drive, value, _n: value == 0)
-homing_method_fixed = _axis_refuses(
+homing_without_bit_12: AxisAct = _word(
+    lambda drive, word: word & ~BIT_12 if drive.modes.number == OperationMode.HM else word
+)
+set_point_alone: AxisAct = _takes(
+    lambda drive, _word, now: drive.mover.at_standstill and now >= drive.mover.demand.end_ns
+)
+set_point_needs_bit_5: AxisAct = _takes(lambda _drive, word, _now: bool(word & IMMEDIATELY))
+homing_zero_refused: AxisAct = _axis_refuses(
+    AbortCode.INVALID_VALUE, o.HOMING_METHOD, lambda _drive, value, _n: value == 0
+)
+homing_method_fixed: AxisAct = _axis_refuses(
     AbortCode.DEVICE_STATE, o.HOMING_METHOD, lambda drive, _value, _n: drive.state is State.OPERATION_ENABLED
 )
-period_refused = _axis_refuses(AbortCode.READ_ONLY, o.INTERPOLATION_TIME_PERIOD, lambda _drive, _value, _n: True)
-one_set_point = _model(lambda _strength: {"single_set_point": True})
-stands_without_phase_lock = _model(lambda _strength: {"recovers_sync": False, "missing": MissingSetPoint()})
-goes_on = _model(lambda cycles: {"missing": MissingSetPoint(cycles=int(cycles))})
-faults_without_set_points = _model(lambda cycles: {"missing": MissingSetPoint(cycles=int(cycles), fault=0xFF02)})
-homes_without_power = _model(lambda _strength: {"homes_without_power": True})
-homing_goes_on_halted = _model(lambda _strength: {"homing_halts": False})
-one_ramp = _model(lambda _strength: {"velocity_ramp_both_ways": True})
-mapping_count_first = _refuses(
+period_refused: AxisAct = _axis_refuses(
+    AbortCode.READ_ONLY, o.INTERPOLATION_TIME_PERIOD, lambda _drive, _value, _n: True
+)
+one_set_point: AxisAct = _model(lambda _strength: {"single_set_point": True})
+stands_without_phase_lock: AxisAct = _model(lambda _strength: {"recovers_sync": False, "missing": MissingSetPoint()})
+goes_on: AxisAct = _model(lambda cycles: {"missing": MissingSetPoint(cycles=int(cycles))})
+faults_without_set_points: AxisAct = _model(
+    lambda cycles: {"missing": MissingSetPoint(cycles=int(cycles), fault=0xFF02)}
+)
+homes_without_power: AxisAct = _model(lambda _strength: {"homes_without_power": True})
+homing_goes_on_halted: AxisAct = _model(lambda _strength: {"homing_halts": False})
+one_ramp: AxisAct = _model(lambda _strength: {"velocity_ramp_both_ways": True})
+mapping_count_first: NodeAct = _refuses(
     AbortCode.UNSUPPORTED_ACCESS,
     lambda node, entry, _value, _n: bool(entry.subindex and node.store.number(entry.index)),
     pdo_mappings,
 )
-mapping_in_preop = _refuses(
+mapping_in_preop: NodeAct = _refuses(
     AbortCode.DEVICE_STATE,
     lambda node, _entry, _value, _n: node.nmt.state is not NmtState.PRE_OPERATIONAL,
     lambda node: [*pdo_records(node), *pdo_mappings(node)],
 )
-mapping_short = _refuses(
+mapping_short: NodeAct = _refuses(
     AbortCode.MAPPING_TOO_LONG, lambda _node, entry, value, most: entry.subindex == 0 and value > most, pdo_mappings
 )
-tpdo_by_event = _refuses(
+tpdo_by_event: NodeAct = _refuses(
     AbortCode.INVALID_VALUE,
     lambda _node, entry, value, _n: entry.subindex == 2 and value < 254,
     lambda node: [TPDO + number for number in node.pdos.tpdos],
 )
-foreign_pdo_unmappable = _refuses(
+foreign_pdo_unmappable: NodeAct = _refuses(
     AbortCode.NOT_MAPPABLE,
     lambda node, entry, _value, _n: node.store.number(entry.index - 0x200, 1) & 0x7F != node.node_id,
     pdo_mappings,
 )
-consumer_refused = _refuses(
+consumer_refused: NodeAct = _refuses(
     AbortCode.READ_ONLY, lambda _node, entry, _value, _n: entry.subindex > 0, lambda _node: [0x1016]
 )
-four_bytes, size_unsaid, garbage_behind = _answers(_four_bytes), _answers(_size_unsaid), _answers(_garbage_behind)
-more_bytes, acknowledged_with_data, short_answers = (
-    _answers(_more_bytes),
-    _answers(_acknowledged_with_data),
-    _answers(_short),
+four_bytes: NodeAct = _answers(_four_bytes)
+size_unsaid: NodeAct = _answers(_size_unsaid)
+garbage_behind: NodeAct = _answers(_garbage_behind)
+more_bytes: NodeAct = _answers(_more_bytes)
+acknowledged_with_data: NodeAct = _answers(_acknowledged_with_data)
+short_answers: NodeAct = _answers(_short)
+aborts_general: NodeAct = _answers(_aborted_with(0x08000000))
+aborts_zero: NodeAct = _answers(_aborted_with(0))
+emcy_own_register: NodeAct = _emergencies(
+    lambda frame: CanFrame(frame.can_id, frame.data[:3] + b"\x02\x00\x00\x00\x00")
 )
-aborts_general, aborts_zero = _answers(_aborted_with(0x08000000)), _answers(_aborted_with(0))
-emcy_own_register = _emergencies(lambda frame: CanFrame(frame.can_id, frame.data[:3] + b"\x02\x00\x00\x00\x00"))
-emcy_own_data = _emergencies(lambda frame: CanFrame(frame.can_id, frame.data[:3] + bytes.fromhex("0000007008")))
-length_error_8220 = _emergencies(
+emcy_own_data: NodeAct = _emergencies(
+    lambda frame: CanFrame(frame.can_id, frame.data[:3] + bytes.fromhex("0000007008"))
+)
+length_error_8220: NodeAct = _emergencies(
     lambda frame: CanFrame(frame.can_id, b"\x20\x82" + frame.data[2:]) if frame.data[:2] == b"\x10\x82" else frame
 )
 

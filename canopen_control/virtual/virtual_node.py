@@ -279,7 +279,13 @@ class VirtualNode:
         plant: Callable[[int], Plant] | None = None,
     ) -> None:
         od = _with_device_type(od)
-        self.od, self.node_id, self.model = od, node_id, model
+        # Declared, not inferred: the acts of quirks use these in lambdas, and mypyc checks them before this class.
+        self.node_id: int = node_id
+        self.nmt: NmtSlave = NmtSlave(node_id)
+        self.emcy: EmcyProducer = EmcyProducer(node_id, history_size=max(1, len(od.subindices(0x1003)) - 1))
+        self.store: VirtualStore = VirtualStore(od)
+        self.pdos: PdoExchange
+        self.od, self.model = od, model
         self.filter: FaultFilter | None = None
         self.switches: FaultFilter | None = None
         self.quirks: NodeQuirks | None = None
@@ -289,12 +295,10 @@ class VirtualNode:
         self._started = self._settling = False
         self.keeper: ParameterKeeper | None = None
         self.clock = NodeClock()
-        self.store = store = VirtualStore(od)
-        self.nmt = NmtSlave(node_id)
+        store = self.store
         self.heartbeat = HeartbeatProducer(node_id)
         self.consumer = HeartbeatConsumer()
         self.guarding = GuardingSlave(node_id)
-        self.emcy = EmcyProducer(node_id, history_size=max(1, len(od.subindices(0x1003)) - 1))
         self.sync = SyncConsumer()
         self.sdo = SdoServer(node_id, store)
         self.outbox = outbox = NodeOutbox(self.emcy, self.clock)
