@@ -36,12 +36,14 @@ _PR_SET_CHILD_SUBREAPER: Final = 36
 _GRACE_S: Final = 10.0  # what pytest and the robots in its tests need to end after SIGINT
 _TESTS_FAILED: Final = 1  # pytest: all tests ran and some failed; other codes mean that they could not be run
 _NO_TESTS: Final = 5
+_NOT_RUN: Final = 1
 _NO_GUEST: Final = 2  # of tools/guest/run_tests: this machine has no such guest
 _KIND: Final = "CANOPEN_CONTROL_GUEST_KIND"  # set for the tests of a guest
 _TURN_S: Final = 0.02  # adopted processes are reaped this often: tests look whether those they ended are gone
 _PROGRESS_TURNS: Final = 50
 _OF_CHECKS: Final = 450_000  # ruff and mypy take about as long as the tests in so many bytes
 _GIVING_WAY: Final = 3  # niceness of parts that only compute, beside tests that wait for other processes
+_COMPILE: Final = "compile"
 _KEPT_OUT: Final = "not socketcan and not hardware"  # these need a kernel with CAN: the guests have one
 
 #: Marks that say that a test starts processes. tests/conftest.py requires that they stand in the test's own file.
@@ -74,6 +76,7 @@ class Part:
     """One command of a run.
 
     `second_look` is the command that runs the failed tests of this part once more, None where a failure is final.
+    `needs` names an earlier part of the run: where that one has failed, this part fails without being run.
     """
 
     name: str
@@ -81,6 +84,7 @@ class Part:
     environment: dict[str, str] = field(default_factory=dict)
     nice: int = 0
     second_look: tuple[str, ...] | None = None
+    needs: str = ""
 
     @property
     def cache(self) -> Path:
@@ -112,7 +116,7 @@ def pytest(name: str, expression: str, *arguments: str, compiled: Path | None = 
     part = Part(name, (*python, "-m", selection, *arguments))
     part = replace(part, command=(*part.command, "-o", f"cache_dir={part.cache}"))
     if compiled:
-        part = replace(part, environment={"PYTHONPATH": str(compiled)})
+        part = replace(part, environment={"PYTHONPATH": str(compiled)}, needs=_COMPILE)
     if again:
         part = replace(part, second_look=(*_in_one_process(part.command), "--last-failed", "--maxfail=3", "-v"))
     return part
@@ -207,7 +211,7 @@ def rest_steps() -> list[list[list[Part]]]:
                              *(f"tests/{name}" for name in COMPILED_ROBOTS), compiled=compiled, again=True)  # fmt: skip
     timed = pytest("timed tests", "timed and not alone", *SHARED, *files_with("timed"), again=True)
     alone = pytest("tests that measure", "alone", *files_with("alone"), again=True)
-    compile_package = Part("compile", ("tools/compile",), nice=_GIVING_WAY)
+    compile_package = Part(_COMPILE, ("tools/compile",), nice=_GIVING_WAY)
     return [
         [[compile_package, compiled_fast, compiled_slow, long_fast], [long]],
         guests(),  # a guest's time goes slower than ours: nothing runs beside them
@@ -338,7 +342,10 @@ class Run:
         for part in parts:
             if self.interrupted:
                 return
-            self._run(part)
+            if any(each.part.name == part.needs and each.code != GOOD for each in self.results):
+                self._report(Result(part, _NOT_RUN, 0.0, 0.0), f"not run: {part.needs!r} has failed")
+            else:
+                self._run(part)
 
     def _run(self, part: Part) -> Result:
         begin = time.monotonic()

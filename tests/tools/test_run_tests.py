@@ -146,6 +146,15 @@ def test_a_test_that_fails_again_and_one_that_cannot_be_collected_fail_the_run(r
     assert run.hidden == []
 
 
+def test_what_needs_a_part_that_failed_is_not_run_and_fails(run, capsys):
+    run.lanes([[part("compile", "exit 1"), part("compiled tests", "touch ran", needs="compile"), part("sources", ":")]])
+    assert "not run: 'compile' has failed" in capsys.readouterr().out
+    assert not Path("ran").exists()
+    assert "== failed: compile, compiled tests" in run.summary()
+    run.lanes([[part("compiled tests", "touch ran", needs="another")]])
+    assert Path("ran").exists()
+
+
 def test_a_failure_without_second_look_is_final(run):
     run.lanes([[pytest_on(Path("test_bad.py"), "def test_it():\n    assert False\n")]])
     run.second_looks()
