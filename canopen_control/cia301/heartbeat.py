@@ -141,7 +141,7 @@ class _Node:
 
 
 class HeartbeatConsumer:
-    """Heartbeat monitoring of nodes; keeps the last state of every node that was received.
+    """Heartbeat monitoring of nodes, and the last state received from every node.
 
     `malformed` counts error control frames whose length is not 1, `unknown` those whose state is not in CiA 301. At
     most
@@ -155,7 +155,7 @@ class HeartbeatConsumer:
         self.happened: Outbox[HeartbeatEvent] = Outbox(1024)
 
     def watch(self, node_id: int, timeout_ns: int) -> None:
-        """Monitor `node_id` with `timeout_ns` (0x1016), starting with its next heartbeat; 0 ends monitoring."""
+        """Monitor `node_id` with `timeout_ns` (0x1016) from its next heartbeat on; 0 ends monitoring."""
         if not 1 <= node_id <= MAX_NODE_ID or timeout_ns < 0:
             msg = f"cannot watch node {node_id} with {timeout_ns} ns; node ids are 1 to {MAX_NODE_ID}"
             raise LocalProtocolError(msg)

@@ -218,7 +218,7 @@ class LssMaster:
         return self._submit("identify non-configured", _exists(frames, LssCommand.IDENTIFIED_NON_CONFIGURED))
 
     def open_fast_scan(self) -> LssRequest:
-        """Check whether slaves without a node id exist by the first request of a fast scan, which changes no mode."""
+        """Send the first request of a fast scan, which detects slaves without a node id and changes no mode."""
         frames = [lss_frame(LssCommand.FAST_SCAN, tail=bytes((FAST_SCAN_START,)))]
         return self._submit("open fast scan", _exists(frames, LssCommand.IDENTIFIED))
 

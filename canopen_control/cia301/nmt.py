@@ -351,7 +351,7 @@ _REACTIONS = {int(value): value for value in ErrorReaction}
 
 
 def reaction(value: int, state: NmtState) -> NmtCommand | None:
-    """Return the command that a node gives itself after an error, None for none or a manufacturer-specific value."""
+    """Return the command that a node executes after an error; None for none or a manufacturer-specific value."""
     commands = _REACTIONS.get(value)
     return None if commands is None else REACTIONS.get((commands, state))
 

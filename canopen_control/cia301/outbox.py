@@ -1,4 +1,4 @@
-"""Bounded queue of frames or events until the owner of a core fetches them.
+"""Bounded queue in which a core's frames or events wait for its owner.
 
 A core must not grow when the bus is flooded or its owner stops fetching: the oldest item is dropped and counted.
 """

@@ -375,7 +375,7 @@ class RpdoConsumer:
             self._held = data
 
     def hold(self, data: bytes) -> bool:
-        """Store data that only wait for the next SYNC; False if `receive` must process them."""
+        """Store data that wait for the next SYNC; False if `receive` must process them."""
         usual = self._waits and self.running and len(data) == self.length
         if not usual or self.window_ns or self._timed_out or self.length_error is not None:
             return False

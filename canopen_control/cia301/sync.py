@@ -190,7 +190,7 @@ class SyncConsumer:
         self.happened.put(SyncEvent(SyncEventKind.SYNC, now, counter))
 
     def receive_plain(self, now: int) -> bool:
-        """Receive a SYNC without data that comes in time, without an event; False: `receive` must process it."""
+        """Receive a SYNC without data that arrives in time, without an event; False: `receive` must process it."""
         deadline = self._deadline_ns
         if self.overflow or self._missed or (deadline is not None and now >= deadline):
             return False
@@ -205,7 +205,7 @@ class SyncConsumer:
             self.happened.put(SyncEvent(SyncEventKind.MISSED, now))
 
     def next_deadline(self) -> int | None:
-        """Return the time at which the SYNC is missing."""
+        """Return the time at which a SYNC counts as missing."""
         return self._deadline_ns
 
     def frames(self) -> list[CanFrame]:

@@ -1,4 +1,4 @@
-"""Master side of one axis: evaluates the statusword and computes the controlword that leads to the goal.
+"""Master side of one axis: evaluates the statusword and computes the controlword for the next step to the goal.
 
 Rules (CiA 402-2, 6.3, seen from the other end of the bus):
 
@@ -748,7 +748,7 @@ class DriveMachine:
         self._fire(EnableTrigger.DISABLE)
 
     def disable_voltage(self) -> None:
-        """Send disable voltage (transition 9, 12): the motor coasts. For a drive that does not obey `disable`."""
+        """Send disable voltage (transition 9, 12): the motor coasts. For a drive that does not react to `disable`."""
         self._fire(EnableTrigger.DISABLE_VOLTAGE)
 
     def quick_stop(self) -> None:
@@ -766,7 +766,7 @@ class DriveMachine:
             self.due = _AT_ONCE
 
     def hold_in_switched_on(self, on: bool = True) -> None:
-        """Wait before OPERATION_ENABLED, or go on: axes that are released in one cycle are enabled in one cycle."""
+        """Wait before OPERATION_ENABLED, or continue, so that several axes are enabled in one cycle."""
         if on is not self.held_in_switched_on:
             self.held_in_switched_on = on
             self.due = _AT_ONCE
@@ -778,7 +778,7 @@ class DriveMachine:
             self.due = _AT_ONCE
 
     def set_mode(self, mode: int) -> None:
-        """Request a mode of operation; OPERATION_ENABLED, and every motion, waits until 0x6061 shows it.
+        """Request a mode of operation; OPERATION_ENABLED and every motion wait until 0x6061 shows it.
 
         A drive whose 0x6061 is 0 until it is enabled is enabled without, and its motion waits. Check first whether the
         drive supports the mode (0x6502): `modes.require_mode`.
@@ -855,7 +855,7 @@ class DriveMachine:
 
     @property
     def remote(self) -> bool:
-        """Bit 9: whether the drive obeys the bus.
+        """Bit 9: whether the drive is controlled over the bus.
 
         True until a statusword clears it, and always with `ignore_remote`.
         """

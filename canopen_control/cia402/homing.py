@@ -1,4 +1,4 @@
-"""Homing (CiA 402-2, mode HM): the methods of 0x6098, and the sequence that starts one and sees it end.
+"""Homing (CiA 402-2, mode HM): the methods of 0x6098, and the sequence from its start to its end.
 
 Rules:
 

@@ -53,7 +53,7 @@ class SetPointTaken:
 
 @dataclass(frozen=True, slots=True)
 class SetPointReached:
-    """Reached set-point, the last one acknowledged; bit 11 of `statusword` tells whether it was limited."""
+    """Reached set-point, the last one acknowledged; bit 11 of `statusword` shows whether it was limited."""
 
     time: int
     target: int
@@ -169,7 +169,7 @@ class SetPointHandshake:
     def move(
         self, target: int, *, relative: bool = False, immediately: bool = False, change_on_set_point: bool = False
     ) -> None:
-        """Give a set-point in device units; `immediately` interrupts the motion and replaces one that waits.
+        """Send a set-point in device units; `immediately` interrupts the motion and replaces a waiting set-point.
 
         Raises LocalProtocolError when one waits already, see `can_take`.
         """
@@ -185,27 +185,27 @@ class SetPointHandshake:
 
     @property
     def can_take(self) -> bool:
-        """Whether `move` takes another set-point."""
+        """Whether `move` accepts another set-point."""
         return self._next is None
 
     @property
     def busy(self) -> bool:
-        """Whether a set-point waits for its acknowledge or its target."""
+        """Whether a set-point waits to be acknowledged or reached."""
         return self.phase is not SetPointPhase.IDLE or self._next is not None
 
     def events(self) -> list[SetPointEvent]:
-        """Return what happened since the last call."""
+        """Return the events since the last call."""
         happened, self._events = self._events, []
         return happened
 
     def next_deadline(self) -> int | None:
-        """Return when `update` must be called at the latest, None when nothing runs out."""
+        """Return the latest time for the next call of `update`, None without a timeout."""
         return None if self._deadline == _NEVER else self._deadline
 
     def update(
         self, statusword: int | None, ready: bool, now: int, halted: bool = False, under_way: bool = False
     ) -> int:
-        """Return the bits 4, 5, 6 and 9 to send now. Call it once per cycle; never raises.
+        """Return controlword bits 4, 5, 6 and 9 to send. Call it once per cycle; it never raises.
 
         `ready`: the drive is enabled in mode PP; without that a set-point is given up. While `halted` the drive keeps
         its target and bit 10 means standstill: nothing is judged, no time runs out. `under_way`: the axis is seen

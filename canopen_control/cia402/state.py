@@ -35,7 +35,7 @@ HALT_BIT = 1 << 8
 
 
 class State(Enum):
-    """A state of the power state machine; the value is its pattern in the statusword."""
+    """State of the power state machine; the value is its pattern in the statusword."""
 
     NOT_READY_TO_SWITCH_ON = 0x00
     SWITCH_ON_DISABLED = 0x40
@@ -75,12 +75,12 @@ _STATE_BY_BITS = tuple(_state_of_bits(bits) for bits in range(_ALL_MASKS + 1))
 
 
 def decode_statusword(statusword: int) -> State | None:
-    """Return the state that 0x6041 shows, None when its bits are undefined. Every int is accepted."""
+    """Return the state in 0x6041, None if its bits are undefined. Every int is accepted."""
     return _STATE_BY_BITS[statusword & _ALL_MASKS]
 
 
 class Command(Enum):
-    """A command of the controlword; the value is (mask, bits). Names of one pattern are aliases."""
+    """Command of the controlword; the value is (mask, bits). Commands with the same pattern are aliases."""
 
     SHUTDOWN = (0x87, 0x06)
     SWITCH_ON = (0x8F, 0x07)
@@ -119,7 +119,7 @@ def command_of(controlword: int, previous: int) -> Command | None:
 
 
 class Transition(NamedTuple):
-    """One arrow of the state diagram (CiA 402-2, table 22).
+    """Transition of the state diagram (CiA 402-2, table 22).
 
     `sources` is empty for power-on, `commands` is empty where the drive acts by itself. `condition` says what else
     must hold, or which option code decides how it is done.
@@ -174,7 +174,7 @@ _BY_COMMAND = {
 
 
 def transition_of(state: State, command: Command) -> Transition | None:
-    """Return the transition that `command` triggers in `state`, None where the diagram has none."""
+    """Return the transition that `command` triggers in `state`, None if the diagram has none."""
     return _BY_COMMAND.get((state, command))
 
 
@@ -211,7 +211,7 @@ _NEXT: dict[State, dict[State, Command]] = {
 
 
 def next_command(state: State, goal: State) -> Command | None:
-    """Return the command that leads a drive from `state` one step towards `goal`, or keeps it there.
+    """Return the command that leads a drive from `state` one step towards `goal`, or keeps it in `state`.
 
     Goals are SWITCH_ON_DISABLED, READY_TO_SWITCH_ON, SWITCHED_ON (all three: never upwards), OPERATION_ENABLED and
     QUICK_STOP_ACTIVE (reached in SWITCH_ON_DISABLED too). None: no command helps, because the drive is starting, in

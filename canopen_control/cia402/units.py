@@ -62,7 +62,7 @@ def told_counts(
     gear_ratio: tuple[int, int] | None = None,
     feed_constant: tuple[int, int] | None = None,
 ) -> float | None:
-    """Return position units per revolution of the driving shaft, None if the objects do not give it.
+    """Return position units per revolution of the driving shaft, None if the objects do not define it.
 
     They say nothing where they are absent or hold a 0, and where encoder resolution and feed constant are 1/1, as
     devices have them that nobody has set up.
@@ -84,7 +84,7 @@ def rpm_of_unit(unit: int) -> float:
 
 
 class Scale:
-    """The conversion of one joint: SI times `*_to_dev` is the device's, the device's times `*_from_dev` is SI.
+    """Conversion of one joint: SI times `*_to_dev` gives device units, device units times `*_from_dev` give SI.
 
     `offset_pos_to_dev` is in device units, `offset_pos_from_dev` in SI, as the bus.yml keys of the same names. A
     reversed joint has negative scales. Raises ConfigError for a scale that is zero or not finite.
@@ -181,7 +181,7 @@ class PositionUnwrapper:
 
     @property
     def started(self) -> bool:
-        """Whether a first position was seen; before it `count` means nothing."""
+        """Whether a first position was received; before it `count` is undefined."""
         return self._raw is not None
 
     def update(self, raw: int) -> int:
@@ -217,5 +217,5 @@ class PositionUnwrapper:
         self._pending = self._raw is not None
 
     def raw_of(self, count: int) -> int:
-        """Return the int32 target of a continuous `count`: shifted and wrapped as the drive's counter is now."""
+        """Return the int32 target for a continuous `count`, with the present offset and wrap of the drive's counter."""
         return wrap_int32(count - self.offset)

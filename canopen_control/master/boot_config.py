@@ -134,7 +134,7 @@ def _is_needed(
     different: set[tuple[int, int]],
     current: Mapping[tuple[int, int], bytes | None],
 ) -> bool:
-    """Whether one write of a PDO is required: first invalid unless it is, then differences, then valid."""
+    """Whether one write of a PDO is required: first invalid (if it is valid), then differences, then valid."""
     if write.index != communication:
         return remap  # a mapping is written as a whole: count 0, entries, count
     if write.subindex != _COB_ID or write.fixed:
@@ -176,7 +176,7 @@ class _Own:
 def release_cob_ids(
     grouped: Sequence[Sequence[PlannedWrite]], transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
-    """Make the PDOs invalid that use an identifier planned for another one: devices refuse a second user.
+    """Disable the PDOs that use an identifier planned for another one: devices refuse a second user.
 
     Devices check that when a PDO becomes valid (maxon EPOS4 among them).
     """
@@ -228,7 +228,10 @@ def configure_pdo(
 
 
 def _keep_transmission(plan: NodePlan, refused: PlannedWrite, current: Held, transfers: BootTransfers) -> bool:
-    """Use the transmission type that a node keeps of an RPDO: it acts at another time. Returns whether that was it."""
+    """Accept the transmission type that a node refuses to change for an RPDO.
+
+    Return whether that solved the refusal.
+    """
     pdo = refused.pdo or ("", 0)
     layout, own = _layout(plan, pdo), current.get(refused.address)
     if pdo[0] != "rpdo" or refused.address != (cob_id_of(pdo), 2) or layout is None or not own:
@@ -316,7 +319,7 @@ def _verify(
 def _refused(
     plan: NodePlan, planned: Sequence[PlannedWrite], current: Held, refusal: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
-    """Use the node's own PDO, or leave it invalid."""
+    """Use the node's own PDO, or leave it disabled."""
     pdo = planned[0].pdo or ("", 0)
     layout = _layout(plan, pdo)
     if layout is None:
@@ -548,7 +551,7 @@ def check_expected(plan: NodePlan, transfers: BootTransfers) -> Generator[Reques
 
 
 def _makes(plan: NodePlan, offset: int, values: Mapping[tuple[int, int], int]) -> bool:
-    """Whether the values of a drive give the counts per revolution of bus.yml."""
+    """Whether the values of a drive result in the counts per revolution of bus.yml."""
 
     def pair(index: int) -> tuple[int, int] | None:
         found = values.get((index + offset, 1)), values.get((index + offset, 2))
@@ -575,7 +578,7 @@ def compare_only(plan: NodePlan, transfers: BootTransfers) -> Generator[Request,
 def watch_running(
     plan: NodePlan, missing: Sequence[PlannedWrite], transfers: BootTransfers
 ) -> Generator[Request, Answer, list[PlannedWrite]]:
-    """Write missing supervision to a running node, and return its other differences.
+    """Write missing supervision parameters to a running node, and return its other differences.
 
     Both sides must detect the loss of the other. PDOs in use must match the plan: BootError J otherwise, since they
     cannot be changed while it runs.

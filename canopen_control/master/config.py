@@ -63,7 +63,7 @@ _TRANSITIONS = range(17)  # of the CiA 402 power state machine; 0 and 1 are the 
 
 
 def tolerated(section: Node, keys: Collection[str], unused: Mapping[str, str], misnamed: Mapping[str, str]) -> set[str]:
-    """Check a section for keys that are not `known`; return those that the conversion ignores.
+    """Check a section for unknown keys; return those that the conversion ignores.
 
     A key similar to a known one that is not there too, or listed in `misnamed`, is an error. Any other is a warning:
     ros2_canopen ignores unknown keys, so that files with such keys are in use.
@@ -85,7 +85,7 @@ def tolerated(section: Node, keys: Collection[str], unused: Mapping[str, str], m
 
 
 def _node_id_below(section: Node, key: str) -> Node | None:
-    """Return the `node_id` below a key of a section, which makes the key a node's name; None if there is none."""
+    """Return the `node_id` below a key of a section, which marks the key as a node's name; None if absent."""
     below = section.get(key)
     return below.get("node_id") if below is not None else None
 
@@ -110,7 +110,7 @@ def _meant(key: str, section: Node, keys: Collection[str], misnamed: Mapping[str
 
 
 def _respelled(section: Node, misnamed: Mapping[str, str]) -> Node:
-    """Return the section with the right keys for those in `misnamed`: no mistake follows from a reported one."""
+    """Return the section with misnamed keys replaced, so that one error is not reported twice."""
     pairs = {key.text: (key, value) for key, value in section.pairs()}
     for key, pair in list(pairs.items()):
         if (meant := _SPELLING.fullmatch(misnamed.get(key, ""))) and meant[1] not in pairs:
@@ -120,7 +120,7 @@ def _respelled(section: Node, misnamed: Mapping[str, str]) -> Node:
 
 
 def _require_modes(motion: MotionKeys, node: Node) -> None:
-    """Report modes that cannot serve the interface of their key, because CiA 402 has no such target."""
+    """Report modes that have no target for the command interface of their key (CiA 402)."""
     for kind in ("position", "velocity", "effort", "torque"):
         number, key = getattr(motion, f"{kind}_mode"), f"{kind}_mode"
         served = "effort" if kind == "torque" else kind
@@ -230,7 +230,7 @@ def _supervision(keys: SupervisionKeys, master: MasterConfig, options: FileOptio
 
 
 def _required(keys: BootKeys, node: Node) -> bool:
-    """Whether the robot waits for the node: `required`, else `mandatory`, else whether it is booted at all."""
+    """Whether the robot waits for the node: `required`, else `mandatory`, else whether it is booted."""
     place = node.get("required") or node
     if None not in (keys.required, keys.mandatory) and keys.required != keys.mandatory:
         place.error("`required` and `mandatory` mean the same and differ; keep one")
@@ -478,7 +478,7 @@ class _Reader:
         return inside or any("`master:`" in MISNAMED_ROOT.get(key, "") for key in self._root.keys())  # noqa: SIM118
 
     def _in_kbits(self, section: Node) -> Node:
-        """Convert a bit rate in bit/s to kbit/s, and note it; ros2_canopen does not use bit rates."""
+        """Convert a bit rate in bit/s to kbit/s with a note; ros2_canopen does not use bit rates."""
         place, pairs = section.get("baudrate"), {key.text: (key, value) for key, value in section.pairs()}
         if place is None or type(place.value) is not int or place.value not in [1000 * rate for rate in BIT_RATES]:
             return section
@@ -525,14 +525,14 @@ class _Reader:
         return nodes
 
     def _report_indented_nodes(self) -> None:
-        """Report nodes, and the section `nodes`, that are inside `defaults`, where no node is read."""
+        """Report nodes, and the section `nodes`, inside `defaults`, where they are not read."""
         defaults = self._root.get("defaults")
         for key, place in defaults.keys().items() if defaults is not None else ():
             if key == "nodes" or (defaults is not None and _node_id_below(defaults, key) is not None):
                 place.error(f"unknown key {key!r}; write `{key}:` at the margin; it is indented too far")
 
     def _misnamed_nodes(self) -> Node | None:
-        """Report a section with nodes under another name and return it; None in the flat form."""
+        """Report a section with nodes under a wrong name and return it; None in the flat form."""
         for name, section in self._root.items():
             below = [child for _, child in section.items()]
             if name not in _SECTIONS and below and all(child.get("node_id") is not None for child in below):
@@ -585,7 +585,7 @@ class _Reader:
                         place.error(f"COB-ID 0x{layout.cob_id:03X} of {whose} is already that of {first}")
 
     def _check_sync(self, master: MasterConfig, plans: dict[str, NodePlan]) -> None:
-        """Report PDOs that wait for a SYNC which no device sends (CiA 301, 7.5.2.35 and 7.5.2.37)."""
+        """Report synchronous PDOs on a bus without a SYNC producer (CiA 301, 7.5.2.35 and 7.5.2.37)."""
         if master.sync_period:
             return
         pdos = [

@@ -39,7 +39,7 @@ PARALLEL = 16  # servers asked at the same time by `read_many`: what a slow bus 
 
 
 class FrameListener(Protocol):
-    """Interface of what only receives."""
+    """Interface of a listener that only receives."""
 
     def receive(self, frame: CanFrame, now: int) -> None:
         """Receive a frame."""
@@ -165,7 +165,7 @@ class DirectBus:
         return error
 
     def _run(self, client: SdoClient, request: SdoRequest) -> None:
-        """Serve one client: the bookkeeping for several would cost a third of a round trip."""
+        """Serve one client, without the bookkeeping for several, which would cost a third of a round trip."""
         cores = (client,)
         now = time.monotonic_ns()
         while True:

@@ -70,7 +70,7 @@ def _span(seconds: float) -> str:
 
 
 def _few(event: Event) -> int:
-    """Return how many events of a kind are reported individually."""
+    """Return the number of events of a kind that are reported individually."""
     good_news = event.level is Level.INFO and not event.kind.startswith(_MACHINES)
     return FEW if good_news or event.kind in _ACTS else 1
 
@@ -119,7 +119,7 @@ class EventLog:
         return [repeated.sum() for repeated in self._recent]
 
     def add(self, event: Event) -> list[Event]:
-        """Add an event; return the events to report now. If they are not fetched only the newest are kept."""
+        """Add an event; return the events to report now. Only the newest are kept until they are fetched."""
         self.version += 1
         key = (event.kind, event.node, _NUMBER.sub("#", event.text))
         repeated = self._open.get(key)

@@ -227,7 +227,7 @@ _ANY = "; 0 accepts any"
 
 @dataclass(frozen=True)
 class IdentityKeys:
-    """Which device it is, and which file describes it."""
+    """Device type, file and expected identity."""
 
     dcf: str
     dcf_path: str = ""
@@ -272,7 +272,7 @@ class SupervisionKeys:
 
     @property
     def heartbeat_timeout_ns(self) -> int:
-        """After which silence the node counts as lost; 0 for a guarded one."""
+        """Silence in ns after which the node counts as lost; 0 with node guarding."""
         return round(self.heartbeat_ms * self.multiplier * 1e6)
 
 
@@ -423,7 +423,7 @@ class NodeConfig:
 
 
 def named_scale(counts_per_revolution: float, gear_ratio: float | list[int] | None, mirrored: bool) -> float:
-    """Return the counts per radian of a joint: of one turn of the motor, and `gear_ratio` motor turns per joint turn.
+    """Return the counts per radian of a joint from counts per motor turn and `gear_ratio` motor turns per joint turn.
 
     ValueError for a gear ratio that is none.
     """

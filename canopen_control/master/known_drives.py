@@ -40,7 +40,7 @@ def known_drive(vendor: int, product: int, words: str) -> Personality | None:
 def proposals(
     drive: Personality, sync_us: int, keys: Collection[str], written: Collection[int], commanded: Collection[str]
 ) -> Iterator[tuple[BusKey, str]]:
-    """Yield the keys that a drive needs and that are not `given`, each with its line of bus.yml.
+    """Yield the missing keys that a drive needs, each with its line of bus.yml.
 
     `written` are the objects of the `sdo:` list; the mode of a command interface is proposed where it is `commanded`.
     """

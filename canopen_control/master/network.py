@@ -1,4 +1,4 @@
-"""Master of one bus: frames in, frames out, all nodes supervised. Sans-IO like its services.
+"""Master of one bus without I/O: receives and sends frames and supervises all nodes.
 
 A frame is routed by one look-up of its identifier and never raises, whatever it holds; frames
 nobody expects are counted in `unknown`. PDOs go straight to the process image. Everything else wakes the node it is
@@ -233,7 +233,7 @@ class Network:
 
     @property
     def identifiers(self) -> Collection[int]:
-        """The identifiers that `receive` has a use for."""
+        """The identifiers that `receive` processes."""
         return self._handlers.keys()
 
     def receive(self, records: bytes, now: int, since: int | None = None) -> None:
@@ -273,13 +273,13 @@ class Network:
             self._stale = True
 
     def next_deadline(self) -> int | None:
-        """Return when `tick` has something to do."""
+        """Return the time of the next `tick`."""
         if self._stale:
             self._deadline, self._stale = self._earliest(), False
         return self._deadline
 
     def take(self) -> bytes:
-        """Return the records that wait to be sent, process data apart."""
+        """Return the waiting records except process data."""
         if not self.outgoing:
             return b""
         records = pack_records(self.outgoing)
@@ -477,7 +477,7 @@ class Network:
         self._stale = True
 
     def _guard(self, node: RemoteNode, on: bool, now: int) -> None:
-        """Guard a node from now on, or no longer; for those without a heartbeat."""
+        """Start or stop guarding a node without a heartbeat."""
         if node.plan.guard is None:
             return
         if self._guarding is None:
@@ -502,7 +502,7 @@ class Network:
         return happened
 
     def _collect(self) -> None:
-        """Gather the frames of every service."""
+        """Collect the frames of every service."""
         self.outgoing.extend(self._producer.frames())
         if self._guarding is not None:
             self.outgoing.extend(self._guarding.frames())

@@ -159,7 +159,7 @@ class PlanInput:
 
 
 def make_plan(plan_input: PlanInput) -> NodePlan:
-    """Plan a node; where something was complained of the plan is not to be used."""
+    """Plan the configuration of a node; after an error in `complain` the plan must not be used."""
     node, od = plan_input.node, plan_input.od
     builder = PlanBuilder(
         node,
@@ -242,7 +242,7 @@ _PER_MOTOR = (TARGET_POSITION, TARGET_VELOCITY, TARGET_TORQUE, POSITION_ACTUAL, 
 
 
 def two_motors(od: ObjectDictionary) -> tuple[int, ...]:
-    """Return the objects of axis 0 that are variables in CiA 402 and have subindices for motors here.
+    """Return the objects of axis 0 that have a subindex per motor here, and are variables in CiA 402.
 
     ZLTECH's ZLAC8015D has two motors behind one controlword and one statusword.
     """
@@ -250,7 +250,7 @@ def two_motors(od: ObjectDictionary) -> tuple[int, ...]:
 
 
 def _warn_of_two_motors(builder: PlanBuilder) -> None:
-    """Warn of a drive whose axes are in subindices, with what is supported for it."""
+    """Warn of a drive with its axes in subindices, and state what is supported."""
     motors = two_motors(builder.od)
     if not motors or any((builder.node.motion.own_target(name) or (0,))[0] in motors for name in _INTERFACES):
         return
@@ -308,7 +308,7 @@ def _identity(node: NodeConfig, od: ObjectDictionary) -> Identity:
 
 
 def _turns(node: NodeConfig, od: ObjectDictionary) -> dict[int, float]:
-    """Return the position counts of one turn of the motor by axis; none where bus.yml leaves that to the drive."""
+    """Return the position counts per motor turn by axis; empty if bus.yml uses the drive's own."""
     turns = {}
     for number, offset in enumerate(_axes(od)):
         to_device = node.units.of_axis(number)["pos_to_dev"]

@@ -94,7 +94,7 @@ def _has_room(builder: PlanBuilder, number: int, mapping: Sequence[PdoObjectKeys
 
 
 def _mapped(builder: PlanBuilder, number: int, pdo: PdoConfig) -> list[int]:
-    """Return the indices that an RPDO of bus.yml carries."""
+    """Return the indices mapped by an RPDO of bus.yml."""
     if pdo.mapping is not None:
         return [mapped.index for mapped in pdo.mapping]
     slots = range(1, (builder.default(_MAPPING + number - 1, 0) or 0) + 1)
@@ -117,7 +117,7 @@ _IP = 7
 
 
 def plan_interpolation(builder: PlanBuilder, axes: Sequence[int], sync_period_us: int) -> None:
-    """Plan it for each axis, given by the offset of its objects."""
+    """Plan the interpolation period of each axis, given by the offset of its objects."""
     if not sync_period_us:
         return
     if axes:
@@ -133,7 +133,7 @@ def plan_interpolation(builder: PlanBuilder, axes: Sequence[int], sync_period_us
 
 
 def _compare_cycle_period(builder: PlanBuilder, sync_period_us: int) -> None:
-    """Name a communication cycle period (0x1006) that is not SYNC's.
+    """Report a communication cycle period (0x1006) that differs from the SYNC period.
 
     Delta's ASDA-A2 reports an alarm of SYNC where it is not 0x60C2 (canfestival-rtt, issue 18; canopen, issue 407).
     """
@@ -154,7 +154,7 @@ def _compare_cycle_period(builder: PlanBuilder, sync_period_us: int) -> None:
 
 
 def _compare(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
-    """Warn of a period that differs from SYNC's; unwritten objects keep the EDS's value."""
+    """Warn of a period that differs from the SYNC period; unwritten objects keep the value of the EDS."""
     value, exponent = builder.asked_value(index, 1), builder.asked_value(index, 2)
     value = builder.default(index, 1) if value is None else value
     exponent = builder.signed_default(index, 2) if exponent is None else exponent
@@ -170,7 +170,7 @@ def _compare(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
 
 
 def _add_interpolation(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
-    """Add the SYNC period, in the drive's own unit where that cannot be written (it is `ro` in one EDS out of six)."""
+    """Write the SYNC period to 0x60C2; if its exponent is read-only (one EDS in six), in the unit of the drive."""
     value, exponent = _interpolation(sync_period_us)
     reason = "interpolation over the SYNC period"
     if not builder.can_write(index, 2):
@@ -222,7 +222,7 @@ _BYTES = frozenset((DataType.OCTET_STRING, DataType.DOMAIN))
 
 @dataclass(frozen=True, slots=True)
 class PlannedWrite:
-    """One SDO download; `reason` is empty for those of bus.yml, an `optional` one may be refused by the node.
+    """One SDO download; `reason` is empty for those of bus.yml; the node may refuse an `optional` one.
 
     `pdo` names the PDO whose records the write belongs to; `compare`: it can be read back. `fixed`: a COB-ID that the
     EDS does not let be written and that has this value: it is written only where the node holds another one.
@@ -301,7 +301,7 @@ class PlanBuilder:
 
     @property
     def file(self) -> str:
-        """The file that describes the device, for messages."""
+        """File that describes the device, for messages."""
         return self.node.identity.dcf
 
     @property
@@ -345,12 +345,12 @@ class PlanBuilder:
         self._add(index, subindex, data, reason, optional, pdo)
 
     def can_write(self, index: int, subindex: int) -> bool:
-        """Whether the EDS has the object as writable."""
+        """Whether the object exists and is writable by the EDS."""
         entry = self.od.get(index, subindex)
         return entry is not None and entry.writable
 
     def is_fixed_cob_id(self, index: int, subindex: int, value: int) -> bool:
-        """Whether an object is the COB-ID of a PDO, has this value, and cannot be written by its EDS."""
+        """Whether an object is the COB-ID of a PDO, has this value, and is read-only in the EDS."""
         pdo = pdo_of(index)
         is_cob_id = pdo is not None and index == COMMUNICATION[pdo[0]] + pdo[1] - 1 and subindex == 1
         return is_cob_id and not self.can_write(index, subindex) and self.default(index, subindex) == value
@@ -382,14 +382,14 @@ class PlanBuilder:
             self.write_raw(index, subindex, data, self.download_reason)
 
     def listed_value(self, index: int, subindex: int = 0) -> int | None:
-        """Return the number that the `sdo:` list of bus.yml writes there last."""
+        """Return the last number that the `sdo:` list of bus.yml writes to this object."""
         for entry in reversed(self.node.boot.sdo):
             if (entry.index, entry.sub_index) == (index, subindex):
                 return int(entry.value) if isinstance(entry.value, int) else None
         return None
 
     def downloaded_value(self, index: int, subindex: int = 0) -> int | None:
-        """Return the number that a file writes there."""
+        """Return the number that a file writes to this object."""
         data = self._downloaded.get((index, subindex))
         entry = self.od.get(index, subindex)
         signed = entry is not None and entry.data_type.signed
@@ -429,7 +429,7 @@ class PlanBuilder:
         )
 
     def asked_value(self, index: int, subindex: int = 0) -> int | None:
-        """Return the number that the `sdo:` list or a file writes there last."""
+        """Return the last number that the `sdo:` list or a file writes to this object."""
         if any((entry.index, entry.sub_index) == (index, subindex) for entry in self.node.boot.sdo):
             return self.listed_value(index, subindex)
         return self.downloaded_value(index, subindex)
@@ -470,7 +470,7 @@ class PlanBuilder:
 
 
 def _bytes_of(value: object, data_type: DataType) -> Value:
-    """Return the bytes of hex digits where the object takes bytes."""
+    """Return the bytes of hexadecimal text if the object has a type of bytes."""
     if isinstance(value, str) and data_type in _BYTES:
         try:
             return bytes.fromhex(value)

@@ -411,7 +411,7 @@ def _adopt(builder: PlanBuilder, kind: str, number: int, cob_id: int) -> None:
 
 
 def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig, reason: str = "") -> None:
-    """Plan one PDO; `reason` for one that bus.yml does not list."""
+    """Plan one PDO; `reason` is for one that bus.yml does not list."""
     key, index = f"{kind}.{number}", COMMUNICATION[kind] + number - 1
     if 1 <= number <= COUNT and (index, 1) not in builder.od and not pdo.enabled:
         return  # what the device does not have is off
@@ -530,7 +530,7 @@ def _settings(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> t
 
 
 def _cob_id(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> int:
-    """Return the COB-ID with bit 30 as in the EDS; an enabled PDO without one gets the predefined."""
+    """Return the COB-ID with bit 30 as in the EDS; an enabled PDO without one gets the predefined COB-ID."""
     default, key = builder.default(COMMUNICATION[kind] + number - 1, 1) or 0, f"{kind}.{number}"
     if isinstance(pdo.cob_id, int):
         if pdo.cob_id & EXTENDED_BIT or is_restricted(pdo.cob_id & 0x7FF):
@@ -581,7 +581,7 @@ def _mapped(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig | None)
 
 
 def _check_bits(builder: PlanBuilder, key: str, mapped: PdoObjectKeys) -> None:
-    """Warn of a length in bus.yml that is not that of the object; dcfgen ignores `bits`, which some files have."""
+    """Warn of a length in bus.yml that differs from that of the object; ros2_canopen's dcfgen ignores `bits`."""
     entry = builder.od.get(mapped.index, mapped.sub_index)
     if entry is None or mapped.bits in (None, entry.data_type.bits):
         return
@@ -606,7 +606,7 @@ def _map_one(builder: PlanBuilder, kind: str, key: str, index: int, subindex: in
 
 
 def _signed(index: int, data_type: DataType) -> DataType:
-    """Return the type of what is signed in CiA 402, although the EDS may say that it is not."""
+    """Return the signed type for an object that is signed in CiA 402, even if the EDS has it unsigned."""
     return _SIGNED_TYPES.get(data_type, data_type) if axis_of(index)[0] in _SIGNED else data_type
 
 

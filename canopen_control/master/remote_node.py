@@ -143,7 +143,7 @@ class NodeLog:
         self.report(now, f"pdo_{kind}", text, Level.WARNING)
 
     def heartbeat(self, now: int, since: int | None = None) -> None:
-        """Process a heartbeat: too many come from two nodes."""
+        """Process a heartbeat; too many indicate two nodes with one node id."""
         if self._duplicates.heartbeat(now, since):
             self._tell_duplicate("its heartbeats come twice as often as configured", now)
 
@@ -152,7 +152,7 @@ class NodeLog:
         self._duplicates.reset()
 
     def boot_up(self, now: int, since: int | None = None) -> None:
-        """Process a boot-up: it clears earlier errors; two in quick succession come from two nodes."""
+        """Process a boot-up: it clears earlier errors; two in quick succession indicate two nodes with one node id."""
         self.errors.forget()
         self.astray.clear()
         was_stuck = self._duplicates.stuck
@@ -280,7 +280,7 @@ class RemoteNode:
         self._wake()
 
     def lost(self, now: int, text: str, *, kind: str = "bus_lost") -> None:
-        """Set the node to lost because its bus is; it boots when the bus is back."""
+        """Mark the node as lost with its bus; it boots when the bus is back."""
         self.nmt_state = None
         self._drop(now, f"{self.who}: {text}", Level.ERROR, kind=kind)
         self._retry_at = None
@@ -423,7 +423,7 @@ class RemoteNode:
         self.log.tick(now)
 
     def next_deadline(self) -> int | None:
-        """Return when `tick` has something to do."""
+        """Return the time of the next `tick`."""
         task = self._task.next_deadline() if self._task is not None else None
         earliest = self.sdo.next_deadline()
         for deadline in (task, self._retry_at, self._farewell_until, self.log.deadline):
@@ -458,7 +458,7 @@ class RemoteNode:
             self.begin_boot(now, reset=False)
 
     def _toggled(self, now: int) -> None:
-        """Process a guarding answer with a wrong toggle bit: the node restarted, or there is a second one."""
+        """Process a guarding answer with a wrong toggle bit: the node restarted, or two nodes have its node id."""
         text = "its guarding toggle bit is wrong: it has restarted, or a second node has its id"
         if self.ready:
             self._drop(now, f"{self.who}: {text}; booting it again", Level.ERROR, kind="guarding_toggle")
@@ -490,7 +490,7 @@ class RemoteNode:
             self._report(Event(now, kind, self.name, text, level))
 
     def _bid_farewell(self, now: int) -> None:
-        """Keep sending for a while, since a silent drive, or one not OPERATIONAL, can still be stopped.
+        """Keep sending for a while, because a silent drive, or one that is not OPERATIONAL, can still be stopped.
 
         The owner of the axes provides the content; in NMT states without PDOs a quick stop is sent by SDO.
         """

@@ -36,7 +36,7 @@ class BusReader(Protocol):
 
 
 class PdoWatch:
-    """Counter of SYNCs without the synchronous TPDOs of a bus; sets `overdue` of missing ones.
+    """Counter of SYNCs without the synchronous TPDOs of a bus; sets `overdue` of missing TPDOs.
 
     SYNCs that a late process sends in quick succession count as one: their answers get the time that `period_ns` would
     give, and `least_ns` at least. `reader` reads waiting frames before a TPDO becomes overdue.
@@ -170,7 +170,7 @@ class DuplicateWatch:
         return self._count >= _DOUBLE and self._is_new(now)
 
     def _was_held(self, now: int) -> bool:
-        """Whether a heartbeat may be one that was delayed on its way."""
+        """Whether a heartbeat may have been delayed on its way."""
         gap, self._beat = now - self._beat, now
         if 2 * gap >= 3 * self._period:
             self._held += gap // self._period
@@ -208,6 +208,6 @@ class DuplicateWatch:
         return close and self._is_new(now)
 
     def _is_new(self, now: int) -> bool:
-        """Whether the last sign of two devices is long past; record a new one."""
+        """Record a sign of two devices; return whether the last one is long past."""
         before, self._sign = self._sign, now
         return now - before >= _FORGET_NS

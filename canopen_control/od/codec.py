@@ -56,7 +56,7 @@ def _required(entry: Entry) -> _Required | None:
 
 
 def forbidden_limit(entry: Entry) -> str:
-    """Return what is wrong with the limits of a communication object; empty if CiA 301 allows them."""
+    """Return the error in the limits of a communication object; empty if CiA 301 allows them."""
     required = _required(entry)
     if required is None:
         return ""

@@ -337,7 +337,7 @@ def object_sections(od: ObjectDictionary) -> Iterator[tuple[str, _Lines]]:
 
 
 def _is_one(info: ObjectInfo, entry: Entry) -> bool:
-    """Whether the object has only one value, so that one section describes both; a VAR may have a sub 0 of its own."""
+    """Whether the object has only one value, so that one section describes both; a VAR may have its own subindex 0."""
     if info.code not in SCALAR_CODES or info.name != entry.name:
         return False
     return not (info.texts and entry.texts) or info.texts == entry.texts

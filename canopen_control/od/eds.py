@@ -120,7 +120,7 @@ _STRUCTURE_SUB = 0xFF  # describes the type of the object and is not counted (Ci
 
 
 def check_dictionary(od: ObjectDictionary, report: Report) -> None:
-    """Report everything inconsistent in `od`; `report` belongs to the file of `od`."""
+    """Report all inconsistencies of `od`; `report` belongs to its file."""
     subindices: dict[int, list[int]] = {index: [] for index in od.objects}
     for entry in od:
         subindices.setdefault(entry.index, []).append(entry.subindex)
@@ -190,7 +190,7 @@ def _check_structure(od: ObjectDictionary, info: ObjectInfo, subindices: list[in
 
 
 def _check_code(od: ObjectDictionary, info: ObjectInfo, subindices: list[int], report: Report) -> None:
-    """Report an array that should be a record and vice versa (CiA 301, 7.4.3, 7.5.2; CiA 402-2)."""
+    """Report an array that should be a record, and vice versa (CiA 301, 7.4.3, 7.5.2; CiA 402-2)."""
     place = f"0x{info.index:04X} ({clip(info.name)})"
     types = {od[info.index, sub].data_type for sub in subindices if sub not in (0, _STRUCTURE_SUB)}
     base = info.index
@@ -339,7 +339,7 @@ _TPDO = _Direction("TPDO", 0x1800, 0x1A00, 0x180)
 
 
 def expand_compact_pdos(od: ObjectDictionary, report: Report) -> None:
-    """Add the PDO records that CompactPDO stands for to `od`."""
+    """Add the PDO records that CompactPDO defines to `od`."""
     mask = od.device.compact_pdo & 0x3F
     if not mask:
         return
@@ -597,7 +597,7 @@ class _Reader:
         self.od.entries[index, subindex] = self.entry_reader.read(section, index, subindex, name, code)
 
     def _expand(self, section: Section, index: int, count: int) -> None:
-        """Create the entries that CompactSubObj stands for (CiA 306-1, 4.6.3.4)."""
+        """Create the entries that CompactSubObj defines (CiA 306-1, 4.6.3.4)."""
         label = self.od.objects[index].name
         entries = self.od.entries
         entries[index, 0] = Entry(

@@ -104,7 +104,7 @@ def _lines_of_keys(body: str, line: int) -> dict[str, int]:
 
 
 def _says(raw: str) -> bool:
-    """Whether a line is neither blank nor a comment."""
+    """Whether a line has content: neither blank nor a comment."""
     line = raw.lstrip()
     return bool(line) and line[0] not in _COMMENT
 

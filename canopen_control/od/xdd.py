@@ -1,4 +1,4 @@
-"""XDD and XDC files (CiA 311): the XML form of EDS and DCF, as read and as written.
+"""XDD and XDC files (CiA 311), the XML form of EDS and DCF: reader and writer.
 
 A file is read as the sections of the EDS that says the same, with the lines of its elements, so that one reader and one
 set of checks serve both forms. An object has its type, access and values as attributes, or in the <parameter> of the
@@ -119,21 +119,21 @@ class _Element:
             yield from child.descendants()
 
     def find(self, tag: str) -> _Element | None:
-        """Return the first element of this name below, None without one."""
+        """Return the first descendant with this name, None if absent."""
         return next((descendant for descendant in self.descendants() if descendant.tag == tag), None)
 
     def value_of(self, tag: str) -> str | None:
-        """Return the attribute `value` of a child of this name, None without one."""
+        """Return the attribute `value` of a child with this name, None if absent."""
         return next((child.attributes.get("value") for child in self.children if child.tag == tag), None)
 
 
 def is_xml(text: str) -> bool:
-    """Whether a text begins as XML does."""
+    """Whether a text begins like XML."""
     return text[:1000].lstrip(" \t\r\n\x00\ufeff").startswith("<")
 
 
 def xdd_sections(text: str, report: Report) -> Sections:
-    """Return a device description as the sections of an EDS; EdsError if it is none."""
+    """Return a device description as the sections of an EDS; EdsError for another document."""
     root = _parse(text, report.path)
     if root.tag != _CONTAINER:
         raise EdsError(
@@ -229,7 +229,7 @@ def _device_info(root: _Element) -> dict[str, str]:
 
 
 def _renamed(attributes: Mapping[str, str], keys: Mapping[str, str]) -> dict[str, str]:
-    """Return the attributes that `keys` names under the names of an EDS, flags as 0 and 1."""
+    """Return the attributes in `keys` under their EDS names, with flags as 0 and 1."""
     flags = {"true": "1", "false": "0"}
     return {keys[name]: flags.get(value, value) for name, value in attributes.items() if name in keys}
 
@@ -251,7 +251,7 @@ def _object_sections(root: _Element, parameters: Mapping[str, _Element], report:
 
 
 def _number(element: _Element, attribute: str, highest: int, report: Report) -> int | None:
-    """Return an index or subindex, which is hexadecimal; None, and an error in the report, where it is none."""
+    """Return a hexadecimal index or subindex; None, and an error in the report, for an invalid one."""
     text = element.attributes.get(attribute, "")
     try:
         number = int(text, 16)
@@ -264,7 +264,7 @@ def _number(element: _Element, attribute: str, highest: int, report: Report) -> 
 
 
 def _texts(element: _Element, parameters: Mapping[str, _Element], report: Report) -> dict[str, str]:
-    """Return the keys of an EDS that an object, or a subindex, and its parameter say."""
+    """Return the EDS keys of an object or subindex and its parameter."""
     reference = element.attributes.get("uniqueIDRef")
     texts = {}
     if reference is not None and (parameter := parameters.get(reference)) is not None:
@@ -300,7 +300,7 @@ def _of_parameter(parameter: _Element) -> dict[str, str]:
 
 
 def xdd_text(od: ObjectDictionary, *, configured: bool = False) -> str:
-    """Return the text of an XDD; `configured`: of an XDC, which has node id, bit rate and parameter values too."""
+    """Return the text of an XDD; with `configured` of an XDC, with node id, bit rate and parameter values."""
     device = od.device
     identity = (
         ("vendorName", device.vendor_name),
@@ -341,7 +341,7 @@ def xdd_text(od: ObjectDictionary, *, configured: bool = False) -> str:
 
 
 def _network_lines(od: ObjectDictionary, *, configured: bool) -> list[str]:
-    """Return the features of the device; `configured`: its node id, bit rate and network too."""
+    """Return the features of the device; with `configured` also its node id, bit rate and network."""
     device, commissioning = od.device, od.commissioning
     features = {
         "granularity": device.granularity,
