@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from canopen_control.cia301.lss import LssMaster, LssRequest, LssResult
     from canopen_control.cia301.nmt import NmtCommand
-    from canopen_control.cli.support.target import TargetNode
+    from canopen_control.service.node_session import NodeSession
 
 
 EXAMPLE = """canopen-control gateway
@@ -163,16 +163,16 @@ class RobotNetwork:
 
     def read(self, node_id: int, index: int, subindex: int, *, block: bool, timeout_s: float) -> bytes:
         """Upload an object through the robot."""
-        return self._target.read(self._node(node_id, timeout_s), index, subindex, block=block)
+        return self._node(node_id, timeout_s).read(index, subindex, block=block)
 
     def write(self, node_id: int, index: int, subindex: int, data: bytes, *, block: bool, timeout_s: float) -> None:  # noqa: ARG002 - the robot chooses by length
         """Download an object through the robot."""
-        self._target.write(self._node(node_id, timeout_s), index, subindex, data)
+        self._node(node_id, timeout_s).write(index, subindex, data)
 
     def nmt(self, command: NmtCommand, node_id: int) -> None:
         """Send the command through the robot; 204 if the nodes do not confirm it."""
         everybody = node_id == BROADCAST
-        asked = self._target.nodes if everybody else [self._node(node_id)]
+        asked = self._target.sessions if everybody else [self._node(node_id)]
         timeout = ROBOT_TIMEOUTS.get(command, TIMEOUT_S)
         if asked and (waiting := command_robot(self._target, command, asked, timeout, everybody=everybody)[0]):
             names = ", ".join(map(str, waiting))
@@ -189,13 +189,13 @@ class RobotNetwork:
         self.take_in()
         return self._events.take()
 
-    def _node(self, node_id: int, timeout_s: float | None = None) -> TargetNode:
+    def _node(self, node_id: int, timeout_s: float | None = None) -> NodeSession:
         try:
-            node = self._target.node(str(node_id))
+            node = self._target.session(str(node_id))
         except ConfigError as error:
             raise GatewayRefusal(UNSUPPORTED_NODE, str(error)) from None
         if timeout_s is not None:
-            self._target.be_patient(node, min(timeout_s, MAX_TIMEOUT_S))
+            node.transfers.be_patient(min(timeout_s, MAX_TIMEOUT_S))
         return node
 
 
@@ -225,7 +225,7 @@ class BusNetwork:
 
     def read(self, node_id: int, index: int, subindex: int, *, block: bool, timeout_s: float) -> bytes:
         """Upload an object."""
-        return self._target.read(self._node(node_id, timeout_s), index, subindex, block=block)
+        return self._node(node_id, timeout_s).read(index, subindex, block=block)
 
     def write(self, node_id: int, index: int, subindex: int, data: bytes, *, block: bool, timeout_s: float) -> None:
         """Download an object; with `block` long ones by block transfer."""
@@ -250,11 +250,11 @@ class BusNetwork:
         self.take_in()
         return self._events.take()
 
-    def _node(self, node_id: int, timeout_s: float | None = None) -> TargetNode:
+    def _node(self, node_id: int, timeout_s: float | None = None) -> NodeSession:
         self._look_for_a_robot()
-        node = self._target.node(str(node_id))
+        node = self._target.session(str(node_id))
         if timeout_s is not None:
-            self._target.be_patient(node, timeout_s)
+            node.transfers.be_patient(timeout_s)
         return node
 
     def _look_for_a_robot(self) -> None:

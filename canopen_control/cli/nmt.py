@@ -28,7 +28,7 @@ from canopen_control.rpc.messages.state import NodeReading
 if TYPE_CHECKING:
     import argparse
 
-    from canopen_control.cli.support.target import TargetNode
+    from canopen_control.service.node_session import NodeSession
 
 
 EXAMPLE = """canopen-control nmt preop left_drive
@@ -92,7 +92,7 @@ def _on_bus(args: argparse.Namespace, bus: DirectBus, command: NmtCommand, node_
 
 
 def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCommand) -> int:
-    nodes_asked = target.nodes if args.node == ALL else [target.node(args.node)]
+    nodes_asked = target.sessions if args.node == ALL else [target.session(args.node)]
     if not nodes_asked:
         raise ConfigError(f"robot {target.robot.robot} has no nodes: it runs on mock hardware, or simulated")
     timeout = args.wait or ROBOT_TIMEOUTS.get(command, TIMEOUT_S)
@@ -107,8 +107,8 @@ def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCo
 
 
 def command_robot(
-    target: RobotTarget, command: NmtCommand, asked: list[TargetNode], timeout: float, *, everybody: bool
-) -> tuple[list[TargetNode], dict[str, NodeReading]]:
+    target: RobotTarget, command: NmtCommand, asked: list[NodeSession], timeout: float, *, everybody: bool
+) -> tuple[list[NodeSession], dict[str, NodeReading]]:
     """Command nodes through a robot; return those without a confirmation in `timeout` s, and the last readings."""
     begin = time.monotonic()
     name = next(name for name, known in COMMAND_NAMES.items() if known is command)

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from canopen_control.personality import Personality
+    from canopen_control.service.node_session import NodeSession
 
 
 EXAMPLE = """canopen-control scan --can can0 --config robby
@@ -221,8 +222,8 @@ def _survey_robot(robot: RobotTarget, timeout: float) -> ScanResult:
     expected = {node.node_id: ExpectedNode(node.name, plain(node.identity)) for node in listing}
     survey = ScanResult(bus.channel, {}, expected, bus.node_id or 0)
     states = robot.robot.ask(GetStatus()).nodes
-    for node in robot.nodes:
-        identity = _through_robot(robot, node.node_id)
+    for node in robot.sessions:
+        identity = _through_robot(node)
         if identity is not None:
             survey.found[node.node_id] = FoundNode(node.node_id, identity, states[node.name].nmt_state)
     if parse_channel(survey.channel).kind.shared:
@@ -236,12 +237,12 @@ def _survey_robot(robot: RobotTarget, timeout: float) -> ScanResult:
     return survey
 
 
-def _through_robot(robot: RobotTarget, node_id: int) -> ScannedDevice | None:
+def _through_robot(node: NodeSession) -> ScannedDevice | None:
     """Ask a node of the robot; None if it does not answer."""
-    node, data = robot.node(str(node_id)), dict[tuple[int, int], object]()
+    data = dict[tuple[int, int], object]()
     for address in _OBJECTS:
         try:
-            data[address] = robot.read(node, *address)
+            data[address] = node.read(*address)
         except RemoteError as error:
             if error.kind != "SdoAbort":
                 return None

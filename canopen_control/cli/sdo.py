@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING
 from canopen_control.cli.support.arguments import timeout_seconds
 from canopen_control.cli.support.output import Progress, json_text, print_result, watched
 from canopen_control.cli.support.target import add_target_arguments, open_target
-from canopen_control.errors import CanopenError, ConfigError, RemoteError, SdoAbort
+from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.od.address import find_object, parts_of
 from canopen_control.od.codec import decode
 from canopen_control.rpc.messages.declare import Document
+from canopen_control.service.node_session import is_abort
 from canopen_control.service.object_rows import TYPE_NAMES, parse_type, parse_value, show
 from canopen_control.trace.network_description import NodeDescription
 from canopen_control.trace.values import NodeWords, decoded
@@ -30,9 +31,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from contextlib import AbstractContextManager
 
-    from canopen_control.cli.support.target import SdoTarget, TargetNode
     from canopen_control.od.address import ObjectAddress
-    from canopen_control.od.model import DataType, ObjectDictionary
+    from canopen_control.od.model import DataType
+    from canopen_control.service.node_session import NodeSession
 
 
 EXAMPLE = """canopen-control sdo read left_drive 0x6041
@@ -87,12 +88,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     with open_target(args) as target:
-        node = target.node(args.node)
-        od = node.dictionary()
-        address = find_object(args.object, od)
+        node = target.session(args.node)
+        address = find_object(args.object, node.od)
         if args.action == "read":
-            return _read(args, target, node, parts_of(address, od), od)
-        _ACTIONS[args.action](args, target, node, address)
+            return _read(args, node, parts_of(address, node.od))
+        _ACTIONS[args.action](args, node, address)
     return 0
 
 
@@ -102,21 +102,15 @@ def _type_of(args: argparse.Namespace, address: ObjectAddress) -> DataType | Non
     return address.entry.data_type if address.entry is not None else None
 
 
-def _read(
-    args: argparse.Namespace,
-    target: SdoTarget,
-    node: TargetNode,
-    parts: list[ObjectAddress],
-    od: ObjectDictionary | None,
-) -> int:
+def _read(args: argparse.Namespace, node: NodeSession, parts: list[ObjectAddress]) -> int:
     """Read an object or all its subindices; refused ones are listed."""
-    words = NodeWords(NodeDescription(node.name, node.node_id, od))
+    words = NodeWords(NodeDescription(node.name, node.node_id, node.od))
     documents = []
     for address in parts:
         try:
-            data = target.read(node, address.index, address.subindex)
+            data = node.read(address.index, address.subindex)
         except CanopenError as error:
-            if len(parts) == 1 or not _is_abort(error):
+            if len(parts) == 1 or not is_abort(error):
                 raise
             print(f"canopen-control: {error}", file=sys.stderr)
             continue
@@ -127,10 +121,6 @@ def _read(
     if args.json:
         print(json_text(documents if len(parts) > 1 else documents[0]))
     return 0 if documents else 1
-
-
-def _is_abort(error: CanopenError) -> bool:
-    return isinstance(error, SdoAbort) or (isinstance(error, RemoteError) and error.kind == SdoAbort.__name__)
 
 
 def _in_words(data: bytes, data_type: DataType | None, address: ObjectAddress, words: NodeWords) -> str:
@@ -145,7 +135,7 @@ def _in_words(data: bytes, data_type: DataType | None, address: ObjectAddress, w
     return f"{shown}: {meaning}" if meaning not in ("", str(value)) else shown
 
 
-def _fitting(data: bytes, data_type: DataType | None, node: TargetNode, address: ObjectAddress) -> DataType | None:
+def _fitting(data: bytes, data_type: DataType | None, node: NodeSession, address: ObjectAddress) -> DataType | None:
     """Return the type, or None with a note for data of another length."""
     if data_type is None:
         return None
@@ -157,7 +147,7 @@ def _fitting(data: bytes, data_type: DataType | None, node: TargetNode, address:
     return data_type
 
 
-def _document(data: bytes, data_type: DataType | None, node: TargetNode, address: ObjectAddress) -> ObjectDocument:
+def _document(data: bytes, data_type: DataType | None, node: NodeSession, address: ObjectAddress) -> ObjectDocument:
     value = None if data_type is None else decode(data, data_type)
     return ObjectDocument(
         node_id=node.node_id,
@@ -171,25 +161,25 @@ def _document(data: bytes, data_type: DataType | None, node: TargetNode, address
     )
 
 
-def _write(args: argparse.Namespace, target: SdoTarget, node: TargetNode, address: ObjectAddress) -> None:
+def _write(args: argparse.Namespace, node: NodeSession, address: ObjectAddress) -> None:
     data_type = _type_of(args, address)
     if data_type is None:
-        reason = "the EDS does not have it" if node.eds is not None else "there is no EDS"
+        reason = "the EDS does not have it" if node.od is not None else "there is no EDS"
         raise ConfigError(f"0x{address.index:04X}:{address.subindex:02X}: {reason}: give its type, as in --type u32")
     data = parse_value(args.value, data_type)
-    target.write(node, address.index, address.subindex, data)
+    node.write(address.index, address.subindex, data)
     text = f"{node}: {address.label}: written {show(data, data_type)}"
     print_result(args, _document(data, data_type, node, address), text)
 
 
-def _upload(args: argparse.Namespace, target: SdoTarget, node: TargetNode, address: ObjectAddress) -> None:
+def _upload(args: argparse.Namespace, node: NodeSession, address: ObjectAddress) -> None:
     path = None if args.file == STREAM else Path(args.file).expanduser()
     if path is None and args.json:
         raise ConfigError("--json reports about a file, and standard output is for the data here; give a FILE")
     if path is not None and not path.parent.is_dir():
         raise ConfigError(f"no folder {path.parent} for {args.file}")
-    with _told(f"reading {node}: {address.label}", target, node):
-        data = target.read(node, address.index, address.subindex, block=True)
+    with _told(f"reading {node}: {address.label}", node):
+        data = node.read(address.index, address.subindex, block=True)
     if path is None:
         sys.stdout.buffer.write(data)
         sys.stdout.buffer.flush()
@@ -201,27 +191,27 @@ def _upload(args: argparse.Namespace, target: SdoTarget, node: TargetNode, addre
     _tell_transfer(args, node, address, f"{len(data)} bytes to {args.file}", len(data))
 
 
-def _download(args: argparse.Namespace, target: SdoTarget, node: TargetNode, address: ObjectAddress) -> None:
+def _download(args: argparse.Namespace, node: NodeSession, address: ObjectAddress) -> None:
     try:
         data = sys.stdin.buffer.read() if args.file == STREAM else Path(args.file).expanduser().read_bytes()
     except OSError as error:
         raise ConfigError(f"{args.file} cannot be read: {error.strerror}") from None
-    with _told(f"writing {node}: {address.label}", target, node):
-        target.write(node, address.index, address.subindex, data)
+    with _told(f"writing {node}: {address.label}", node):
+        node.write(address.index, address.subindex, data)
     _tell_transfer(args, node, address, f"{len(data)} bytes from {args.file}", len(data))
 
 
-def _tell_transfer(args: argparse.Namespace, node: TargetNode, address: ObjectAddress, text: str, length: int) -> None:
+def _tell_transfer(args: argparse.Namespace, node: NodeSession, address: ObjectAddress, text: str, length: int) -> None:
     place = {"node_id": node.node_id, "index": address.index, "subindex": address.subindex}
     print_result(args, {**place, "file": args.file, "bytes": length}, f"{node}: {address.label}: {text}")
 
 
-def _told(title: str, target: SdoTarget, node: TargetNode) -> AbstractContextManager[None]:
+def _told(title: str, node: NodeSession) -> AbstractContextManager[None]:
     """Print the progress of a long transfer."""
-    return watched(Progress(title, "bytes"), lambda: target.progress(node))
+    return watched(Progress(title, "bytes"), node.transfers.progress)
 
 
-_ACTIONS: dict[str, Callable[[argparse.Namespace, SdoTarget, TargetNode, ObjectAddress], None]] = {
+_ACTIONS: dict[str, Callable[[argparse.Namespace, NodeSession, ObjectAddress], None]] = {
     "write": _write,
     "upload": _upload,
     "download": _download,

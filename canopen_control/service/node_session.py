@@ -1,6 +1,6 @@
 """Service session with one node: typed objects, identity, NMT state and CiA 402 states, over any SDO transport.
 
-Sans-IO except for `Transfers`, which a bare bus and a running robot implement (`cli/support/open_session.py`), and a
+Sans-IO except for `Transfers`, which a bare bus and a running robot implement (`cli/support/target.py`), and a
 dictionary in tests. Values have the types of the EDS (CiA 306), states are those of CiA 402. A session writes only on
 request.
 """
@@ -8,6 +8,7 @@ request.
 from __future__ import annotations
 
 import contextlib
+import functools
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol
 
@@ -60,21 +61,40 @@ class Transfers(Protocol):
     def progress(self) -> tuple[int, int | None]:
         """Return the number of bytes transferred and the size; may be called from another thread."""
 
+    def close(self) -> None:
+        """Close what the transfers have opened for themselves."""
+
 
 class NodeSession:
     """One node: `name` in bus.yml or "", `od` its EDS or None, `robot` the SDO transport, "" on a bare bus.
+
+    Without `od` it is the file `eds` of the node, read on first use (EdsError).
 
     Every call may raise the errors of the node or the robot: RemoteProtocolError (SdoAbort, SdoTimeout) or RemoteError.
     """
 
     def __init__(
-        self, transfers: Transfers, node_id: int, od: ObjectDictionary | None, *, name: str = "", robot: str = ""
+        self,
+        transfers: Transfers,
+        node_id: int,
+        od: ObjectDictionary | None = None,
+        *,
+        name: str = "",
+        robot: str = "",
+        eds: Path | None = None,
     ) -> None:
-        self.transfers, self.node_id, self.od = transfers, node_id, od
-        self.name, self.robot = name, robot
+        self.transfers, self.node_id = transfers, node_id
+        self.name, self.robot, self._eds = name, robot, eds
+        if od is not None:
+            self.od = od
 
     def __str__(self) -> str:
         return f"node {self.node_id} ({self.name})" if self.name else f"node {self.node_id}"
+
+    @functools.cached_property
+    def od(self) -> ObjectDictionary | None:
+        """EDS of the node; None without one."""
+        return None if self._eds is None else read_eds(self._eds, self.node_id).od
 
     @property
     def dictionary(self) -> ObjectDictionary:

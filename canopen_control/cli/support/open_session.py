@@ -13,18 +13,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen_control.cia301.nmt import RESETS, NmtState, NmtUnconfirmed
 from canopen_control.cli.support.arguments import timeout_seconds
 from canopen_control.cli.support.output import Progress, json_text
-from canopen_control.cli.support.target import BusTarget, RobotTarget, add_target_arguments, find_eds, robot_on
+from canopen_control.cli.support.target import RobotTarget, add_target_arguments, find_eds, open_target
 from canopen_control.client import RobotClient
-from canopen_control.errors import CanopenError, ConfigError, DriveError
+from canopen_control.errors import ConfigError, DriveError
 from canopen_control.od.eds import SUFFIXES
 from canopen_control.rpc.wire import plain
 from canopen_control.runtime.observer import RobotObserver
 from canopen_control.service.driven_axis import drive_of_robot, fault_words, why_not_free
 from canopen_control.service.jog_motion import JogScale
-from canopen_control.service.node_session import NodeSession, Transfers
 from canopen_control.service.parameter_set import read_backup, read_parameters, read_same
 from canopen_control.service.restore import Reached, RestoreOptions, first_of, guarded_restore, unfinished_words
 
@@ -32,21 +30,13 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterable, Iterator
 
-    from canopen_control.cia301.nmt import NmtCommand
-    from canopen_control.cli.support.target import TargetNode
     from canopen_control.master.event_log import Event
     from canopen_control.scaffold.drive_choice import AxisChoice
     from canopen_control.scaffold.new_robot import Device, NewRobot
     from canopen_control.service.driven_axis import JogDrive
+    from canopen_control.service.node_session import NodeSession
     from canopen_control.service.parameter_set import LeftOut, ParameterSet
     from canopen_control.service.restore import RestoreReport
-
-
-_HEARTBEATS = 2.5  # of its own heartbeat times, a node is listened to
-_LONGEST_S = 3.0
-_HEARTBEAT = (0x1017, 0)
-_NMT_S, _RESET_S = 0.3, 3.0  # what a node may take to show a state
-_MUTE_S = 0.02  # for one that sends no heartbeat: it shows nothing, and takes the next request after the command
 
 
 def add_session_arguments(parser: argparse.ArgumentParser, *, node: bool = True) -> None:
@@ -76,75 +66,11 @@ def open_sessions(
     args: argparse.Namespace, nodes: Iterable[str]
 ) -> Iterator[tuple[dict[str, NodeSession], RobotClient | None]]:
     """Open a session with each of `nodes`, by the words given, and the robot that carries them, None on a bare bus."""
-    with _open(args) as target:
-        client = target.robot if isinstance(target, RobotTarget) else None
-        robot = "" if client is None else client.robot
-        sessions = {}
-        for word in dict.fromkeys(nodes):
-            node = target.node(word)
-            transfers = target.transfers(node) if isinstance(target, RobotTarget) else BusTransfers(target, node)
-            sessions[word] = NodeSession(transfers, node.node_id, node.dictionary(), name=node.name, robot=robot)
-        yield sessions, client
-
-
-def _open(args: argparse.Namespace) -> RobotTarget | BusTarget:
-    eds = find_eds(args.eds) if args.eds else None
-    owner = None if args.can is None else robot_on(args.can)
-    if args.can is not None and owner is None:
-        return BusTarget(args.can, eds, args.timeout)
-    name = args.name if owner is None else owner[0]
-    return RobotTarget(RobotClient.connect(name), eds, args.timeout)
-
-
-class BusTransfers(Transfers):
-    """The transfers of one node of a bare bus."""
-
-    def __init__(self, target: BusTarget, node: TargetNode) -> None:
-        self._target, self._node = target, node
-        self._mute = False  # it was seen to send no heartbeat
-
-    def read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
-        """Upload an object."""
-        return self._target.read(self._node, index, subindex, block=block)
-
-    def write(self, index: int, subindex: int, data: bytes) -> None:
-        """Download an object."""
-        self._target.write(self._node, index, subindex, data)
-
-    def be_patient(self, seconds: float | None) -> None:
-        """Set the timeout of each answer."""
-        self._target.be_patient(self._node, seconds)
-
-    def progress(self) -> tuple[int, int | None]:
-        """Return the progress of the present transfer."""
-        return self._target.progress(self._node)
-
-    def command(self, command: NmtCommand) -> None:
-        """Send an NMT command to the node of a bare bus and wait until a heartbeat shows it, if it sends any."""
-        bus = self._target.bus
-        seconds = _RESET_S if command in RESETS else _MUTE_S if self._mute else _NMT_S
-        for result in bus.command(command, self._node.node_id, seconds):
-            if isinstance(result, NmtUnconfirmed) and result.state is not None:
-                raise DriveError(
-                    f"{self._node} is {result.state.text} after NMT {command.name.replace('_', ' ').lower()}"
-                )
-
-    def nmt_state(self) -> NmtState | None:
-        """Listen for the node's next heartbeat, if it sends any."""
-        bus, node_id = self._target.bus, self._node.node_id
-        bus.heard.pop(node_id, None)
-        try:
-            period_ms = int.from_bytes(self.read(*_HEARTBEAT)[:2], "little")
-        except CanopenError:
-            period_ms = 0
-        self._mute = not period_ms
-        if period_ms and bus.heard.get(node_id) is None:
-            bus.serve([], lambda: bus.heard.get(node_id) is not None, min(_LONGEST_S, _HEARTBEATS * period_ms / 1e3))
-        return bus.heard.get(node_id)
-
-    def taken_out(self) -> bool:
-        """Return True: no robot runs on it."""
-        return True
+    with open_target(args, through_robot=True) as target:
+        sessions = {word: target.session(word) for word in dict.fromkeys(nodes)}
+        for session in sessions.values():
+            _ = session.od  # a file that cannot be read is refused before any work
+        yield sessions, target.robot if isinstance(target, RobotTarget) else None
 
 
 # The one drive that `jog` and `tune` move: looked at on its bare bus, or found in a robot that runs.

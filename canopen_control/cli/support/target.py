@@ -6,73 +6,56 @@ bare bus on which a robot runs is open for the other nodes only.
 
 from __future__ import annotations
 
+import abc
 import os
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Self
 
 from canopen_control.bus.channel import parse_channel
+from canopen_control.cia301.nmt import RESETS, NmtUnconfirmed
 from canopen_control.client import RobotClient, find_robots
 from canopen_control.data_files import data_path
-from canopen_control.errors import ConfigError, RemoteError
+from canopen_control.errors import CanopenError, ConfigError, DriveError, RemoteError
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.master.direct import DirectBus
-from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.robot import GetNodes, NodeListing
-from canopen_control.service.node_session import RobotTransfers
+from canopen_control.service.node_session import NodeSession, RobotTransfers, Transfers
 
 if TYPE_CHECKING:
     import argparse
-    from types import TracebackType
 
-    from canopen_control.od.model import ObjectDictionary
+    from canopen_control.cia301.nmt import NmtCommand, NmtState
+    from canopen_control.rpc.messages.robot import NodePlace
 
 
+_HEARTBEATS = 2.5  # of its own heartbeat times, a node is listened to
+_LONGEST_S = 3.0
+_HEARTBEAT = (0x1017, 0)
+_NMT_S, _RESET_S = 0.3, 3.0  # what a node may take to show a state
+_MUTE_S = 0.02  # for one that sends no heartbeat: it shows nothing, and takes the next request after the command
 LABEL = "canopen-control"  # what others on the bus see of a verb
 
 
-@dataclass(frozen=True, slots=True)
-class TargetNode:
-    """A node: its id, the name and the EDS if known."""
+class Target(abc.ABC):
+    """Nodes that a verb reaches, a session with each; `eds` describes them instead of the robot's own files."""
 
-    node_id: int
-    name: str = ""
-    eds: Path | None = None
+    def __init__(self, eds: Path | None) -> None:
+        self._eds = eds
+        self._sessions: dict[int, NodeSession] = {}
 
-    def __str__(self) -> str:
-        return f"node {self.node_id} ({self.name})" if self.name else f"node {self.node_id}"
+    def __enter__(self) -> Self:
+        return self
 
-    def dictionary(self) -> ObjectDictionary | None:
-        """Read the EDS; None without one, EdsError for an invalid one."""
-        return None if self.eds is None else read_eds(self.eds, self.node_id).od
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
+    @abc.abstractmethod
+    def session(self, word: str) -> NodeSession:
+        """Return the session with the node of a name or a node id; ConfigError."""
 
-class SdoTarget(Protocol):
-    """Whoever carries SDO transfers."""
-
-    def node(self, word: str) -> TargetNode:
-        """Return the node that is meant; ConfigError."""
-
-    def read(self, node: TargetNode, index: int, subindex: int, *, block: bool = False) -> bytes:
-        """Upload an object; raises RemoteError or RemoteProtocolError."""
-
-    def write(self, node: TargetNode, index: int, subindex: int, data: bytes) -> None:
-        """Download an object; raises RemoteError or RemoteProtocolError."""
-
-    def be_patient(self, node: TargetNode, seconds: float | None) -> None:
-        """Set the timeout of each answer in s; None: the initial one."""
-
-    def progress(self, node: TargetNode) -> tuple[int, int | None]:
-        """Return transferred and total bytes of the present transfer; from another thread."""
-
+    @abc.abstractmethod
     def close(self) -> None:
         """Close the connection."""
-
-    def __enter__(self) -> SdoTarget: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None: ...
 
 
 def add_target_arguments(parser: argparse.ArgumentParser) -> None:
@@ -84,12 +67,16 @@ def add_target_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--name", help="the running robot (default: the only one)")
 
 
-def open_target(args: argparse.Namespace) -> SdoTarget:
-    """Open the target of the arguments `can`, `name`, `eds` and `timeout` (seconds or None)."""
+def open_target(args: argparse.Namespace, *, through_robot: bool = False) -> RobotTarget | BusTarget:
+    """Open the target of the arguments `can`, `name`, `eds` and `timeout` (seconds or None).
+
+    With `through_robot`, a bus on which a robot runs is reached through that robot.
+    """
     eds = find_eds(args.eds) if args.eds else None
-    if args.can is not None:
+    owner = robot_on(args.can) if through_robot and args.can is not None else None
+    if args.can is not None and owner is None:
         return BusTarget(args.can, eds, args.timeout)
-    return RobotTarget(RobotClient.connect(args.name), eds, args.timeout)
+    return RobotTarget(RobotClient.connect(args.name if owner is None else owner[0]), eds, args.timeout)
 
 
 def find_eds(text: str) -> Path:
@@ -121,87 +108,59 @@ def robot_on(channel: str) -> tuple[str, NodeListing] | None:
     return None
 
 
-class RobotTarget:
+class RobotTarget(Target):
     """The nodes of a running robot."""
 
     def __init__(self, robot: RobotClient, eds: Path | None = None, timeout: float | None = None) -> None:
-        self.robot = robot
-        self._eds, self._timeout = eds, timeout
-        self._carriers: dict[int, RobotTransfers] = {}
+        super().__init__(eds)
+        self.robot, self._timeout = robot, timeout
         self.listing = robot.ask(GetNodes())
 
-    def __enter__(self) -> RobotTarget:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
-        self.close()
-
     def close(self) -> None:
-        """Close the connection to the robot."""
-        for carrier in self._carriers.values():
-            carrier.close()
+        """Close the connections to the robot."""
+        for session in self._sessions.values():
+            session.transfers.close()
         self.robot.close()
 
     @property
-    def nodes(self) -> list[TargetNode]:
-        """All nodes, by node id."""
-        nodes = sorted(self.listing.nodes, key=lambda node: node.node_id)
-        return [TargetNode(node.node_id, node.name, self._eds or Path(node.eds)) for node in nodes]
+    def sessions(self) -> list[NodeSession]:
+        """Sessions with all nodes, by node id."""
+        return [self._with(place) for place in sorted(self.listing.nodes, key=lambda node: node.node_id)]
 
-    def node(self, word: str) -> TargetNode:
-        """Return the node of a name or a node id; ConfigError with those there are."""
-        for node in self.nodes:
-            if word in (node.name, str(node.node_id)):
-                return node
-        names = ", ".join(f"{node.node_id} {node.name}" for node in self.nodes) or "none (mock hardware)"
+    def session(self, word: str) -> NodeSession:
+        """Return the session with a node; ConfigError with those there are."""
+        for session in self.sessions:
+            if word in (session.name, str(session.node_id)):
+                return session
+        names = ", ".join(f"{node.node_id} {node.name}" for node in self.sessions) or "none (mock hardware)"
         raise ConfigError(
             f"robot {self.robot.robot} has no node {word!r}; its nodes: {names}; for others on its bus use --can"
         )
 
-    def transfers(self, node: TargetNode) -> RobotTransfers:
-        """Return the SDO transport of a node."""
-        if node.node_id not in self._carriers:
+    def _with(self, place: NodePlace) -> NodeSession:
+        if (session := self._sessions.get(place.node_id)) is None:
             label = f"{LABEL} (pid {os.getpid()})"
-            self._carriers[node.node_id] = RobotTransfers(self.robot, node.node_id, self._timeout, label)
-        return self._carriers[node.node_id]
-
-    def read(self, node: TargetNode, index: int, subindex: int, *, block: bool = False) -> bytes:
-        """Upload an object through the robot."""
-        return self.transfers(node).read(index, subindex, block=block)
-
-    def write(self, node: TargetNode, index: int, subindex: int, data: bytes) -> None:
-        """Download an object through the robot."""
-        self.transfers(node).write(index, subindex, data)
-
-    def be_patient(self, node: TargetNode, seconds: float | None) -> None:
-        """Set the timeout of each answer of the node."""
-        self.transfers(node).be_patient(seconds)
-
-    def progress(self, node: TargetNode) -> tuple[int, int | None]:
-        """Return the progress of the present transfer."""
-        return self.transfers(node).progress()
+            transfers = RobotTransfers(self.robot, place.node_id, self._timeout, label)
+            eds = self._eds or (Path(place.eds) if place.eds else None)
+            session = NodeSession(transfers, place.node_id, name=place.name, robot=self.robot.robot, eds=eds)
+            self._sessions[place.node_id] = session
+        return session
 
 
-class BusTarget:
+class BusTarget(Target):
     """Nodes of a bus, except those of a robot that runs on it."""
 
     def __init__(self, channel: str, eds: Path | None = None, timeout: float | None = None) -> None:
+        super().__init__(eds)
         self.owner = robot_on(channel)
-        self._eds = eds
         self.bus = DirectBus.open(channel, label=LABEL, timeout_s=timeout or 0.5)
-
-    def __enter__(self) -> BusTarget:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the bus."""
         self.bus.close()
 
-    def node(self, word: str) -> TargetNode:
-        """Return the node of a node id; ConfigError, also for a node that a running robot has."""
+    def session(self, word: str) -> NodeSession:
+        """Return the session with a node id; ConfigError, also for a node that a running robot has."""
         node_id = parse_node_id(word)
         name, listing = self.owner or ("", NodeListing())
         if any(node_id == node.node_id for node in listing.nodes):
@@ -209,23 +168,61 @@ class BusTarget:
                 f"node {node_id} on {self.bus.port.channel} belongs to the running robot {name}, the one client of its "
                 f"SDO server; use --name {name} instead of --can"
             )
-        return TargetNode(node_id, "", self._eds)
+        if node_id not in self._sessions:
+            self._sessions[node_id] = NodeSession(BusTransfers(self.bus, node_id), node_id, eds=self._eds)
+        return self._sessions[node_id]
 
-    def read(self, node: TargetNode, index: int, subindex: int, *, block: bool = False) -> bytes:
+
+class BusTransfers(Transfers):
+    """The transfers of one node of a bare bus."""
+
+    def __init__(self, bus: DirectBus, node_id: int) -> None:
+        self._bus, self._node_id = bus, node_id
+        self._mute = False  # it was seen to send no heartbeat
+
+    def read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
         """Upload an object."""
-        return self.bus.read(node.node_id, index, subindex, block=block)
+        return self._bus.read(self._node_id, index, subindex, block=block)
 
-    def write(self, node: TargetNode, index: int, subindex: int, data: bytes) -> None:
+    def write(self, index: int, subindex: int, data: bytes) -> None:
         """Download an object."""
-        self.bus.write(node.node_id, index, subindex, data)
+        self._bus.write(self._node_id, index, subindex, data)
 
-    def be_patient(self, node: TargetNode, seconds: float | None) -> None:
-        """Set the timeout of each answer of the node."""
-        self.bus.client(node.node_id).timeout_ns = round((seconds or self.bus.timeout_s) * 1e9)
+    def be_patient(self, seconds: float | None) -> None:
+        """Set the timeout of each answer."""
+        self._bus.client(self._node_id).timeout_ns = round((seconds or self._bus.timeout_s) * 1e9)
 
-    def progress(self, node: TargetNode) -> tuple[int, int | None]:
+    def progress(self) -> tuple[int, int | None]:
         """Return the progress of the present transfer."""
-        return self.bus.client(node.node_id).progress
+        return self._bus.client(self._node_id).progress
+
+    def command(self, command: NmtCommand) -> None:
+        """Send an NMT command to the node of a bare bus and wait until a heartbeat shows it, if it sends any."""
+        seconds = _RESET_S if command in RESETS else _MUTE_S if self._mute else _NMT_S
+        for result in self._bus.command(command, self._node_id, seconds):
+            if isinstance(result, NmtUnconfirmed) and result.state is not None:
+                text = f"{result.state.text} after NMT {command.name.replace('_', ' ').lower()}"
+                raise DriveError(f"node {self._node_id} is {text}")
+
+    def nmt_state(self) -> NmtState | None:
+        """Listen for the node's next heartbeat, if it sends any."""
+        bus, node_id = self._bus, self._node_id
+        bus.heard.pop(node_id, None)
+        try:
+            period_ms = int.from_bytes(self.read(*_HEARTBEAT)[:2], "little")
+        except CanopenError:
+            period_ms = 0
+        self._mute = not period_ms
+        if period_ms and bus.heard.get(node_id) is None:
+            bus.serve([], lambda: bus.heard.get(node_id) is not None, min(_LONGEST_S, _HEARTBEATS * period_ms / 1e3))
+        return bus.heard.get(node_id)
+
+    def taken_out(self) -> bool:
+        """Return True: no robot runs on it."""
+        return True
+
+    def close(self) -> None:
+        """Do nothing: the bus belongs to the target."""
 
 
 def parse_node_id(text: str) -> int:

@@ -74,7 +74,7 @@ def test_the_nmt_state_of_a_node_is_that_of_its_heartbeat(alone):
 
 def test_a_node_that_sends_no_heartbeat_is_not_waited_for(alone, monkeypatch):
     with open_session(arguments("5", "--can", "memory:session", "--eds", TMCM)) as node:
-        bus, waited = node.transfers._target.bus, []
+        bus, waited = node.transfers._bus, []
         monkeypatch.setattr(bus, "command", lambda command, node_id, seconds: waited.append(seconds) or [])
         node.transfers.command(NmtCommand.START)
         assert node.nmt_state() is None

@@ -4,7 +4,7 @@ import pytest
 from support.onbus import GENERIC, TMCM, OnBus
 
 from canopen_control.cli.support import target
-from canopen_control.cli.support.target import BusTarget, RobotTarget, TargetNode, find_eds, parse_node_id, robot_on
+from canopen_control.cli.support.target import BusTarget, RobotTarget, find_eds, parse_node_id, robot_on
 from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.frame import CanFrame
@@ -66,17 +66,17 @@ def running(monkeypatch):
 
 def test_nodes_are_found_by_name_and_id_and_come_in_order():
     robot = RobotTarget(FakeRobot())
-    assert [str(node) for node in robot.nodes] == ["node 2 (right)", "node 3 (left)"]
-    assert robot.node("left") == robot.node("3")
-    assert str(robot.node("left").eds) == "/x/a.eds"
+    assert [str(node) for node in robot.sessions] == ["node 2 (right)", "node 3 (left)"]
+    assert robot.session("left") is robot.session("3")
+    assert str(robot.session("left")._eds) == "/x/a.eds"
     with pytest.raises(ConfigError, match="has no node 'up'; its nodes: 2 right, 3 left"):
-        robot.node("up")
+        robot.session("up")
 
 
 def test_a_long_object_goes_through_a_robot_in_pieces_that_a_request_can_hold():
     fake = FakeRobot()
     with RobotTarget(fake) as robot:
-        robot.write(robot.node("3"), 0x2000, 0, bytes(range(256)) * 1000)
+        robot.session("3").write(0x2000, 0, bytes(range(256)) * 1000)
     sent = [each for each in fake.requests[1:] if each != "close"]
     assert [type(each) for each in sent] == [SdoPiece] * 10 + [SdoWrite]
     assert sent[-1].source.startswith("canopen-control (pid ")  # who the robot's events say it was
@@ -88,10 +88,10 @@ def test_transfers_through_a_robot_carry_block_and_timeout():
     who = f"canopen-control (pid {os.getpid()})"
     fake = FakeRobot()
     with RobotTarget(fake, timeout=2.0) as robot:
-        assert robot.read(robot.node("3"), 0x1008, 1, block=True) == b"\1\2"
-        robot.write(robot.node("3"), 0x2000, 0, b"\xff")
+        assert robot.session("3").read(0x1008, 1, block=True) == b"\1\2"
+        robot.session("3").write(0x2000, 0, b"\xff")
         with pytest.raises(ConfigError, match="400000"):
-            robot.write(robot.node("3"), 0x2000, 0, bytes(400_001))
+            robot.session("3").write(0x2000, 0, bytes(400_001))
     assert fake.requests[1:] == [
         SdoRead(node="3", index=0x1008, subindex=1, block=True, timeout=2.0),
         SdoWrite(node="3", index=0x2000, subindex=0, data=b"\xff", timeout=2.0, source=who),
@@ -116,16 +116,16 @@ def test_a_bare_bus_keeps_off_the_nodes_of_a_robot(running):
     running["robby"] = FakeRobot(channel="memory:target")
     with OnBus("memory:target", {3: TMCM}), target.BusTarget("memory:target") as bus:
         with pytest.raises(ConfigError, match="belongs to the running robot robby"):
-            bus.node("3")
-        assert bus.node("0x10") == TargetNode(16)
+            bus.session("3")
+        assert bus.session("0x10").node_id == 16
 
 
 def test_without_a_robot_every_node_is_open(monkeypatch, private_folders):
     with OnBus("memory:open", {3: TMCM}), target.BusTarget("memory:open", find_eds(TMCM)) as bus:
-        node = bus.node("3")
-        assert bus.read(node, 0x1018, 2) == (1270).to_bytes(4, "little")
-        bus.write(node, 0x6081, 0, bytes(4))
-        assert node.dictionary().node_id == 3
+        node = bus.session("3")
+        assert node.read(0x1018, 2) == (1270).to_bytes(4, "little")
+        node.write(0x6081, 0, bytes(4))
+        assert node.dictionary.node_id == 3
 
 
 def test_an_eds_is_a_path_or_a_bundled_name(tmp_path):
@@ -145,10 +145,10 @@ def test_a_node_id_is_a_number_from_1_to_127(text):
 
 def test_the_progress_of_a_transfer_is_what_its_client_knows(private_folders):
     with OnBus("memory:progress", {5: GENERIC}), BusTarget("memory:progress") as target:
-        node = target.node("5")
-        assert target.progress(node) == (0, None)
+        node = target.session("5")
+        assert node.transfers.progress() == (0, None)
         client = target.bus.client(5)
         client.read(0x1008, now=0)
         client.frames()  # the request has left
         client.receive(CanFrame(0x585, bytes.fromhex("410810000A000000")), 0)
-        assert target.progress(node) == (0, 10)
+        assert node.transfers.progress() == (0, 10)
