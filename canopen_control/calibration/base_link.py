@@ -17,7 +17,7 @@ from canopen_control.errors import ConfigError, ControlError, RemoteError
 from canopen_control.rpc.messages.parameters import GetParameters, ParameterValue, SetParameters
 from canopen_control.rpc.messages.robot import ListControllers, Subscribe, TwistController
 from canopen_control.rpc.messages.samples import OdometrySample
-from canopen_control.rpc.messages.state import StateSample
+from canopen_control.rpc.messages.state import WHEEL_CALIBRATION, StateSample
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -110,7 +110,6 @@ def read_ends(path: Path, count: int, report: Callable[[str], object]) -> FiledE
 #: parameters that a calibration changes: track, left and right radius
 FACTORS: Final = ("wheel_separation_multiplier", "left_wheel_radius_multiplier", "right_wheel_radius_multiplier")
 _SOURCE: Final = "calibrate"
-_TYPE: Final = "diff_drive_controller/DiffDriveController"
 _RATE: Final = 50.0  # maximum rate of odometry in Hz
 _SILENT_S: Final = 1.0  # time after which a silent robot counts as lost
 _BEGIN_S: Final = 3.0  # timeout of the first odometry, which follows the first twist
@@ -141,12 +140,12 @@ class Driven:
 def choose_base(controllers: tuple[ControllerReading, ...], name: str | None) -> ControllerReading:
     """Return the diff drive controller to calibrate: the requested one, or the only one; ConfigError with advice."""
     names = ", ".join(controller.name for controller in controllers)
-    bases = [controller for controller in controllers if controller.type == _TYPE]
+    bases = [controller for controller in controllers if WHEEL_CALIBRATION in controller.offers]
     matches = [controller for controller in bases if controller.name == name] if name is not None else bases
     if name is not None and not matches:
         raise ConfigError(f"{name!r} is no diff drive controller of the robot; it has: {names}")
     if not matches:
-        raise ConfigError(f"the robot has no {_TYPE}, which is what UMBmark calibrates; it has: {names}")
+        raise ConfigError(f"the robot has no diff drive controller, which is what UMBmark calibrates; it has: {names}")
     active = [controller for controller in matches if controller.active] or matches
     if len(active) > 1:
         raise ConfigError(

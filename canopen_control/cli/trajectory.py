@@ -122,7 +122,6 @@ EXAMPLE = """canopen-control trajectory play wave.yaml
          canopen-control trajectory record -o wave.yaml --for 10
          canopen-control trajectory cancel --controller arm_controller"""
 
-_TYPE: Final = "joint_trajectory_controller/JointTrajectoryController"
 _PATIENCE_S: Final = 3600.0  # beyond its own time: it may be scaled, and wait for its goal without a limit
 _LOOK_S: Final = 0.2  # how often a recording looks whether it is to end
 _ENDS: Final = (signal.SIGINT, signal.SIGTERM)
@@ -276,7 +275,7 @@ def _joints(robot: RobotClient, args: argparse.Namespace) -> list[str]:
         if strange or not names:
             raise ConfigError(f"--joints {args.joints}: the joints of the robot are {', '.join(joints)}; name some")
         return names
-    controllers = [controller for controller in robot.ask(ListControllers()) if controller.type == _TYPE]
+    controllers = [controller for controller in robot.ask(ListControllers()) if controller.tells == "trajectory"]
     named = [controller for controller in controllers if args.controller in (None, controller.name)]
     if args.controller is not None and not named:
         raise ConfigError(f"no joint trajectory controller {args.controller!r} is loaded; give --joints")

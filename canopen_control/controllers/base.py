@@ -208,6 +208,10 @@ class Controller:
     """The parameters that `on_set` takes while it is configured: patterns of dotted names, `gains.*`."""
     topic: ClassVar[str | None] = None
     tells: ClassVar[type[Sample] | None] = None
+    roller_wheels: ClassVar[tuple[str, ...]] = ()
+    """The parameters that name the joints of its mecanum wheels, which physics gives rollers."""
+    offers: ClassVar[tuple[str, ...]] = ()
+    """What it takes beside commands, by the words of `rpc.messages.state`: goals of ROS, services, a calibration."""
 
     def __init__(self, name: str, type_name: str = "") -> None:
         self.name, self.type = name, type_name

@@ -9,19 +9,16 @@ started beside the controller that moves the joint, and work whether they are ac
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import Controller
 from canopen_control.controllers.params import CommonParams
 from canopen_control.errors import RobotConfigError
+from canopen_control.rpc.messages.state import DRIVE_SERVICES, NODE_SERVICES
 from canopen_control.yamlfile.convert import setting
 
 if TYPE_CHECKING:
     from canopen_control.controllers.params import Params
-
-
-PROXY: Final = "canopen_ros2_controllers/CanopenProxyController"
-DEVICE: Final = "canopen_ros2_controllers/Cia402DeviceController"
 
 
 @dataclass(frozen=True)
@@ -35,9 +32,7 @@ class CanopenProxyController(Controller):
     """Controller for the services of one node: NMT, SDO and PDOs."""
 
     moves_joints: ClassVar[bool] = False
-
-    def __init__(self, name: str, type_name: str = PROXY) -> None:
-        super().__init__(name, type_name)
+    offers: ClassVar[tuple[str, ...]] = (NODE_SERVICES,)
 
     def on_configure(self, params: Params) -> None:
         """Read the joint; RobotConfigError without one."""
@@ -50,5 +45,4 @@ class CanopenProxyController(Controller):
 class Cia402DeviceController(CanopenProxyController):
     """Controller for the services of one drive: those of a proxy, and its states and modes of CiA 402."""
 
-    def __init__(self, name: str, type_name: str = DEVICE) -> None:
-        super().__init__(name, type_name)
+    offers: ClassVar[tuple[str, ...]] = (DRIVE_SERVICES,)

@@ -15,6 +15,7 @@ from canopen_control.controllers.diff_drive_params import DiffDriveParams, read_
 from canopen_control.controllers.mobile_base import MobileBase
 from canopen_control.controllers.planar_pose import MIN_DT, PlanarPose, RollingMean
 from canopen_control.errors import RobotConfigError
+from canopen_control.rpc.messages.state import WHEEL_CALIBRATION
 from canopen_control.urdf.joint_element import VELOCITY
 
 if TYPE_CHECKING:
@@ -145,6 +146,7 @@ class DiffDriveController(MobileBase):
     `odometry` is published at `publish_rate`; the twist after the limits is published on `~/cmd_vel_out`.
     """
 
+    offers: ClassVar[tuple[str, ...]] = (WHEEL_CALIBRATION,)
     zero_is_never: ClassVar[bool] = True
     by_twist_alone: ClassVar[bool] = True
     waits_for_a_twist: ClassVar[bool] = True
@@ -153,7 +155,7 @@ class DiffDriveController(MobileBase):
         "wheel_separation_multiplier", "left_wheel_radius_multiplier", "right_wheel_radius_multiplier",
     )  # fmt: skip
 
-    def __init__(self, name: str, type_name: str = "diff_drive_controller/DiffDriveController") -> None:
+    def __init__(self, name: str, type_name: str = "") -> None:
         self.odometry = Odometry(1.0, 1.0, 1.0)
         super().__init__(name, type_name, self.odometry)
         self.params = DiffDriveParams()

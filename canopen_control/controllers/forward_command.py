@@ -35,7 +35,7 @@ class ForwardCommandController(Controller):
     kind: ClassVar[type[GroupParams | SingleParams | MultiParams]] = ForwardParams
     renames: ClassVar[dict[str, str]] = {}
 
-    def __init__(self, name: str, type_name: str = "forward_command_controller/ForwardCommandController") -> None:
+    def __init__(self, name: str, type_name: str = "") -> None:
         super().__init__(name, type_name)
         self._names: tuple[str, ...] = ()
         self._values: list[float] = []

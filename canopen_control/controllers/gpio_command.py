@@ -159,7 +159,7 @@ class GpioCommandController(Controller):
     topic: ClassVar[str | None] = "gpio_commands"
     tells: ClassVar[type[Sample] | None] = GpioSample
 
-    def __init__(self, name: str, type_name: str = "gpio_controllers/GpioCommandController") -> None:
+    def __init__(self, name: str, type_name: str = "") -> None:
         super().__init__(name, type_name)
         self.params = GpioParams()
         self._names: list[str] = []

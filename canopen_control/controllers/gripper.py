@@ -22,6 +22,7 @@ from canopen_control.controllers.pid import Pid
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import OK, ReturnType
 from canopen_control.rpc.messages.samples import GripperSample
+from canopen_control.rpc.messages.state import GRIPPER_GOALS, PARALLEL_GRIPPER_GOALS
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 from canopen_control.yamlfile.convert import derived, setting
 
@@ -115,6 +116,7 @@ class PositionGripperActionController(Controller):
     """Commands the position of a gripper; `goal` is the one under way."""
 
     tells: ClassVar[type[Sample] | None] = GripperSample
+    offers: ClassVar[tuple[str, ...]] = (GRIPPER_GOALS,)
     reads: ClassVar[type[GripperParams]] = GripperParams
     commanded: ClassVar[str] = POSITION
 
@@ -299,6 +301,7 @@ class ParallelGripperActionController(PositionGripperActionController):
     """parallel_gripper_action_controller/GripperActionController: the same, commanded as a JointState."""
 
     reads: ClassVar[type[GripperParams]] = ParallelGripperParams
+    offers: ClassVar[tuple[str, ...]] = (PARALLEL_GRIPPER_GOALS,)
 
 
 class EffortGripperActionController(PositionGripperActionController):

@@ -37,7 +37,7 @@ class JointStateBroadcaster(Controller):
     moves_joints: ClassVar[bool] = False
     tells: ClassVar[type[Sample] | None] = JointStatesSample
 
-    def __init__(self, name: str, type_name: str = "joint_state_broadcaster/JointStateBroadcaster") -> None:
+    def __init__(self, name: str, type_name: str = "") -> None:
         super().__init__(name, type_name)
         self.params = BroadcasterParams()
         self.names: tuple[str, ...] = ()

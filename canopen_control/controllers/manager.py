@@ -421,6 +421,7 @@ class ControllerManager:
             publishes=controller.publishes,
             frame_id=controller.frame_id,
             tells=None if controller.tells is None else kind_of(controller.tells),
+            offers=controller.offers,
             is_broadcaster=controller.is_broadcaster,
             rejected=controller.rejected,
             update_rate=rate,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 from canopen_control.controllers.base import DriveGeometry, finite
 from canopen_control.controllers.base_params import read_checked
 from canopen_control.controllers.holonomic_base import HOLONOMIC, HolonomicBase
-from canopen_control.controllers.mecanum_params import MecanumParams
+from canopen_control.controllers.mecanum_params import COMMANDED, MecanumParams
 from canopen_control.controllers.planar_pose import MIN_DT, HolonomicKinematics
 from canopen_control.rpc.messages.samples import MecanumSample, grown
 from canopen_control.urdf.joint_element import VELOCITY
@@ -62,11 +62,12 @@ class MecanumDriveController(HolonomicBase):
     topic: ClassVar[str | None] = "reference"
     tells: ClassVar[type[Sample] | None] = MecanumSample
     timeout_key: ClassVar[str] = "reference_timeout"
+    roller_wheels: ClassVar[tuple[str, ...]] = COMMANDED
     settable: ClassVar[tuple[str, ...]] = (
         "reference_timeout", "enable_odom_tf", "linear.x.*", "linear.y.*", "angular.z.*",
     )  # fmt: skip
 
-    def __init__(self, name: str, type_name: str = "mecanum_drive_controller/MecanumDriveController") -> None:
+    def __init__(self, name: str, type_name: str = "") -> None:
         self.kinematics = MecanumKinematics(1.0, 1.0)
         super().__init__(name, type_name, self.kinematics)
         self.params = MecanumParams()

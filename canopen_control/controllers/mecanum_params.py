@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 WHEELS: Final = ("front_left", "front_right", "rear_right", "rear_left")
 """The wheels in the order of the interfaces."""
+COMMANDED: Final = tuple(f"{wheel}_wheel_command_joint_name" for wheel in WHEELS)
 _RADIUS: Final = "kinematics.wheels_radius"
 _REACH: Final = "kinematics.sum_of_robot_center_projection_on_X_Y_axis"
 _COVARIANCE: Final[Six] = (0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
@@ -52,7 +53,7 @@ class MecanumParams(PrefixedParams):
     @property
     def commanded(self) -> tuple[str, ...]:
         """The joints that are commanded, in the order of `WHEELS`."""
-        return tuple(getattr(self, f"{each}_wheel_command_joint_name") for each in WHEELS)
+        return tuple(getattr(self, each) for each in COMMANDED)
 
     @property
     def measured(self) -> tuple[str, ...]:

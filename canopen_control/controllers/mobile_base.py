@@ -7,12 +7,13 @@ not refresh the timeout; the first sample of the wheels is the baseline of odome
 which is off then, is waited for at standstill, so that enabling the drives is enough to go on. What is a position, such
 as that of a steering joint, is held where it is when the twist ends by itself or is taken back.
 
-A new base is a class here that overrides `on_configure`, `compute_commands`, `advance` and `velocities`.
+A new base is a class that defines `on_configure`, `compute_commands`, `velocities` and `advance` (or `follow`).
 """
 
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from mypy_extensions import mypyc_attr
@@ -175,6 +176,7 @@ TOO_SHORT: Final = 0.0
 ONE_UPDATE: Final = "one_update"
 """The kind of the event that tells of twists which count for a single update."""
 _NEVER: Final = -1
+_REQUIRED: Final = (("compute_commands",), ("velocities",), ("advance", "follow"))  # one method of each group
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -201,6 +203,7 @@ class MobileBase(Controller):
 
     def __init__(self, name: str, type_name: str, pose: PlanarPose) -> None:
         super().__init__(name, type_name)
+        self._require_methods()
         self.pose = pose
         self._twist = LimitedTwist(self.twist_axes)
         self.wanted, self.limited = self._twist.wanted, self._twist.limited
@@ -213,6 +216,13 @@ class MobileBase(Controller):
         self._once = self._fresh = self._open_loop = False
         self._was_chained = self._writing = self._too_fast = False
         self._begin_anew(0)
+
+    def _require_methods(self) -> None:
+        """Raise TypeError for a base without a method that moves it; a compiled class is not checked by `abc`."""
+        kind = type(self)
+        for names in _REQUIRED:
+            if all(getattr(kind, name) is getattr(MobileBase, name) for name in names):
+                raise TypeError(f"{kind.__name__} does not define {' or '.join(names)}; see docs/guide/bases.md")
 
     # --------------------------------------------------------------------------------------------- what a base says
 
@@ -246,24 +256,25 @@ class MobileBase(Controller):
         elif (text := unlimited_warning(self.timeout_key, timeout, (VELOCITY,))) is not None:
             self.report(ENDLESS, text)
 
+    @abstractmethod
     def compute_commands(self, twist: Sequence[float]) -> None:
         """Compute `targets`, one for each command, for a twist."""
-        raise NotImplementedError(f"{type(self).__name__}.compute_commands (its name up to 0.2: work_out)")
 
     def begin(self) -> None:
         """Set the present wheel positions as the baseline of odometry."""
 
     def advance(self, dt: float) -> None:
-        """Integrate the wheels' motion of the last `dt` s into the pose."""
-        raise NotImplementedError
+        """Integrate the wheels' motion of the last `dt` s into the pose, unless the base has its own `follow`."""
 
     def integrate_command(self, dt: float) -> None:
         """Integrate the commanded twist `limited` into the pose, in open loop."""
-        raise NotImplementedError(f"{type(self).__name__}.integrate_command (its name up to 0.2: believe)")
+        limited = self.limited
+        left = limited[1] if len(limited) > 2 else 0.0
+        self.pose.shift(limited[0] * dt, left * dt, limited[-1] * dt)
 
+    @abstractmethod
     def velocities(self) -> tuple[float, float, float]:
         """Return the velocities: forward and to the left in m/s, turning in rad/s."""
-        raise NotImplementedError
 
     def follow(self, now: int) -> bool:
         """Update the pose; False if the wheels' states are unknown."""

@@ -72,7 +72,7 @@ class OmniWheelDriveController(HolonomicBase):
 
     settable: ClassVar[tuple[str, ...]] = ("cmd_vel_timeout", "enable_odom_tf", "publish_limited_velocity")
 
-    def __init__(self, name: str, type_name: str = "omni_wheel_drive_controller/OmniWheelDriveController") -> None:
+    def __init__(self, name: str, type_name: str = "") -> None:
         self.kinematics = OmniKinematics(LEAST_WHEELS, 1.0, 1.0)
         super().__init__(name, type_name, self.kinematics)
         self.params = OmniParams()

@@ -86,7 +86,7 @@ class PidController(Controller):
     tells: ClassVar[type[Sample] | None] = PidSample
     settable: ClassVar[tuple[str, ...]] = ("gains.*",)
 
-    def __init__(self, name: str, type_name: str = "pid_controller/PidController") -> None:
+    def __init__(self, name: str, type_name: str = "") -> None:
         super().__init__(name, type_name)
         self.params = PidParams()
         self.feed_forward = False

@@ -167,17 +167,11 @@ class BicycleSteeringController(SteeringController):
 
     kind: ClassVar[type[SteeringParams]] = BicycleParams
 
-    def __init__(self, name: str, type_name: str = "bicycle_steering_controller/BicycleSteeringController") -> None:
-        super().__init__(name, type_name)
-
 
 class TricycleSteeringController(SteeringController):
     """Two traction wheels and one steered wheel."""
 
     kind: ClassVar[type[SteeringParams]] = TricycleParams
-
-    def __init__(self, name: str, type_name: str = "tricycle_steering_controller/TricycleSteeringController") -> None:
-        super().__init__(name, type_name)
 
 
 class AckermannSteeringController(SteeringController):
@@ -197,6 +191,3 @@ class AckermannSteeringController(SteeringController):
         """Report once at configuration which size is that of the description."""
         if self.state is ControllerState.UNCONFIGURED:
             self.report("parameter", text)
-
-    def __init__(self, name: str, type_name: str = "ackermann_steering_controller/AckermannSteeringController") -> None:
-        super().__init__(name, type_name)

@@ -20,6 +20,7 @@ from canopen_control.controllers.mobile_base import MobileBase
 from canopen_control.controllers.planar_pose import PlanarPose, RollingMean
 from canopen_control.hardware.interfaces import OK, ReturnType
 from canopen_control.rpc.messages.samples import OdometrySample, grown
+from canopen_control.rpc.messages.state import ODOMETRY_RESET
 from canopen_control.urdf.joint_element import POSITION, VELOCITY
 from canopen_control.yamlfile.convert import setting
 
@@ -148,11 +149,12 @@ class TricycleController(MobileBase):
     """Drives a base by one wheel that drives and steers; `kinematics` has its pose."""
 
     references: ClassVar[tuple[str, ...]] = ()
+    offers: ClassVar[tuple[str, ...]] = (ODOMETRY_RESET,)
     settable: ClassVar[tuple[str, ...]] = (
         "cmd_vel_timeout", "enable_odom_tf", "odom_only_twist", "publish_ackermann_command", "traction.*", "steering.*",
     )  # fmt: skip
 
-    def __init__(self, name: str, type_name: str = "tricycle_controller/TricycleController") -> None:
+    def __init__(self, name: str, type_name: str = "") -> None:
         self.kinematics = DrivenWheelPose(1.0, 1.0)
         super().__init__(name, type_name, self.kinematics)
         self.params = DrivenWheelParams()

@@ -68,6 +68,11 @@ def moves_joints(type_name: str) -> bool:
     return not is_broadcaster(type_name) and bool(getattr(found, "moves_joints", True))
 
 
+def roller_wheels(type_name: str) -> tuple[str, ...]:
+    """Return the parameters of a type that name the joints of mecanum wheels; empty for unknown types."""
+    return tuple(getattr(_class_of(type_name), "roller_wheels", ()))
+
+
 def make_controller(name: str, type_name: str) -> Controller:
     """Create a controller; ControlError for an unknown type, with the nearest one."""
     target = TYPES.get(type_name) or _entry_point(type_name)

@@ -1,4 +1,4 @@
-"""Which topics a controller has: by the kind of its commands and of its samples, and by its type.
+"""Which topics a controller has: by the kind of its commands and of its samples, and by what it offers beside them.
 
 A new kind of command gets a line here and an `Endpoint`; a new kind of sample a row in `sample_topics`.
 """
@@ -46,6 +46,13 @@ from canopen_control.rpc.messages.samples import (
     Sample,
     TrajectorySample,
     kind_of,
+)
+from canopen_control.rpc.messages.state import (
+    DRIVE_SERVICES,
+    GRIPPER_GOALS,
+    NODE_SERVICES,
+    ODOMETRY_RESET,
+    PARALLEL_GRIPPER_GOALS,
 )
 from canopen_control.rpc.messages.trajectory import (
     CancelTrajectory,
@@ -273,14 +280,13 @@ BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
     "trajectory": (FollowJointTrajectory, TrajectoryTopic, TrajectoryQuery, SpeedScalingTopic),
     "pid": (PidMeasuredStates, FeedForwardSwitch),
 }
-#: by its type: which action, or whose node
-BY_TYPE: Final[dict[str, tuple[Factory, ...]]] = {
-    "position_controllers/GripperActionController": (GripperAction,),
-    "effort_controllers/GripperActionController": (GripperAction,),
-    "parallel_gripper_action_controller/GripperActionController": (ParallelGripperAction,),
-    "tricycle_controller/TricycleController": (OdometryReset,),
-    "canopen_ros2_controllers/CanopenProxyController": (ProxyNode,),
-    "canopen_ros2_controllers/Cia402DeviceController": (DeviceNode,),
+#: by what it takes beside commands (`offers` of the API)
+BY_OFFER: Final[dict[str, Factory]] = {
+    GRIPPER_GOALS: GripperAction,
+    PARALLEL_GRIPPER_GOALS: ParallelGripperAction,
+    ODOMETRY_RESET: OdometryReset,
+    NODE_SERVICES: ProxyNode,
+    DRIVE_SERVICES: DeviceNode,
 }
 
 
@@ -293,8 +299,9 @@ def endpoints_for(ros: Ros, controller: ControllerReading) -> list[Endpoint]:
     kinds = (*kind.__mro__, JointStatesSample)  # whose topics are named by the controller
     rows = [row for row in SAMPLE_TOPICS if row.bridge and row.kind in kinds and row.name(controller)]
     commands = OF_BASES if controller.is_base else BY_TOPIC.get(controller.topic, ())
-    own = (*commands, *BY_SAMPLE.get(controller.tells, ()), *BY_TYPE.get(controller.type, ()))
-    factories: list[Factory] = [*own, *(partial(SamplePublisher, row=row) for row in rows)]
+    own = (*commands, *BY_SAMPLE.get(controller.tells, ()))
+    offers = [BY_OFFER[offer] for offer in controller.offers if offer in BY_OFFER]
+    factories: list[Factory] = [*own, *offers, *(partial(SamplePublisher, row=row) for row in rows)]
     return [endpoint for make in factories for endpoint in _made(make, ros, controller)]
 
 

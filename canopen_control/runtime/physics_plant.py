@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import may_host_virtual_drives, parse_channel
+from canopen_control.controllers.types import roller_wheels
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.device_parts import device_of
 from canopen_control.hardware.driverless_system import WorldSensors
@@ -94,8 +95,6 @@ def _interfaces_of(name: str, sensor: SensorSettings) -> list[str]:
 
 
 PLANT_FILE, BUSES_FILE = "physics.yml", "buses.yml"
-_MECANUM = "mecanum_drive_controller/MecanumDriveController"
-_WHEELS = ("front_left", "front_right", "rear_right", "rear_left")
 _ROLLER = 45.0  # degrees
 _URDF = "physics.urdf"
 
@@ -220,14 +219,13 @@ def _rollers(setup: RobotSetup) -> dict[str, float]:
 
     That is the usual way to mount them, and the one of which the kinematics of the controller holds.
     """
-    config = next(
-        (controller for controller in setup.controllers.controllers.values() if controller.type == _MECANUM), None
-    )
-    if config is None:
+    configs = ((roller_wheels(config.type), config.params.flat) for config in setup.controllers.controllers.values())
+    keys, params = next((found for found in configs if found[0]), ((), None))
+    if params is None:
         return {}
     geometry, places = WheelGeometry(setup.description.model), {}
-    for wheel in _WHEELS:
-        name = config.params.flat.get(f"{wheel}_wheel_command_joint_name")
+    for key in keys:
+        name = params.get(key)
         if name is not None and (place := geometry.place(str(name.value))) is not None:
             places[str(name.value)] = place[1]
     middle = [sum(place[axis] for place in places.values()) / max(1, len(places)) for axis in range(2)]

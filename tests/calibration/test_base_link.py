@@ -8,9 +8,7 @@ from canopen_control.calibration.base_link import FACTORS, BaseLink, choose_base
 from canopen_control.calibration.umbmark import Direction, SquarePath
 from canopen_control.errors import ConfigError, ControlError, RemoteError
 from canopen_control.rpc.messages.parameters import ParameterReading
-from canopen_control.rpc.messages.state import ControllerReading
-
-DIFF = "diff_drive_controller/DiffDriveController"
+from canopen_control.rpc.messages.state import WHEEL_CALIBRATION, ControllerReading
 
 
 def path(direction=Direction.CCW):
@@ -110,12 +108,12 @@ def client_twist(linear):
     return TwistController(controller=BASE, linear=linear, angular=0.0, source="calibrate", dead_man=True)
 
 
-def reading(name, state="active", kind=DIFF):
-    return ControllerReading(name=name, type=kind, state=state)
+def reading(name, state="active", offers=(WHEEL_CALIBRATION,)):
+    return ControllerReading(name=name, type="x/Y", state=state, offers=offers)
 
 
 def test_the_base_is_the_one_that_is_wanted_or_the_only_one():
-    others = (reading("arm", kind="x/Y"), reading("old", "inactive"))
+    others = (reading("arm", offers=()), reading("old", "inactive"))
     assert choose_base((*others, reading("base")), None).name == "base"
     assert choose_base((reading("base"), reading("other")), "other").name == "other"
 
@@ -123,7 +121,7 @@ def test_the_base_is_the_one_that_is_wanted_or_the_only_one():
 @pytest.mark.parametrize(
     ("controllers", "wanted", "words"),
     [
-        ((reading("arm", kind="x/Y"),), None, f"the robot has no {DIFF}, .* it has: arm"),
+        ((reading("arm", offers=()),), None, "the robot has no diff drive controller, .* it has: arm"),
         ((reading("base"),), "arm", "'arm' is no diff drive controller of the robot; it has: base"),
         ((reading("base"), reading("other")), None, "several could be meant: base, other; give --controller"),
         ((reading("base", "inactive"),), None, "base is inactive; activate it: .* --activate base, with --deactivate"),

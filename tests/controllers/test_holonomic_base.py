@@ -8,8 +8,13 @@ def wheels_of_three():
     return HolonomicKinematics([(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)], 1.0)
 
 
+class Base(HolonomicBase):
+    def advance(self, dt: float) -> None:
+        """Integrate nothing."""
+
+
 def test_a_base_is_driven_by_the_wheels_that_move_its_pose():
-    base = HolonomicBase("base", "test/Base", wheels_of_three())
+    base = Base("base", "test/Base", wheels_of_three())
     wheels = wheels_of_three()
     base.move_by(wheels)
     base.targets = [0.0, 0.0, 0.0]

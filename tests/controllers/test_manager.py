@@ -186,6 +186,7 @@ def test_the_list_tells_what_a_client_shows(robot):
         "publishes": [],
         "frame_id": "",
         "tells": None,
+        "offers": [],
         "is_broadcaster": False,
         "rejected": 0,
         "update_rate": 100,

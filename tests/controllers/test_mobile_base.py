@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import sys
+from types import SimpleNamespace
 
 import pytest
 from support.bases import MECANUM, OMNI, PARAMS, TRICYCLE, base
@@ -10,8 +12,9 @@ from support.control import FORWARD, S, add
 
 from canopen_control.controllers.base import ControllerState
 from canopen_control.controllers.base_params import BaseParams, TwistAxisLimits
-from canopen_control.controllers.mobile_base import LimitedTwist, OdometryPublication, fill
+from canopen_control.controllers.mobile_base import LimitedTwist, MobileBase, OdometryPublication, fill
 from canopen_control.controllers.planar_pose import PlanarPose
+from canopen_control.controllers.types import TYPES, make_controller
 from canopen_control.errors import ControlError, RobotConfigError
 from canopen_control.hardware.interfaces import ReturnType
 from canopen_control.rpc.messages.parameters import ParameterValue
@@ -104,6 +107,42 @@ def test_limits_that_exclude_each_other_are_told_with_controller_and_axis_and_ch
     fill(twist.wanted, 3.0)
     twist.limit(0.1)
     assert twist.limited == [3.0, 3.0]
+
+
+class Rudder(MobileBase):
+    def compute_commands(self, twist):
+        self.targets[:] = twist
+
+    def velocities(self):
+        return 0.0, 0.0, 0.0
+
+
+class Boat(Rudder):
+    def advance(self, dt):
+        pass
+
+
+@pytest.mark.parametrize("kind", [MobileBase, Rudder])
+def test_a_base_without_a_method_that_moves_it_is_refused_when_it_is_loaded(kind, monkeypatch):
+    monkeypatch.setitem(TYPES, "me/Boat", f"boats:{kind.__name__}")
+    made = SimpleNamespace(
+        MobileBase=lambda *names: MobileBase(*names, PlanarPose()), Rudder=lambda *names: Rudder(*names, PlanarPose())
+    )
+    monkeypatch.setitem(sys.modules, "boats", made)
+    missing = "compute_commands" if kind is MobileBase else "advance or follow"
+    with pytest.raises(
+        ControlError, match=f"type 'me/Boat' cannot be loaded: {kind.__name__} does not define {missing}"
+    ):
+        make_controller("boat", "me/Boat")
+
+
+def test_in_open_loop_a_base_follows_its_twist():
+    boat = Boat("boat", "me/Boat", PlanarPose())
+    boat.set_up(BaseParams(), 0.5, 2, open_loop=True)
+    boat.limited[:] = [2.0, 0.0]
+    assert boat.follow(S)
+    assert boat.follow(2 * S)
+    assert (boat.pose.x, boat.pose.y, boat.pose.heading) == (2.0, 0.0, 0.0)
 
 
 STEP = S // 100

@@ -31,7 +31,7 @@ assert names("gpio", None) == ["gpio_states"]
 assert names("gpio", "gpio_commands") == ["GpioCommands", "gpio_states"]
 assert names("diagnostics", None) == []
 assert names(None, "dance") == []
-of_type = ControllerReading(name="c", type="canopen_ros2_controllers/CanopenProxyController", state="active")
-assert [each.__class__.__name__ for each in controller_endpoints.endpoints_for(Ros(), of_type)] == ["ProxyNode"]
+proxy = ControllerReading(name="c", type="x/Y", state="active", offers=("node_services", "of a later version"))
+assert [each.__class__.__name__ for each in controller_endpoints.endpoints_for(Ros(), proxy)] == ["ProxyNode"]
 """
     assert run_ros(code) == ""

@@ -35,6 +35,7 @@ def grippers(stage):
             "joints": ["finger"],
             "interface": "position",
             "tells": "gripper",
+            "offers": ["parallel_gripper_goals" if kind.startswith("parallel") else "gripper_goals"],
         }
         for name, (kind, _) in KINDS.items()
     ]

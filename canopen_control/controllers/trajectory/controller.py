@@ -416,7 +416,7 @@ class JointTrajectoryController(Controller):
         "allowed_start_tolerance", "continue_without_client", "unreachable_points",
     )  # fmt: skip
 
-    def __init__(self, name: str, type_name: str = "joint_trajectory_controller/JointTrajectoryController") -> None:
+    def __init__(self, name: str, type_name: str = "") -> None:
         super().__init__(name, type_name)
         self.params = TrajectoryParams()
         self.goal: TrajectoryGoal | None = None

@@ -7,6 +7,7 @@ the order of the controller.
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import mypyc_attr
@@ -60,8 +61,9 @@ class Points:
     def __len__(self) -> int:
         return len(self.times)
 
+    @abstractmethod
     def __getitem__(self, index: int) -> Point:
-        raise NotImplementedError
+        """Return a new point."""
 
     def __iter__(self) -> Iterator[Point]:
         return (self[index] for index in range(len(self)))

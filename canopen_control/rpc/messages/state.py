@@ -7,7 +7,7 @@ description. On the wire keys may be added, never renamed.
 from __future__ import annotations
 
 import math
-from typing import TypeAlias, TypeVar
+from typing import Final, TypeAlias, TypeVar
 
 import msgspec
 
@@ -297,6 +297,14 @@ class Status(Snapshot, frozen=True, kw_only=True):
     missing_programs: dict[str, str] = {}
 
 
+GRIPPER_GOALS: Final = "gripper_goals"
+PARALLEL_GRIPPER_GOALS: Final = "parallel_gripper_goals"
+ODOMETRY_RESET: Final = "odometry_reset"
+NODE_SERVICES: Final = "node_services"
+DRIVE_SERVICES: Final = "drive_services"
+WHEEL_CALIBRATION: Final = "wheel_calibration"
+
+
 class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"claims": "claimed_interfaces"}):
     """Controller: `state` is "unloaded", "unconfigured", "inactive" or "active", `claims` its interfaces.
 
@@ -304,7 +312,8 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
     none, `update_rate` in Hz. `tells` is the kind of its samples,
     None if it has none, `publish_rate` how often it has a new one, in Hz. `publishes` are its topics of joint states,
     with `frame_id` in their headers. `reference_interfaces` are what another controller may command of it,
-    `exported_state_interfaces` what it may read. `node_options` are arguments of its ROS node: `-r`, `FROM:=TO`.
+    `exported_state_interfaces` what it may read. `offers` are the words above for what it takes beside commands.
+    `node_options` are arguments of its ROS node: `-r`, `FROM:=TO`.
     """
 
     name: str
@@ -322,6 +331,7 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
     publishes: tuple[str, ...] = ()
     frame_id: str = ""
     tells: str | None = None
+    offers: tuple[str, ...] = ()
     is_broadcaster: bool = False
     rejected: int = 0
     update_rate: int = 0
