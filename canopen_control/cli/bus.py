@@ -8,7 +8,7 @@ Exit codes: 0 done; 1 refused, or the bus is gone; 2 wrong usage, or no such cha
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, TypeAlias, get_args
 
 from canopen_control.bus import can_interfaces
@@ -76,17 +76,7 @@ def document_of(status: InterfaceStatus) -> InterfaceDocument:
     """Return the status of an interface as `--json` prints it."""
     link, traffic = status.link, status.traffic
     return InterfaceDocument(
-        name=link.name,
-        kind=link.kind,
-        is_up=link.is_up,
-        queue_length=link.queue_length,
-        state=link.state,
-        bitrate=link.bitrate,
-        sample_point=link.sample_point,
-        restart_ms=link.restart_ms,
-        error_counters=link.error_counters,
-        counters=dict(link.counters),
-        traffic=dict(link.traffic),
+        **asdict(link),
         frames_per_second=None if traffic is None else traffic.frames_per_second,
         load=None if traffic is None else traffic.load,
         listeners=status.listeners,

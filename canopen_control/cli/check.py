@@ -8,12 +8,13 @@ Exit codes: 0 good; 2 the files have errors, or wrong usage.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.run import add_file_arguments, add_kind_arguments, find_files
 from canopen_control.cli.support.output import json_text, painted
+from canopen_control.od.issues import Severity
 from canopen_control.rpc.messages.declare import Document
+from canopen_control.rpc.wire import attributes
 
 if TYPE_CHECKING:
     import argparse
@@ -32,7 +33,7 @@ class FindingDocument(Document, frozen=True):
     path: str
     line: int
     column: int
-    severity: str
+    severity: Severity
     text: str
     fix: str
 
@@ -60,22 +61,22 @@ class BudgetDocument(Document, frozen=True, kw_only=True):
 
 
 class StopCaseDocument(Document, frozen=True):
-    """Stop reason with the time to detect it and the ramp in s; None without a bound."""
+    """Stop reason with the time to detect it and the ramp in s, which is infinite (null) without a bound."""
 
     cause: str
     detection_s: float
-    ramp_s: float | None
+    ramp_s: float
     by: str
 
 
 class StopDocument(Document, frozen=True):
-    """Stop time of a joint from `speed`, in its drive's units; None without a limit."""
+    """Stop time of a joint from `speed`, in its drive's units, which is infinite (null) without a limit."""
 
     joint: str
     node: str
     node_id: int
-    speed: float | None
-    longest_s: float | None
+    speed: float
+    longest_s: float
     cases: list[StopCaseDocument]
 
 
@@ -122,12 +123,7 @@ def run(args: argparse.Namespace) -> int:
 def _document(name: str, report: CheckReport) -> CheckDocument:
     return CheckDocument(
         name,
-        [
-            FindingDocument(
-                finding.path, finding.line, finding.column, finding.severity.value, finding.text, finding.fix
-            )
-            for finding in report.findings
-        ],
+        attributes(report.findings, list[FindingDocument]),
         {bus: _budget(budget) for bus, budget in report.budgets.items()},
         report.sync,
         [_stop(stop) for stop in report.stops],
@@ -136,12 +132,8 @@ def _document(name: str, report: CheckReport) -> CheckDocument:
 
 def _stop(stop: StopTime) -> StopDocument:
     facts = stop.facts
-    cases = [StopCaseDocument(case.cause, case.detection_s, _finite(case.ramp_s), case.by) for case in stop.cases]
-    return StopDocument(facts.joint, facts.node, facts.node_id, _finite(facts.speed), _finite(stop.longest_s), cases)
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    cases = attributes(stop.cases, list[StopCaseDocument])
+    return StopDocument(facts.joint, facts.node, facts.node_id, facts.speed, stop.longest_s, cases)
 
 
 def _budget(budget: Budget) -> BudgetDocument:
@@ -153,13 +145,11 @@ def _budget(budget: Budget) -> BudgetDocument:
         load=budget.load,
         shortest_period_s=budget.shortest_period_ns / 1e9,
         fits=budget.fits,
-        frames=[FrameShare(share.name, share.cob_id, share.length, share.per_cycle) for share in budget.shares],
+        frames=attributes(budget.shares, list[FrameShare]),
     )
 
 
 def _lines(name: str, report: CheckReport) -> list[str]:
-    from canopen_control.od.issues import Severity
-
     lines = [str(finding) for finding in report.findings]
     lines += [_budget_line(bus, budget) for bus, budget in report.budgets.items()]
     lines += [f"bus {bus}: {words}" for bus, words in report.sync.items()]

@@ -21,7 +21,6 @@ from canopen_control.cli.support.arguments import whole, whole_number
 from canopen_control.cli.support.open_session import add_session_arguments, open_session
 from canopen_control.cli.support.output import Progress, json_text, watched
 from canopen_control.errors import CanopenError, ConfigError, DriveError
-from canopen_control.service.parameter_set import device_identity
 from canopen_control.service.program_download import (
     DownloadProgress,
     ProgramDate,
@@ -75,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     options = ProgramOptions(args.program, args.expect, args.expect_date, confirm=args.confirm)
     progress = DownloadProgress()
     with open_session(args) as session:
-        identity = device_identity(session)
+        identity = session.identity()
         refuse_stranger(session, identity)
         if is_loader(identity):
             print(f"canopen-control: {session} is in its boot-loader", file=sys.stderr)

@@ -24,7 +24,6 @@ from canopen_control.bus.channel import ChannelKind, parse_channel
 from canopen_control.check.preflight_record import SLOW, config_hash, read_serials, save_record
 from canopen_control.cli.run import add_file_arguments, find_files
 from canopen_control.cli.support.arguments import add_new_name, number
-from canopen_control.cli.support.identity import FIELDS, NAME, differences, identity_of, match_eds, read_known
 from canopen_control.cli.support.output import json_alone, print_result
 from canopen_control.errors import CanopenError, ConfigError, SdoAbort, SdoTimeout
 from canopen_control.host.files import write_whole
@@ -35,6 +34,7 @@ from canopen_control.robot import Robot
 from canopen_control.runtime.background import BackgroundRobot
 from canopen_control.runtime.run_session import RunOptions
 from canopen_control.runtime.setup import read_robot
+from canopen_control.service.identity import FIELDS, NAME, differences, identity_of, match_eds, read_known
 from canopen_control.urdf.joint_element import POSITION, VELOCITY
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def _known_node(direct: DirectBus, bus: BusConfig, name: str, node_id: int) -> I
     answers = direct.read_many((node_id, *address) for address in addresses)
     identity = identity_of({(index, sub): answer for (_, index, sub), answer in answers.items()})
     title = f"node {node_id} ({name})"
-    wrong = differences(identity, asdict(bus.plans[name].identity))
+    wrong = differences(identity, bus.plans[name].identity)
     who = f"{identity.device_name or 'a node without a name'}, serial number {identity.serial_number or 'none'}"
     yield PreflightStep("node", not wrong, f"{title}: {'; '.join(wrong) or who}")
     candidates, refused = read_known([bus.eds_paths[name]])

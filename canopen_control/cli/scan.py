@@ -10,21 +10,12 @@ Exit codes: 0 good; 1 no device answered, or a node of bus.yml is missing or is 
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import parse_channel
 from canopen_control.cli.support.arguments import timeout_seconds
-from canopen_control.cli.support.identity import (
-    FIELDS,
-    NAME,
-    ScannedDevice,
-    differences,
-    identity_of,
-    match_eds,
-    read_known,
-)
 from canopen_control.cli.support.output import Progress, Table, json_text
 from canopen_control.cli.support.target import LABEL, RobotTarget, find_eds, robot_on
 from canopen_control.client import RobotClient
@@ -35,8 +26,16 @@ from canopen_control.master.direct import PARALLEL, DirectBus
 from canopen_control.master.known_drives import known_drive
 from canopen_control.od.eds import SUFFIXES
 from canopen_control.rpc.messages.declare import Document
-from canopen_control.rpc.messages.robot import GetStatus
-from canopen_control.rpc.wire import plain
+from canopen_control.rpc.messages.robot import GetStatus, NodeIdentity, NodePlace
+from canopen_control.service.identity import (
+    FIELDS,
+    NAME,
+    DeviceIdentity,
+    differences,
+    identity_of,
+    match_eds,
+    read_known,
+)
 
 if TYPE_CHECKING:
     import argparse
@@ -60,20 +59,12 @@ class FoundNode:
     """Node in the result; `identity` is None without an SDO answer."""
 
     node_id: int
-    identity: ScannedDevice | None = None
+    identity: DeviceIdentity | None = None
     nmt_state: str | None = None
     name: str = ""
     eds: str | None = None
     remark: str = ""
     problems: list[str] = field(default_factory=list)
-
-
-@dataclass(frozen=True, slots=True)
-class ExpectedNode:
-    """Node in bus.yml."""
-
-    name: str
-    identity: dict[str, int]
 
 
 @dataclass(slots=True)
@@ -82,7 +73,7 @@ class ScanResult:
 
     channel: str
     found: dict[int, FoundNode]
-    expected: dict[int, ExpectedNode] | None = None
+    expected: dict[int, NodePlace] | None = None
     master_id: int | None = None
     notes: list[str] = field(default_factory=list)
 
@@ -103,7 +94,7 @@ class NodeDocument(Document, frozen=True, kw_only=True):
     eds_remark: str | None
     name: str | None
     problems: list[str]
-    expected: dict[str, int] | None
+    expected: NodeIdentity | None
 
 
 class ScanDocument(Document, frozen=True):
@@ -160,7 +151,7 @@ def _eds_files(folders: Iterable[Path]) -> list[Path]:
     return files
 
 
-def _expected_of(config: str) -> dict[int, ExpectedNode]:
+def _expected_of(config: str) -> dict[int, NodePlace]:
     from canopen_control.master.config import read_bus
     from canopen_control.runtime.robot_files import MAIN_BUS, find_buses
 
@@ -169,7 +160,10 @@ def _expected_of(config: str) -> dict[int, ExpectedNode]:
         bus = read_bus(path if path.is_file() else find_buses(config)[MAIN_BUS])
     except RobotConfigError as error:
         raise ConfigError(f"--config {config}: {error}") from None
-    return {plan.node_id: ExpectedNode(name, asdict(plan.identity)) for name, plan in bus.plans.items()}
+    return {
+        plan.node_id: NodePlace(name=name, node_id=plan.node_id, identity=plan.identity)
+        for name, plan in bus.plans.items()
+    }
 
 
 # --- what is there ---
@@ -219,7 +213,7 @@ def _survey_robot(robot: RobotTarget, timeout: float) -> ScanResult:
     if not buses:
         raise ConfigError(f"robot {robot.robot.robot} has no bus: it runs on mock hardware")
     bus = next(iter(buses.values()))
-    expected = {node.node_id: ExpectedNode(node.name, plain(node.identity)) for node in listing}
+    expected = {node.node_id: node for node in listing}
     survey = ScanResult(bus.channel, {}, expected, bus.node_id or 0)
     states = robot.robot.ask(GetStatus()).nodes
     for node in robot.sessions:
@@ -237,7 +231,7 @@ def _survey_robot(robot: RobotTarget, timeout: float) -> ScanResult:
     return survey
 
 
-def _through_robot(node: NodeSession) -> ScannedDevice | None:
+def _through_robot(node: NodeSession) -> DeviceIdentity | None:
     """Ask a node of the robot; None if it does not answer."""
     data = dict[tuple[int, int], object]()
     for address in _OBJECTS:
@@ -295,7 +289,7 @@ def known_lines(nodes: Iterable[FoundNode]) -> Iterator[str]:
     """Yield the personality of the drives of a manufacturer, and their keys in bus.yml."""
     by_name: dict[str, tuple[Personality, list[int]]] = {}
     for node in nodes:
-        identity = node.identity or ScannedDevice()
+        identity = node.identity or DeviceIdentity()
         if (identity.device_type or 0) & 0xFFFF == _DRIVE and (
             drive := known_drive(identity.vendor_id or 0, identity.product_code or 0, identity.device_name or "")
         ):
@@ -308,7 +302,7 @@ def known_lines(nodes: Iterable[FoundNode]) -> Iterator[str]:
 
 
 def _row(survey: ScanResult, node: FoundNode) -> tuple[str, ...]:
-    identity = node.identity or ScannedDevice()
+    identity = node.identity or DeviceIdentity()
     numbers = [getattr(identity, each) for each in FIELDS]
     eds = "-" if node.eds is None else Path(node.eds).name + (f" ({node.remark})" if node.remark else "")
     row = (
@@ -334,16 +328,12 @@ def _document(survey: ScanResult) -> ScanDocument:
     return ScanDocument(survey.channel, nodes, survey.notes)
 
 
-def _node_document(node: FoundNode, expected: ExpectedNode | None) -> NodeDocument:
-    identity = node.identity or ScannedDevice()
+def _node_document(node: FoundNode, expected: NodePlace | None) -> NodeDocument:
+    identity = node.identity or DeviceIdentity()
     return NodeDocument(
         node_id=node.node_id,
         answers=node.identity is not None,
-        device_type=identity.device_type,
-        vendor_id=identity.vendor_id,
-        product_code=identity.product_code,
-        revision_number=identity.revision_number,
-        serial_number=identity.serial_number,
+        **{field: getattr(identity, field) for field in FIELDS},
         device_name=identity.device_name,
         nmt_state=node.nmt_state,
         eds=node.eds,

@@ -55,6 +55,7 @@ from canopen_control.master.plan_pdos import (
 )
 from canopen_control.od.codec import encode
 from canopen_control.profiles.device_type import Profile, profile_of
+from canopen_control.rpc.messages.robot import NodeIdentity
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -81,18 +82,6 @@ _NO_HEARTBEAT = "guarding takes the place of the heartbeat, and a heartbeat woul
 
 
 @dataclass(frozen=True, slots=True)
-class Identity:
-    """Expected identity of the node; 0 accepts any value."""
-
-    device_type: int = 0
-    vendor_id: int = 0
-    product_code: int = 0
-    revision_number: int = 0
-    serial_number: int = 0
-    eds_revision: int = 0  # only warned about
-
-
-@dataclass(frozen=True, slots=True)
 class NodePlan:
     """Everything the boot of a node needs; `axes` are the index offsets of its CiA 402 axes, none for other devices.
 
@@ -107,7 +96,7 @@ class NodePlan:
     name: str
     node_id: int
     source: str
-    identity: Identity
+    identity: NodeIdentity
     writes: tuple[PlannedWrite, ...]
     rpdos: tuple[PlannedPdo, ...]
     tpdos: tuple[PlannedPdo, ...]
@@ -282,7 +271,7 @@ def _check_identity(builder: PlanBuilder) -> None:
             builder.warn(key, text)
 
 
-def _identity(node: NodeConfig, od: ObjectDictionary) -> Identity:
+def _identity(node: NodeConfig, od: ObjectDictionary) -> NodeIdentity:
     """Return vendor and product of bus.yml, else of the EDS; revision and serial of bus.yml only. 0 is not checked.
 
     From the EDS only where it has the subindex: of 0x1018 a device must have no more than the vendor (CiA 301,
@@ -297,7 +286,7 @@ def _identity(node: NodeConfig, od: ObjectDictionary) -> Identity:
             return 0
         return entry.default if isinstance(entry.default, int) else device or 0
 
-    return Identity(
+    return NodeIdentity(
         device_type=default(0x1000, 0, None),
         vendor_id=default(0x1018, 1, od.device.vendor_number, node.identity.vendor_id),
         product_code=default(0x1018, 2, od.device.product_number, node.identity.product_code),

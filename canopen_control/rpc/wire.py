@@ -115,6 +115,11 @@ def plain(message: object) -> Any:  # noqa: ANN401 - what JSON holds
     return msgspec.json.decode(_encode(message))
 
 
+def attributes(source: object, kind: Any) -> Any:  # noqa: ANN401 - what `kind` says
+    """Return a document with the attributes of an object, or of each in a list, that `kind` names."""
+    return msgspec.convert(source, kind, from_attributes=True)
+
+
 def convert(document: object, kind: type[T]) -> T:
     """Return a message from dicts and lists (see `plain`); ValueError with the path."""
     try:

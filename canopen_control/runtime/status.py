@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from canopen_control.controllers.base import finite
 from canopen_control.master.pdo_layout import layout_of
 from canopen_control.rpc.messages.layout import Layout
-from canopen_control.rpc.messages.robot import BusPlace, NodeIdentity, NodeListing, NodePlace
+from canopen_control.rpc.messages.robot import BusPlace, NodeListing, NodePlace
 from canopen_control.rpc.messages.state import (
     BootStep,
     BusTraffic,
@@ -125,7 +124,7 @@ def nodes_message(robot: RobotCore) -> NodeListing:
                 node_id=node.node_id,
                 bus=robot.bus_of(node).name,
                 eds=str(robot.bus_of(node).config.eds_paths[name].resolve()),
-                identity=NodeIdentity(**asdict(node.plan.identity)),
+                identity=node.plan.identity,
                 driver=node.config.ros.driver,
                 namespace=node.config.ros.namespace,
                 remappings=_texts(node.config.ros.remappings),

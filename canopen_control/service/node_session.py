@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import functools
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from canopen_control.cia301.nmt import NmtState
 from canopen_control.cia402.objects import CONTROLWORD, STATUSWORD, axis_count, axis_index
@@ -21,6 +21,7 @@ from canopen_control.od.codec import decode, encode, fitted
 from canopen_control.od.eds import read_eds
 from canopen_control.od.model import DataType
 from canopen_control.rpc.messages.robot import MAX_OBJECT, GetSdoProgress, GetStatus, SdoRead, SdoWrite
+from canopen_control.service.identity import FIELDS, TEXTS, DeviceIdentity, eds_number
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -31,10 +32,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import NodeReading
 
 
-IDENTITY: Final = (("vendor", 1), ("product", 2), ("revision", 3))
-"""What is called how of 0x1018, by subindex; the serial number (4) is no matter of the EDS."""
-_DECIDING: Final = 2  # vendor and product say which device it is, the revision only which of its firmware
-_IDENTITY_INDEX: Final = 0x1018
+_DECIDING: Final = ("vendor_id", "product_code")  # they say which device it is, the revision which of its firmware
 
 
 class Transfers(Protocol):
@@ -143,31 +141,35 @@ class NodeSession:
             return None
         return None if data is None else int.from_bytes(data, "little", signed=data_type.signed)
 
-    # -- who it is
+    # -- identity
 
-    def identity(self) -> dict[int, int | None]:
-        """Read vendor, product, revision and serial number (0x1018) by subindex; None for missing ones."""
-        return {subindex: self.number(_IDENTITY_INDEX, subindex) for subindex in range(1, 5)}
+    def identity(self) -> DeviceIdentity:
+        """Read the device type, the identity (0x1018) and the names that the EDS has."""
+        fields: dict[str, Any] = {field: self.number(*address) for field, (address, _) in FIELDS.items()}
+        fields |= {field: self._text(*address) for field, address in TEXTS.items()}
+        return DeviceIdentity(**fields)
+
+    def _text(self, index: int, subindex: int) -> str:
+        entry = None if self.od is None else self.od.get(index, subindex)
+        if entry is None or entry.data_type is not DataType.VISIBLE_STRING:
+            return ""
+        try:
+            value = self.read_value(entry)
+        except CanopenError as error:
+            if not (isinstance(error, SdoLengthError) or is_abort(error)):
+                raise
+            return ""
+        return " ".join(str(value).split())
 
     def identity_differences(self) -> list[str]:
         """Return the differences that prove another device than in the EDS; a revision alone does not."""
         texts = []
-        for words, subindex in IDENTITY[:_DECIDING]:
-            expected, actual = self._told_identity(subindex), self.number(_IDENTITY_INDEX, subindex)
+        for (index, subindex), label in (FIELDS[field] for field in _DECIDING):
+            expected, actual = eds_number(self.dictionary, subindex), self.number(index, subindex)
             if expected and actual != expected:
-                texts.append(
-                    f"{words} 0x{expected:08X} in the EDS, {'none' if actual is None else f'0x{actual:08X}'} found"
-                )
+                shown = "none" if actual is None else f"0x{actual:08X}"
+                texts.append(f"{label} 0x{expected:08X} in the EDS, {shown} found")
         return texts
-
-    def _told_identity(self, subindex: int) -> int:
-        """Return 0x1018 of the EDS; 0 if it lacks the subindex, which cannot be compared then."""
-        od = self.dictionary
-        entry = od.get(_IDENTITY_INDEX, subindex)
-        if entry is None:
-            return 0
-        device = {1: od.device.vendor_number, 2: od.device.product_number}.get(subindex)
-        return entry.default if isinstance(entry.default, int) else device or 0
 
     # -- what it does
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.cia301.pdo import NO_RTR_BIT
 from canopen_control.cia402.objects import (
@@ -31,6 +31,7 @@ from canopen_control.od.model import SCALAR_CODES, DataType
 from canopen_control.od.pdos import COUNT, MAPPING, is_cob_id
 from canopen_control.profiles.device_type import profile_of
 from canopen_control.profiles.profile_tables import profile_signals
+from canopen_control.service.identity import OBJECTS, DeviceIdentity
 from canopen_control.service.node_session import is_abort
 from canopen_control.version import __version__
 
@@ -143,69 +144,15 @@ def _vendor(od: ObjectDictionary) -> int:
 
 
 SECTION: Final = "Backup"
-NUMBERS: Final = {
+_NUMBERS: Final = {
     "DeviceType": "device_type",
-    "VendorID": "vendor",
-    "ProductCode": "product",
-    "RevisionNumber": "revision",
-    "SerialNumber": "serial",
+    "VendorID": "vendor_id",
+    "ProductCode": "product_code",
+    "RevisionNumber": "revision_number",
+    "SerialNumber": "serial_number",
 }
-TEXTS: Final = {"DeviceName": "name", "HardwareVersion": "hardware", "SoftwareVersion": "software"}
-OBJECTS: Final = {
-    "device_type": (0x1000, 0),
-    "vendor": (0x1018, 1),
-    "product": (0x1018, 2),
-    "revision": (0x1018, 3),
-    "serial": (0x1018, 4),
-    "name": (0x1008, 0),
-    "hardware": (0x1009, 0),
-    "software": (0x100A, 0),
-}
+_NAMES: Final = {"DeviceName": "device_name", "HardwareVersion": "hardware", "SoftwareVersion": "software"}
 _DEFAULT_BITRATE: Final = 1_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class DeviceIdentity:
-    """Identity of a device: 0x1000, 0x1018 and names 0x1008 to 0x100A; None and "" for missing ones."""
-
-    device_type: int | None = None
-    vendor: int | None = None
-    product: int | None = None
-    revision: int | None = None
-    serial: int | None = None
-    name: str = ""
-    hardware: str = ""
-    software: str = ""
-
-    def strangers(self, other: DeviceIdentity) -> list[str]:
-        """Return the reason why two devices are different products, whose parameters are not exchanged."""
-        return self._differences(other, ("device_type", "vendor", "product"))
-
-    def variations(self, other: DeviceIdentity) -> list[str]:
-        """Return differences within one product: revision and software; serial numbers always differ."""
-        return self._differences(other, ("revision", "software"))
-
-    def _differences(self, other: DeviceIdentity, names: tuple[str, ...]) -> list[str]:
-        pairs = ((name, getattr(self, name), getattr(other, name)) for name in names)
-        return [
-            f"{name.replace('_', ' ')} {_shown(a)} and {_shown(b)}"
-            for name, a, b in pairs
-            if a != b and None not in (a, b) and "" not in (a, b)
-        ]
-
-
-def identity_from(numbers: Mapping[str, int | None], texts: Mapping[str, str]) -> DeviceIdentity:
-    """Create an identity from fields by name."""
-    return DeviceIdentity(
-        device_type=numbers.get("device_type"),
-        vendor=numbers.get("vendor"),
-        product=numbers.get("product"),
-        revision=numbers.get("revision"),
-        serial=numbers.get("serial"),
-        name=texts.get("name", ""),
-        hardware=texts.get("hardware", ""),
-        software=texts.get("software", ""),
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,9 +222,9 @@ def backup_text(
 def _section(parameters: ParameterSet, date: str) -> dict[str, str]:
     identity = parameters.identity
     lines = {"Format": "1", "Date": date, "Tool": f"canopen-control {__version__}"}
-    numbers = {key: getattr(identity, name) for key, name in NUMBERS.items()}
+    numbers = {key: getattr(identity, name) for key, name in _NUMBERS.items()}
     lines |= {key: f"0x{value:08X}" for key, value in numbers.items() if value is not None}
-    lines |= {key: getattr(identity, name) for key, name in TEXTS.items() if getattr(identity, name)}
+    lines |= {key: getattr(identity, name) for key, name in _NAMES.items() if getattr(identity, name)}
     empty = [address for address, value in sorted(parameters.values.items()) if value in ("", b"")]
     if empty:  # a ParameterValue of nothing reads as none
         lines["Empty"] = " ".join(f"{index:04X}:{subindex:02X}" for index, subindex in empty)
@@ -375,23 +322,24 @@ def _get(lines: Mapping[str, str], wanted: str) -> str:
 
 def _told(lines: Mapping[str, str], od: ObjectDictionary) -> DeviceIdentity:
     """Return the identity in a [Backup] section; an invalid number is None."""
-    numbers: dict[str, int | None] = {}
-    for key, name in NUMBERS.items():
+    fields: dict[str, Any] = {name: _get(lines, key) for key, name in _NAMES.items()}
+    for key, name in _NUMBERS.items():
         try:
-            numbers[name] = parse_number(_get(lines, key)).value
+            fields[name] = parse_number(_get(lines, key)).value
         except ValueError:
-            numbers[name] = getattr(_identity_of(od), name)
-    return identity_from(numbers, {name: _get(lines, key) for key, name in TEXTS.items()})
+            fields[name] = getattr(_identity_of(od), name)
+    return DeviceIdentity(**fields)
 
 
 def _identity_of(od: ObjectDictionary) -> DeviceIdentity:
     """Return the identity in the objects of a file; 0 as product or vendor is None."""
-    entries = {name: od.get(*OBJECTS[name]) for name in NUMBERS.values()}
+    entries = {name: od.get(*OBJECTS[name]) for name in _NUMBERS.values()}
     values = {name: None if entry is None else entry.value for name, entry in entries.items()}
-    numbers = {name: value if isinstance(value, int) and value else None for name, value in values.items()}
-    device = {"vendor": od.device.vendor_number or None, "product": od.device.product_number or None}
-    numbers |= {name: numbers[name] or device[name] for name in device}
-    return identity_from(numbers, {})
+    numbers: dict[str, Any] = {}
+    numbers |= {name: value if isinstance(value, int) and value else None for name, value in values.items()}
+    numbers["vendor_id"] = numbers["vendor_id"] or od.device.vendor_number or None
+    numbers["product_code"] = numbers["product_code"] or od.device.product_number or None
+    return DeviceIdentity(**numbers)
 
 
 def _shown(value: object) -> str:
@@ -497,7 +445,7 @@ def read_parameters(
     `told(done, of)` hears how far it is.
     """
     od = session.dictionary
-    identity = device_identity(session)
+    identity = session.identity()
     entries = parameters_of(od)
     total = len(entries) * (2 if twice else 1)
     values, left_out = read_values(session, entries, lambda done: told(done, total) if told else None)
@@ -519,7 +467,7 @@ def read_same(session: NodeSession, file: ParameterSet, told: Told | None = None
     if session.od is None:
         session.od = od
     entries = [od[address] for address in file.values]
-    identity = device_identity(session)
+    identity = session.identity()
     values, left_out = read_values(session, entries, lambda done: told(done, len(entries)) if told else None)
     return ParameterSet(od, session.node_id, identity, values, str(session)), left_out
 
@@ -551,22 +499,3 @@ def reason_of(error: CanopenError) -> str:
     text = str(error)
     place = text.find("abort 0x")
     return text[place:] if place >= 0 else text
-
-
-def device_identity(session: NodeSession) -> DeviceIdentity:
-    """Read identity and device type, first, so that a missing node is reported at once."""
-    numbers = {name: session.number(*OBJECTS[name]) for name in OBJECTS if name not in TEXTS.values()}
-    return identity_from(numbers, {name: _text(session, *OBJECTS[name]) for name in TEXTS.values()})
-
-
-def _text(session: NodeSession, index: int, subindex: int) -> str:
-    entry = None if session.od is None else session.od.get(index, subindex)
-    if entry is None or entry.data_type is not DataType.VISIBLE_STRING:
-        return ""
-    try:
-        value = session.read_value(entry)
-    except CanopenError as error:
-        if not (isinstance(error, SdoLengthError) or is_abort(error)):
-            raise
-        return ""
-    return " ".join(str(value).split())

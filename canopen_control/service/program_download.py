@@ -18,14 +18,15 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.errors import CanopenError, ConfigError, DriveError, RemoteError, SdoRestarted, SdoTimeout
-from canopen_control.service.node_session import IDENTITY, is_abort
-from canopen_control.service.parameter_set import device_identity, reason_of
+from canopen_control.service.identity import FIELDS
+from canopen_control.service.node_session import is_abort
+from canopen_control.service.parameter_set import reason_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from canopen_control.service.identity import DeviceIdentity
     from canopen_control.service.node_session import NodeSession
-    from canopen_control.service.parameter_set import DeviceIdentity
 
 
 DATA, CONTROL, SOFTWARE_DATE, IDENTIFICATION, FLASH = 0x1F50, 0x1F51, 0x1F52, 0x1F56, 0x1F57
@@ -339,7 +340,7 @@ def _number(index: int, subindex: int, seconds: float = 0.0) -> Numbers:
 
 
 _PROFILE: Final = 0xFFFF
-_VENDOR: Final = IDENTITY[0][0]
+_VENDOR: Final = FIELDS["vendor_id"][1]
 
 
 def is_loader(identity: DeviceIdentity) -> bool:
@@ -423,7 +424,7 @@ def _is_answer(error: CanopenError) -> bool:
 
 def boot_check(session: NodeSession, before: DeviceIdentity) -> DeviceIdentity:
     """Return the identity with the new program; DriveError for the boot-loader or another device."""
-    after = device_identity(session)
+    after = session.identity()
     if is_loader(after):
         raise DriveError(f"{session}: the new program does not run: the node shows its boot-loader")
     if not is_loader(before) and (strangers := before.strangers(after)):

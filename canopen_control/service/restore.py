@@ -31,7 +31,6 @@ from canopen_control.service.node_session import is_abort
 from canopen_control.service.parameter_set import (
     ParameterSet,
     backup_text,
-    device_identity,
     entry_label,
     lost_in_text,
     protection_of,
@@ -46,8 +45,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from canopen_control.od.model import Address, Entry, ObjectDictionary, Value
+    from canopen_control.service.identity import DeviceIdentity
     from canopen_control.service.node_session import NodeSession
-    from canopen_control.service.parameter_set import DeviceIdentity
 
     Told = Callable[[int, int], None]
 
@@ -348,9 +347,9 @@ class KeptParameters:
 
     def __init__(self, folder: str, session: NodeSession, identity: DeviceIdentity, channel: str = "") -> None:
         self._session, self._identity = session, identity
-        numbers = (identity.vendor, identity.product, identity.serial)
+        numbers = (identity.vendor_id, identity.product_code, identity.serial_number)
         device = "-".join("none" if number is None else f"{number:08X}" for number in numbers)
-        place = "" if identity.serial else f"-{re.sub(r'[^A-Za-z0-9_.]+', '_', session.robot or channel)}"
+        place = "" if identity.serial_number else f"-{re.sub(r'[^A-Za-z0-9_.]+', '_', session.robot or channel)}"
         self.path = state_dir(folder) / f"node{session.node_id}-{device}{place}.dcf"
 
     @property
@@ -460,7 +459,7 @@ def unfinished_words(session: NodeSession, reached: Reached) -> str:
     """Return a sentence about an interrupted restore of a node, "" without one; its identity is checked first."""
     if not any(state_dir(_FOLDER).glob(f"node{session.node_id}-*.dcf")):
         return ""
-    return RestoreJournal(session, device_identity(session), reached).unfinished
+    return RestoreJournal(session, session.identity(), reached).unfinished
 
 
 # Writes a parameter set into a node as `restore` and `clone` do: checks before, state meanwhile, report after.
@@ -513,8 +512,8 @@ def refuse_other_drive(file: ParameterSet, session: NodeSession) -> None:
     """Refuse the backup of another drive at another node; for a replacement at the same node it is allowed."""
     if file.node_id == session.node_id:
         return
-    serial = device_identity(session).serial
-    if serial is None or serial != file.identity.serial:
+    serial = session.identity().serial_number
+    if serial is None or serial != file.identity.serial_number:
         raise ConfigError(
             f"{file.where} is of node {file.node_id}, and {session} is another drive; nothing was written: name node "
             f"{file.node_id}, or say --any-node if it is meant to have these parameters"
@@ -588,10 +587,10 @@ def guarded_restore(
     `note` hears what is to be known before, `told(done, of)` how far the writing is. ConfigError and DriveError for
     what must not be; DriveError with what was written where it ended half-way.
     """
-    identity = device_identity(session)
+    identity = session.identity()
     for line in check_device(source, identity, session):
         note(line)
-    same_device = source.identity.serial is not None and source.identity.serial == identity.serial
+    same_device = source.identity.serial_number is not None and source.identity.serial_number == identity.serial_number
     target = source.for_node(session.node_id)
     od = source.od.for_node(session.node_id)
     reasons = protected(od, iter(target), options.protect, same_device=same_device or options.include_protected)

@@ -12,7 +12,7 @@ import numpy as np
 
 from canopen_control.cia402.loop_gains import GainObject, LoopGain, gain_objects, gain_places
 from canopen_control.errors import ConfigError, DriveError
-from canopen_control.service.parameter_set import device_identity, entry_label, read_values, value_text
+from canopen_control.service.parameter_set import entry_label, read_values, value_text
 from canopen_control.service.restore import KeptParameters, Restore, refuse_moving, store
 
 if TYPE_CHECKING:
@@ -385,7 +385,7 @@ def reverted(session: NodeSession, place: GainPlace) -> Iterator[str]:
 
 
 def _kept(session: NodeSession, place: GainPlace) -> KeptParameters:
-    return KeptParameters("gains", session, device_identity(session), place.channel)
+    return KeptParameters("gains", session, session.identity(), place.channel)
 
 
 def _told(session: NodeSession, changes: Iterable[GainChange], place: GainPlace) -> Iterator[str]:

@@ -20,7 +20,6 @@ from canopen_control.service.live_reader import NodeObjects
 from canopen_control.service.object_rows import EditHistory
 from canopen_control.service.parameter_set import (
     backup_file_text,
-    device_identity,
     differences,
     parse_backup,
     read_parameters,
@@ -172,7 +171,7 @@ def check_image(image: bytes, name: str) -> None:
 
 def load_program(session: NodeSession, work: NodeJob, image: bytes, options: ProgramOptions) -> str:
     """Load a program and start it; DriveError with the present state of the node if that failed."""
-    identity = device_identity(session)
+    identity = session.identity()
     refuse_stranger(session, identity)
     if is_loader(identity):
         work.lines.append(f"{session} is in its boot-loader")

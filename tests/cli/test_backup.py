@@ -23,7 +23,7 @@ def test_a_backup_holds_what_the_node_holds(bus, tmp_path, capsys):
     path = tmp_path / "left.dcf"
     assert main(["backup", "3", "-o", str(path), *bus.options, "--eds", TMCM]) == 0
     found = read_backup(path)
-    assert (found.values[0x6081, 0], found.identity.serial, found.identity.software) == (1600, 3, "3.26")
+    assert (found.values[0x6081, 0], found.identity.serial_number, found.identity.software) == (1600, 3, "3.26")
     assert capsys.readouterr().out == f"node 3: {len(found.values)} parameters to {path}\n"
 
 

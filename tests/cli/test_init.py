@@ -13,10 +13,10 @@ from support.eds import DEVIATIONS
 from canopen_control.cli import init, scan
 from canopen_control.cli.main import main
 from canopen_control.cli.scan import FoundNode, ScanResult
-from canopen_control.cli.support.identity import ScannedDevice
 from canopen_control.data_files import data_path
 from canopen_control.errors import SdoAbort
 from canopen_control.master import direct
+from canopen_control.service.identity import DeviceIdentity
 
 TMCM = ["--eds", "TMCM-1270.eds"]
 MALFORMED = DEVIATIONS.parent / "malformed"
@@ -129,7 +129,7 @@ def found(monkeypatch, *nodes):
 
 
 def who(product, vendor=0x286, **more):
-    return ScannedDevice(device_type=0x192, vendor_id=vendor, product_code=product, **more)
+    return DeviceIdentity(device_type=0x192, vendor_id=vendor, product_code=product, **more)
 
 
 def without_product(path, vendor):

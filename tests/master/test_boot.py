@@ -12,17 +12,18 @@ from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.errors import BootError, SdoAbort, SdoTimeout
 from canopen_control.frame import CanFrame
 from canopen_control.master.boot import BootTask, boot
-from canopen_control.master.plan import Identity, NodePlan
+from canopen_control.master.plan import NodePlan
 from canopen_control.master.plan_builder import PlannedPdo, PlannedWrite
 from canopen_control.master.requests import LETTERS, AwaitBootUp, AwaitState, NextStep, Read, SendNmt, WriteObject
 from canopen_control.od.model import DataType
+from canopen_control.rpc.messages.robot import NodeIdentity
 
 MS = 1_000_000
 PLAN = NodePlan(
     name="io",
     node_id=3,
     source="io.eds",
-    identity=Identity(),
+    identity=NodeIdentity(),
     writes=(PlannedWrite(0x1017, 0, b"\x64\x00", "producer"),),
     rpdos=(),
     tpdos=(),
@@ -170,7 +171,7 @@ def plan(**changes):
         "name": "left_drive",
         "node_id": 3,
         "source": "test.eds",
-        "identity": Identity(device_type=0x192, vendor_id=0x286, product_code=0x4F6),
+        "identity": NodeIdentity(device_type=0x192, vendor_id=0x286, product_code=0x4F6),
         "writes": (
             PlannedWrite(0x1017, 0, b"\x64\x00", "producer"),
             PlannedWrite(0x6083, 0, b"\x01\x00\x00\x00", "ramp"),
@@ -277,12 +278,12 @@ def test_a_node_without_a_profile_may_be_in_its_boot_loader():
 @pytest.mark.parametrize(("field", "subindex", "letter"), [("revision_number", 3, "N"), ("serial_number", 4, "O")])
 def test_revision_and_serial_are_checked_only_where_they_are_given(field, subindex, letter):
     strict = plan().identity
-    wanted = Identity(strict.device_type, strict.vendor_id, strict.product_code, **{field: 99})
+    wanted = NodeIdentity(strict.device_type, strict.vendor_id, strict.product_code, **{field: 99})
     assert failure(DRIVE, changes={"identity": wanted}).letter == letter
 
 
 def test_a_revision_that_only_the_eds_names_is_a_warning():
-    identity = Identity(0x192, 0x286, 0x4F6, eds_revision=0x30018)
+    identity = NodeIdentity(0x192, 0x286, 0x4F6, eds_revision=0x30018)
     _, result = converse(boot(plan(identity=identity), reset=True), DRIVE)
     assert len(result.warnings) == 1
     assert "0x00030018" in result.warnings[0]

@@ -8,7 +8,6 @@ from support.makers import folder
 
 from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.cli.scan import FoundNode, known_lines
-from canopen_control.cli.support.identity import ScannedDevice
 from canopen_control.data_files import data_path
 from canopen_control.master.known_drives import known_drive, proposals
 from canopen_control.od.eds import read_eds
@@ -17,6 +16,7 @@ from canopen_control.personality import read_personality
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.scaffold.bus_text import bus_text
 from canopen_control.scaffold.new_robot import Device, plan_robot
+from canopen_control.service.identity import DeviceIdentity
 
 ELMO, DELTA, IPOS = 0x9A, 0x1DD, 0x1A3
 
@@ -88,8 +88,8 @@ def test_a_new_bus_yml_has_the_keys_as_comments_with_their_sources(tmp_path, ven
 
 
 def test_scan_names_what_is_known_of_drives():
-    elmo = ScannedDevice(device_type=0x20192, vendor_id=ELMO, product_code=1)
-    nodes = [FoundNode(3, elmo), FoundNode(4), FoundNode(5, elmo), FoundNode(6, ScannedDevice(0x191, ELMO))]
+    elmo = DeviceIdentity(device_type=0x20192, vendor_id=ELMO, product_code=1)
+    nodes = [FoundNode(3, elmo), FoundNode(4), FoundNode(5, elmo), FoundNode(6, DeviceIdentity(0x191, ELMO))]
     lines = list(known_lines(nodes))
     assert lines[0].startswith("nodes 3, 5 are known as Elmo")
     assert "`enable_settle_ms: 600`" in lines[1]

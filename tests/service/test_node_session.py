@@ -24,6 +24,7 @@ from canopen_control.rpc.messages.robot import (
 )
 from canopen_control.rpc.messages.state import NodeReading, Status
 from canopen_control.service import node_session
+from canopen_control.service.identity import DeviceIdentity
 from canopen_control.service.node_session import NodeSession, RobotTransfers, dictionary_of, is_abort, session_with
 
 
@@ -145,7 +146,7 @@ def test_an_identity_is_compared_to_the_eds_where_that_tells_one():
         "vendor 0x00000286 in the EDS, 0x00000287 found"
     ]
     assert session().identity_differences()[1] == "product 0x000004F6 in the EDS, none found"
-    assert session(good).identity() == {1: 0x286, 2: 0x4F6, 3: None, 4: None}
+    assert session(good).identity() == DeviceIdentity(None, 0x286, 0x4F6, device_name="", hardware="", software="")
 
 
 @pytest.mark.parametrize(

@@ -14,12 +14,11 @@ from canopen_control.od.dcf import concise_of
 from canopen_control.od.eds import parse_eds, read_eds
 from canopen_control.od.model import DataType, Entry, ObjectDictionary
 from canopen_control.od.pdos import is_cob_id
+from canopen_control.service.identity import DeviceIdentity
 from canopen_control.service.node_session import NodeSession
 from canopen_control.service.parameter_set import (
-    DeviceIdentity,
     ParameterSet,
     backup_text,
-    device_identity,
     differences,
     follows_node_id,
     lost_in_text,
@@ -87,12 +86,12 @@ def test_a_node_that_does_not_answer_ends_it():
     with pytest.raises(SdoTimeout):
         read_values(session, [OD_OF_READ_PARAMETERS[0x6081, 0]])
     with pytest.raises(SdoTimeout):
-        device_identity(session)
+        session.identity()
 
 
 def test_the_identity_is_numbers_and_names():
-    identity = device_identity(node(s1008=b"PD42\0\0", s1000=b"\x92\1\xff\xff"))
-    assert (identity.device_type, identity.name) == (0xFFFF0192, "PD42")
+    identity = node(s1008=b"PD42\0\0", s1000=b"\x92\1\xff\xff").identity()
+    assert (identity.device_type, identity.device_name) == (0xFFFF0192, "PD42")
 
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds")).od
@@ -312,7 +311,7 @@ def test_a_dcf_of_another_tool_has_the_identity_of_its_objects(tmp_path):
     path = written(tmp_path, parameters())
     path.write_text(path.read_text().replace("[Backup]", "[Unknown]"))
     found = read_backup(path)
-    assert (found.identity.vendor, found.identity.product, found.date) == (0x286, 0x4F6, "")
+    assert (found.identity.vendor_id, found.identity.product_code, found.date) == (0x286, 0x4F6, "")
 
 
 def test_what_moves_is_not_taken_from_a_file(tmp_path):

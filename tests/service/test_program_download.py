@@ -16,8 +16,8 @@ from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.errors import BusClosed, ConfigError, DriveError, SdoAbort, SdoTimeout
+from canopen_control.service.identity import DeviceIdentity
 from canopen_control.service.node_session import NodeSession
-from canopen_control.service.parameter_set import DeviceIdentity, device_identity
 from canopen_control.service.program_download import (
     DownloadAct,
     DownloadAnswer,
@@ -140,9 +140,9 @@ def test_with_one_try_the_loss_is_told_and_the_loader_waits(frames):
     with pytest.raises(DriveError, match=r"not taken: .*waits in its boot-loader"):
         load(frames, tries=1)
     session = NodeSession(frames, 5, frames.device.od)
-    assert is_loader(device_identity(session))
+    assert is_loader(session.identity())
     load(frames)
-    assert not is_loader(device_identity(session))
+    assert not is_loader(session.identity())
 
 
 def test_the_loader_needs_no_eds(frames):
@@ -150,7 +150,7 @@ def test_the_loader_needs_no_eds(frames):
     frames.write(0x1F51, 1, b"\0")
     frames.advance(500 * MS)
     session = NodeSession(frames, 5, None)
-    assert is_loader(device_identity(session))
+    assert is_loader(session.identity())
     assert session.powered_axes() == []
     progress = DownloadProgress()
     download(
@@ -161,12 +161,12 @@ def test_the_loader_needs_no_eds(frames):
 
 def test_a_stranger_is_refused_but_its_loader_is_not(frames):
     session = NodeSession(frames, 5, frames.device.od)
-    refuse_stranger(session, device_identity(session))
+    refuse_stranger(session, session.identity())
     session.od = replace(
         session.od, entries={**session.od.entries, (0x1018, 2): replace(session.od[0x1018, 2], default=7)}
     )
     with pytest.raises(ConfigError, match="node 5 is no device of that EDS: product"):
-        refuse_stranger(session, device_identity(session))
+        refuse_stranger(session, session.identity())
     refuse_stranger(session, DeviceIdentity(device_type=0))
     session.od = replace(
         session.od, entries={**session.od.entries, (0x1018, 1): replace(session.od[0x1018, 1], default=8)}
@@ -177,10 +177,10 @@ def test_a_stranger_is_refused_but_its_loader_is_not(frames):
 
 def test_the_boot_check_knows_the_loader_and_another_product(frames):
     session = NodeSession(frames, 5, frames.device.od)
-    before = device_identity(session)
+    before = session.identity()
     assert boot_check(session, before) == before
     with pytest.raises(DriveError, match="is another product with the new program"):
-        boot_check(session, replace(before, product=9))
+        boot_check(session, replace(before, product_code=9))
     frames.write(0x1F51, 1, b"\0")
     frames.advance(500 * MS)
     with pytest.raises(DriveError, match="shows its boot-loader"):

@@ -13,11 +13,10 @@ from canopen_control.errors import ConfigError, DriveError, SdoAbort, SdoTimeout
 from canopen_control.host.files import state_dir
 from canopen_control.od.codec import default_of
 from canopen_control.od.eds import read_eds
+from canopen_control.service.identity import DeviceIdentity
 from canopen_control.service.parameter_set import (
-    DeviceIdentity,
     ParameterSet,
     backup_text,
-    device_identity,
     differences,
     parameters_of,
     read_backup,
@@ -126,7 +125,7 @@ GAINS = {(0x60F9, 1): 12_345, (0x60FB, 2): 900}
 
 def kept(od=OD, channel="can0"):
     session = session_with(od)
-    return KeptParameters("gains", session, device_identity(session), channel)
+    return KeptParameters("gains", session, session.identity(), channel)
 
 
 def numbered(serial):

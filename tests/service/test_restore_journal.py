@@ -15,7 +15,8 @@ from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.host.files import state_dir
 from canopen_control.od.eds import read_eds
-from canopen_control.service.parameter_set import DeviceIdentity, read_backup, read_parameters
+from canopen_control.service.identity import DeviceIdentity
+from canopen_control.service.parameter_set import read_backup, read_parameters
 from canopen_control.service.restore import Reached, RestoreJournal, unfinished_words
 
 TMCM = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
@@ -139,9 +140,9 @@ def test_nothing_is_written_where_it_cannot_be_kept():
 
 def test_a_node_without_a_serial_number_is_known_by_its_channel():
     session = session_with(TMCM)
-    paths = {RestoreJournal(session, DeviceIdentity(vendor=1), Reached(can)).path for can in ("can0", "can1")}
+    paths = {RestoreJournal(session, DeviceIdentity(vendor_id=1), Reached(can)).path for can in ("can0", "can1")}
     assert len(paths) == 2
-    known = {RestoreJournal(session, DeviceIdentity(serial=9), Reached(can)).path for can in ("can0", "can1")}
+    known = {RestoreJournal(session, DeviceIdentity(serial_number=9), Reached(can)).path for can in ("can0", "can1")}
     assert len(known) == 1
 
 

@@ -2,7 +2,7 @@
 
 from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.errors import SdoAbort, SdoTimeout
-from canopen_control.master.plan import Identity, NodePlan
+from canopen_control.master.plan import NodePlan
 from canopen_control.master.requests import (
     AwaitBootUp,
     AwaitHeartbeat,
@@ -12,6 +12,7 @@ from canopen_control.master.requests import (
     SendNmt,
     WriteObject,
 )
+from canopen_control.rpc.messages.robot import NodeIdentity
 
 IDENTITY = {
     (0x1000, 0): (0x192).to_bytes(4, "little"),
@@ -28,7 +29,7 @@ def plan(**changes):
         "name": "left_drive",
         "node_id": 3,
         "source": "test.eds",
-        "identity": Identity(device_type=0x192, vendor_id=0x286, product_code=0x4F6),
+        "identity": NodeIdentity(device_type=0x192, vendor_id=0x286, product_code=0x4F6),
         "writes": (),
         "rpdos": (),
         "tpdos": (),

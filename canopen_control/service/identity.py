@@ -7,7 +7,7 @@ several. What is expected is what the boot would refuse (CiA 302-2), where 0 sta
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.errors import EdsError
 from canopen_control.od.codec import fitted
@@ -18,23 +18,26 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-    from canopen_control.od.model import ObjectDictionary
+    from canopen_control.od.model import Address, ObjectDictionary
+    from canopen_control.rpc.messages.robot import NodeIdentity
 
 
-#: field: (object, what it is called)
-FIELDS: dict[str, tuple[tuple[int, int], str]] = {
+FIELDS: Final[dict[str, tuple[Address, str]]] = {
     "device_type": ((0x1000, 0), "device type"),
     "vendor_id": ((0x1018, 1), "vendor"),
     "product_code": ((0x1018, 2), "product"),
     "revision_number": ((0x1018, 3), "revision"),
     "serial_number": ((0x1018, 4), "serial number"),
 }
-NAME = (0x1008, 0)
+"""The numbers of an identity: field, object and label."""
+NAME: Final[Address] = (0x1008, 0)
+TEXTS: Final[dict[str, Address]] = {"device_name": NAME, "hardware": (0x1009, 0), "software": (0x100A, 0)}
+OBJECTS: Final = {**{field: address for field, (address, _) in FIELDS.items()}, **TEXTS}
 
 
 @dataclass(frozen=True, slots=True)
-class ScannedDevice:
-    """Values of 0x1000, 0x1018 and 0x1008; None for missing ones."""
+class DeviceIdentity:
+    """Identity that a device shows: 0x1000, 0x1018, and the names 0x1008 to 0x100A; None or "" for missing ones."""
 
     device_type: int | None = None
     vendor_id: int | None = None
@@ -42,6 +45,28 @@ class ScannedDevice:
     revision_number: int | None = None
     serial_number: int | None = None
     device_name: str | None = None
+    hardware: str | None = None
+    software: str | None = None
+
+    def strangers(self, other: DeviceIdentity) -> list[str]:
+        """Return the reason why two devices are different products, whose parameters are not exchanged."""
+        return self._differences(other, ("device_type", "vendor_id", "product_code"))
+
+    def variations(self, other: DeviceIdentity) -> list[str]:
+        """Return differences within one product: revision and software; serial numbers always differ."""
+        return self._differences(other, ("revision_number", "software"))
+
+    def _differences(self, other: DeviceIdentity, names: tuple[str, ...]) -> list[str]:
+        pairs = ((name, getattr(self, name), getattr(other, name)) for name in names)
+        return [
+            f"{FIELDS[name][1] if name in FIELDS else name} {_shown(a)} and {_shown(b)}"
+            for name, a, b in pairs
+            if a != b and None not in (a, b) and "" not in (a, b)
+        ]
+
+
+def _shown(value: object) -> str:
+    return f"0x{value:08X}" if isinstance(value, int) else repr(value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +79,12 @@ class KnownEds:
     revision_number: int
 
 
-def identity_of(data: Mapping[tuple[int, int], object]) -> ScannedDevice:
+def identity_of(data: Mapping[Address, object]) -> DeviceIdentity:
     """Return the identity in objects that were read by address; refused ones are None."""
-    numbers = {field: _number(data.get(address)) for field, (address, _) in FIELDS.items()}
+    numbers: dict[str, Any] = {field: _number(data.get(address)) for field, (address, _) in FIELDS.items()}
     name = data.get(NAME)
     text = name.rstrip(b"\0").decode("latin-1") if isinstance(name, bytes) else None
-    return ScannedDevice(**numbers, device_name=text)
+    return DeviceIdentity(**numbers, device_name=text)
 
 
 def _number(data: object) -> int | None:
@@ -77,10 +102,9 @@ def read_known(paths: Iterable[Path]) -> tuple[list[KnownEds], list[str]]:
         except EdsError as error:
             refused.append(str(error))
             continue
-        vendor = _default(od, 1, od.device.vendor_number)
-        product = _default(od, 2, od.device.product_number)
-        if product or vendor:  # without either it would fit to every device that tells nothing
-            candidates.append(KnownEds(path, vendor, product, _default(od, 3, od.device.revision_number)))
+        known = KnownEds(path, *(eds_number(od, subindex) for subindex in (1, 2, 3)))
+        if known.product_code or known.vendor_id:  # without either it would fit to every device that has none
+            candidates.append(known)
     return candidates, refused
 
 
@@ -90,18 +114,18 @@ def vendor_and_product(path: Path) -> tuple[int, int]:
         od = read_eds(path).od
     except EdsError:
         return 0, 1
-    return _default(od, 1, od.device.vendor_number), _default(od, 2, od.device.product_number)
+    return eds_number(od, 1), eds_number(od, 2)
 
 
-def _default(od: ObjectDictionary, subindex: int, device: int | None) -> int:
-    """Return the default of a subindex; 0 if the file lacks it."""
-    entry = od.get(0x1018, subindex)
-    if entry is None:
+def eds_number(od: ObjectDictionary, subindex: int) -> int:
+    """Return 0x1018 of an EDS: the default, else that of [DeviceInfo]; 0 if the file lacks the subindex."""
+    if (entry := od.get(0x1018, subindex)) is None:
         return 0
-    return entry.default if isinstance(entry.default, int) else device or 0
+    info = {1: od.device.vendor_number, 2: od.device.product_number, 3: od.device.revision_number}
+    return entry.default if isinstance(entry.default, int) else info.get(subindex) or 0
 
 
-def match_eds(identity: ScannedDevice, candidates: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
+def match_eds(identity: DeviceIdentity, candidates: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
     """Return the file that fits best, and a remark: another revision, or other files that fit as well."""
     same = [
         eds
@@ -117,17 +141,17 @@ def match_eds(identity: ScannedDevice, candidates: Iterable[KnownEds]) -> tuple[
     return best, f"for revision 0x{best.revision_number:08X}"
 
 
-def _of_the_vendor(identity: ScannedDevice, candidates: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
+def _of_the_vendor(identity: DeviceIdentity, candidates: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
     """Return the only file of the vendor without a product code."""
     same = [eds for eds in candidates if not eds.product_code and eds.vendor_id and eds.vendor_id == identity.vendor_id]
     return (same[0], "without a product code, chosen by its vendor") if len(same) == 1 else (None, "")
 
 
-def differences(identity: ScannedDevice, expected: Mapping[str, int]) -> list[str]:
+def differences(identity: DeviceIdentity, expected: NodeIdentity) -> list[str]:
     """Return the differences from `expected` in words; 0 in `expected` accepts any value."""
     texts = []
     for field, (_, label) in FIELDS.items():
-        expected_number, has = expected.get(field, 0), getattr(identity, field)
+        expected_number, has = getattr(expected, field), getattr(identity, field)
         if expected_number and expected_number != has:
             shown = "none" if has is None else f"0x{has:08X}"
             texts.append(f"{label} 0x{expected_number:08X} expected, {shown} found")
