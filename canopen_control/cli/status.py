@@ -16,6 +16,7 @@ from canopen_control.cia402.modes import INTERFACE_MODES
 from canopen_control.cli.support.output import ENDS, Table, is_printed, json_line, json_text, painted, with_token
 from canopen_control.client import RobotClient
 from canopen_control.errors import RemoteError
+from canopen_control.rpc.messages.health import state_name
 from canopen_control.rpc.messages.robot import GetStatus, Subscribe
 from canopen_control.rpc.messages.state import AxisReading, JointReading, RobotEvent, StateSample
 from canopen_control.version import PURE, TO_COMPILE
@@ -254,8 +255,8 @@ def _void_outputs(state: Snapshot) -> list[str]:
 def _row(name: str, node: NodeReading, axis: AxisReading, joint: JointReading | None) -> tuple[str, ...]:
     return (
         _marked(name, node),
-        _words(node.nmt_state),
-        _words(axis.state),
+        state_name(node.nmt_state),
+        state_name(axis.state),
         axis.joint,
         *_numbers(joint or JointReading(axis.joint), _UNITS.get(axis.mode or "", "")),
         "-" if node.age is None else f"{1e3 * node.age:.0f}",
@@ -269,10 +270,6 @@ def _numbers(joint: JointReading, unit: str = "") -> tuple[str, ...]:
 
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
-
-
-def _words(state: str | None) -> str:
-    return "-" if state is None else state.replace("_", " ")
 
 
 def _boot(status: Status, current: Mapping[str, str]) -> list[str]:

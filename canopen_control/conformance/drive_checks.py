@@ -289,7 +289,7 @@ def _enabled_in_preop(node: CheckedNode) -> None:
                 control(node, word)
                 node.listen(0.1)
             state = decode_statusword(statusword(node))
-            expect(state is not OE, "OPERATION_ENABLED", "no power in PRE-OPERATIONAL")
+            expect(state is not OE, OE.name, "no power in PRE-OPERATIONAL")
         finally:
             control(node, 0)
             node.listen(0.1)
@@ -532,7 +532,7 @@ def _reset_and_enable(node: CheckedNode) -> None:
         control(node, 0x8F)
         for _ in range(20):
             state = decode_statusword(statusword(node))
-            expect(state is not OE, "OPERATION_ENABLED", "SWITCH_ON_DISABLED until the next command")
+            expect(state is not OE, OE.name, "SWITCH_ON_DISABLED until the next command")
             node.listen(0.02)
 
 
@@ -559,7 +559,7 @@ def _nmt_stop(node: CheckedNode) -> None:
         node.nmt(NmtCommand.START)
         node.listen(0.02)
         state = decode_statusword(statusword(node))
-        expect(state is not OE, "OPERATION_ENABLED", "a stop, by 0x6007")
+        expect(state is not OE, OE.name, "a stop, by 0x6007")
 
 
 def _mode_change(node: CheckedNode, word: int) -> None:

@@ -302,13 +302,13 @@ def _not_resumed(node: CheckedNode) -> None:
         node.put(o.TARGET_VELOCITY, 0, 0, 4)
         control(node, ENABLE)
         for one in watch(node, motion, 0.1):
-            expect(decode_statusword(one.word) is not OE, "OPERATION_ENABLED", "QUICK_STOP_ACTIVE until standstill")
+            expect(decode_statusword(one.word) is not OE, OE.name, "QUICK_STOP_ACTIVE until standstill")
 
 
 def _stops(node: CheckedNode, motion: Motion, why: str) -> None:
     until(node, motion, lambda one: still(one, motion.speed), 2.0, f"standstill: {why}")
     state = decode_statusword(statusword(node))
-    expect(state is not OE, "OPERATION_ENABLED", f"no power: {why}")
+    expect(state is not OE, OE.name, f"no power: {why}")
 
 
 @_add("D41m", _POWER, "NMT stop while the shaft turns stops it", touch=_MOTION)

@@ -10,10 +10,12 @@ import enum
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from canopen_control.cia402.state import State
+from canopen_control.rpc.messages.health import AXIS_STATES, state_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from canopen_control.rpc.messages.health import StateWords
 
 
 #: what matters most comes first: a terminal of 80 columns shows no more than the beginning
@@ -62,21 +64,14 @@ class MonitorContent:
     joints: Mapping[str, tuple[Cell, ...]] = field(default_factory=dict)
 
 
-_STATE_TONES: Final = {
-    State.NOT_READY_TO_SWITCH_ON: Tone.IDLE,
-    State.SWITCH_ON_DISABLED: Tone.IDLE,
-    State.READY_TO_SWITCH_ON: Tone.IDLE,
-    State.SWITCHED_ON: Tone.WARN,
-    State.OPERATION_ENABLED: Tone.GOOD,
-    State.QUICK_STOP_ACTIVE: Tone.WARN,
-    State.FAULT_REACTION_ACTIVE: Tone.BAD,
-    State.FAULT: Tone.BAD,
-}
+def tone_of(words: StateWords | None) -> Tone:
+    """Return the tone of a state; an unknown one rests."""
+    return Tone.IDLE if words is None else Tone[words.tone.upper()]
 
 
-def state_cell(state: State | None) -> Cell:
+def state_cell(state: str | None) -> Cell:
     """Return a CiA 402 state in the words of the standard, or "none"."""
-    return plain("-") if state is None else Cell(state.name.replace("_", " "), _STATE_TONES[state])
+    return plain("-") if state is None else Cell(state_name(state), tone_of(AXIS_STATES[state]))
 
 
 def age_cell(seconds: float | None, *, stale: float, dead: float) -> Cell:

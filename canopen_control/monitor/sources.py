@@ -16,7 +16,7 @@ from canopen_control.cia301.emcy import EmcyMessage
 from canopen_control.cia301.nmt import NmtState, state_of_byte
 from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import OperationMode, mode_name
-from canopen_control.cia402.state import State, decode_statusword
+from canopen_control.cia402.state import decode_statusword
 from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, ConfigError, RemoteError
 from canopen_control.frame import CanFrame
@@ -31,7 +31,9 @@ from canopen_control.monitor.monitor_content import (
     plain,
     sdo_cell,
     state_cell,
+    tone_of,
 )
+from canopen_control.rpc.messages.health import ROBOT_STATES, state_name
 from canopen_control.rpc.messages.robot import ROBOT, GetLayout, GetNodes, GetStatus, Subscribe
 from canopen_control.rpc.messages.state import AxisReading, RobotEvent, StateSample
 from canopen_control.trace.decoder import Mark
@@ -204,7 +206,7 @@ class BusTable:
         return (
             plain(f"{name} ({node_id})" if name else f"node {node_id}"),
             _nmt_cell(node.nmt),
-            state_cell(state),
+            state_cell(None if state is None else state.name),
             Cell(node.error, Tone.BAD if node.error else Tone.PLAIN),
             age_cell((now - node.last_ns) / _SECOND, stale=2 * pace, dead=5 * pace),
             plain("-" if axis.mode is None else mode_name(axis.mode)),
@@ -222,7 +224,7 @@ class BusTable:
 def _nmt_cell(state: NmtState | None) -> Cell:
     if state is None:
         return plain("-")
-    return Cell(state.name.replace("_", " "), Tone.GOOD if state is NmtState.OPERATIONAL else Tone.IDLE)
+    return Cell(state_name(state.name), Tone.GOOD if state is NmtState.OPERATIONAL else Tone.IDLE)
 
 
 def _flags(axis: _Axis) -> str:
@@ -355,13 +357,6 @@ class RobotLink:
 
 STALE_S: Final = 0.25
 """A node that the robot takes for alive and that has been silent so long is stale; dead is what the robot has lost."""
-_ROBOT_TONES: Final = {
-    "running": Tone.GOOD,
-    "disabled": Tone.WARN,
-    "fault": Tone.BAD,
-    "starting": Tone.WARN,
-    "stopping": Tone.WARN,
-}
 _LEVEL_TONES: Final = {"warning": Tone.WARN, "error": Tone.BAD}
 _NO_AXIS: Final = AxisReading("")
 
@@ -373,7 +368,7 @@ def content_of(robot: str, state: StateSample) -> MonitorContent:
         alarm = f"STOP is latched by {state.latched_by}: nothing moves before it is released (key r)"
     return MonitorContent(
         robot,
-        Cell(state.state, _ROBOT_TONES.get(state.state, Tone.IDLE)),
+        Cell(state.state, tone_of(ROBOT_STATES.get(state.state))),
         alarm,
         tuple(_facts(state)),
         dict(_drives(state)),
@@ -423,7 +418,7 @@ def _drive(name: str, node: NodeReading, axis: AxisReading, *, several: bool) ->
     return (
         plain(which),
         _nmt(node),
-        state_cell(None if axis.state is None else State[axis.state]),
+        state_cell(axis.state),
         Cell(error, Tone.BAD if error else Tone.PLAIN),
         age_cell(node.age, stale=STALE_S, dead=dead),
         plain(axis.mode or "-"),
@@ -435,7 +430,7 @@ def _drive(name: str, node: NodeReading, axis: AxisReading, *, several: bool) ->
 def _nmt(node: NodeReading) -> Cell:
     if node.nmt_state is None:
         return Cell("lost" if node.age is not None else "not there", Tone.BAD)
-    return Cell(node.nmt_state.replace("_", " "), Tone.GOOD if node.ready else Tone.WARN)
+    return Cell(state_name(node.nmt_state), Tone.GOOD if node.ready else Tone.WARN)
 
 
 def _statusword(axis: AxisReading) -> str:

@@ -10,6 +10,7 @@ import math
 from html import escape
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from canopen_control.rpc.messages.health import AXIS_STATES, BAD, GOOD, IDLE, WARN, state_name
 from canopen_control.trace.report_facts import clock
 from canopen_control.version import __version__
 
@@ -94,7 +95,7 @@ def timeline(title: str, rows: Sequence[tuple[str, Sequence[Span]]], axis: TimeA
 def _span(span: Span, axis: TimeAxis, y: float) -> str:
     left, right = axis.x(span.begin), axis.x(span.end)
     state = span.state or "unknown"
-    words = state.replace("_", " ").lower()
+    words = state_name(state).lower()
     width = max(right - left, 1.5)
     shown = escape(words) if len(words) * 6.2 < width else ""
     hint = escape(f"{words}, {span.begin:.3f} s to {span.end:.3f} s")
@@ -196,10 +197,11 @@ _UNITS: Final = {"velocity": "rad/s", "position": "rad", "effort": "N m"}
 _MOST_EVENTS: Final = 500
 _STYLE: Final = """
 :root{--bg:#fff;--fg:#1b1f24;--soft:#57606a;--grid:#d8dee4;--card:#f6f8fa;--cmd:#b35900;--act:#0a5fd0;--err:#a626a4;
---ok:#2da44e;--mid:#8fb8ff;--off:#c9d1d9;--bad:#e5484d;--badbg:#ffebe9;--warnbg:#fff8c5;--in:#111}
+--ok:#2da44e;--mid:#8fb8ff;--off:#c9d1d9;--warn:#d4a72c;--bad:#e5484d;
+--badbg:#ffebe9;--warnbg:#fff8c5;--in:#111}
 @media screen and (prefers-color-scheme:dark){:root{--bg:#0d1117;--fg:#e6edf3;--soft:#9aa5b1;--grid:#2b323b;
---card:#161b22;--cmd:#ffb057;--act:#6cb0ff;--err:#dd8bff;--ok:#2c8f4a;--mid:#3564a8;--off:#39424d;--bad:#d1383d;--badbg:#3a1418;
---warnbg:#33290a;--in:#fff}}
+--card:#161b22;--cmd:#ffb057;--act:#6cb0ff;--err:#dd8bff;--ok:#2c8f4a;--mid:#3564a8;--off:#39424d;--warn:#9e6a03;
+--bad:#d1383d;--badbg:#3a1418;--warnbg:#33290a;--in:#fff}}
 @media print{:root{--fg:#000;--soft:#444;--card:#fff}body{padding:0}section{break-inside:avoid}
 .long{break-inside:auto}}
 *{box-sizing:border-box;print-color-adjust:exact;-webkit-print-color-adjust:exact}
@@ -214,9 +216,7 @@ svg text{fill:var(--fg)}svg .tick{fill:var(--soft)}svg .label{font-weight:600;fo
 .grid{stroke:var(--grid);stroke-width:1}.fault{stroke:var(--bad);stroke-width:2;stroke-dasharray:5 3}
 .line{fill:none;stroke-width:1.6;stroke-linejoin:round}.command{stroke:var(--cmd)}.actual{stroke:var(--act)}
 .error{stroke:var(--err)}.load{stroke:var(--act)}.bar{fill:var(--act)}
-rect{fill:var(--mid)}.s-OPERATION_ENABLED,.s-OPERATIONAL{fill:var(--ok)}
-.s-FAULT,.s-FAULT_REACTION_ACTIVE,.s-QUICK_STOP_ACTIVE{fill:var(--bad)}
-.s-unknown,.s-STOPPED,.s-NOT_READY_TO_SWITCH_ON,.s-SWITCH_ON_DISABLED{fill:var(--off)}
+rect{fill:var(--mid)}.s-OPERATIONAL{fill:var(--ok)}.s-unknown,.s-STOPPED{fill:var(--off)}
 table{border-collapse:collapse;width:100%;font-size:.84rem}
 th{text-align:left;white-space:nowrap;color:var(--soft);font-weight:600;border-bottom:1px solid var(--grid)}
 td,th{padding:.16rem .6rem .16rem 0;vertical-align:top}td.n,th.n{text-align:right;white-space:nowrap}
@@ -224,6 +224,10 @@ td.m{font-family:ui-monospace,Consolas,monospace;white-space:nowrap;font-size:.8
 tr.error{background:var(--badbg)}tr.warning{background:var(--warnbg)}tr.here td{border-top:2px dashed var(--bad)}
 .wide{overflow-x:auto}
 """
+_FILLS: Final = "".join(
+    f".s-{state}{{fill:var(--{ {GOOD: 'ok', IDLE: 'off', WARN: 'warn', BAD: 'bad'}[words.tone] })}}"
+    for state, words in AXIS_STATES.items()
+)
 
 
 def page_of(facts: ReportFacts) -> str:
@@ -247,7 +251,7 @@ def page_of(facts: ReportFacts) -> str:
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
         """<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">"""
-        f"<title>{escape(title)}</title><style>{_STYLE}</style></head><body>\n<h1>{escape(title)}</h1>\n{body}\n"
+        f"<title>{escape(title)}</title><style>{_STYLE}{_FILLS}</style></head><body>\n<h1>{escape(title)}</h1>\n{body}\n"
         f'<p class="soft">Written by canopen-control {escape(__version__)}. Times are seconds from '
         f"{escape(clock(facts.begin, date=True))}; the dashed line is the first fault.</p>\n</body></html>\n"
     )

@@ -10,6 +10,7 @@ from canopen_control.client.drive_client import DriveClient
 from canopen_control.errors import CanopenError, RemoteError, RobotConfigError
 from canopen_control.host.sockets import drive_name, list_sockets
 from canopen_control.rpc.messages.drive import GetWorld
+from canopen_control.rpc.messages.health import BAD
 from canopen_control.rpc.messages.simulation import GetSimulation
 from canopen_control.service.live_reader import LiveReader
 from canopen_control.urdf.robot_model import RobotModel, read_model
@@ -18,7 +19,7 @@ from canopen_control.view.page_content import DriveFaults, FaultClient, PageCont
 from canopen_control.view.robot_connection import pose_of, true_pose_of
 from canopen_control.view.sampling import History, Sampler, commanded_interfaces, names
 from canopen_control.view.scene_tree import SceneTree, Trail, angles_of
-from canopen_control.view.words import BAD, axis_rows
+from canopen_control.view.words import axis_rows
 from canopen_control.view.world_view import WorldView
 
 if TYPE_CHECKING:

@@ -7,8 +7,18 @@ from dataclasses import dataclass, replace
 from html import escape
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia402.state import State
-from canopen_control.rpc.messages.health import Health, judge_axis
+from canopen_control.rpc.messages.health import (
+    AXIS_STATES,
+    BAD,
+    GOOD,
+    IDLE,
+    LATCHED,
+    ROBOT_STATES,
+    WARN,
+    Health,
+    StateWords,
+    judge_axis,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -24,7 +34,6 @@ if TYPE_CHECKING:
     )
 
 
-GOOD, IDLE, WARN, BAD = "good", "idle", "warn", "bad"
 LATE_S: Final = 0.25  # a drive that has not been heard of for so long is shown with its age
 
 
@@ -38,32 +47,12 @@ class Banner:
     advice: str = ""
     action: str = ""
 
+    @staticmethod
+    def of(words: StateWords, cause: str = "") -> Banner:
+        """Return the banner of a state."""
+        return Banner(words.text, words.tone, cause, words.advice, words.action)
 
-NEEDS_ENABLE: Final = Banner(
-    "needs enable", WARN, "", "Nothing moves before the drives are enabled: press Enable.", "enable"
-)
-#: CiA 402 states: what they mean to who looks, and how good that is
-_STATES: Final = {
-    State.NOT_READY_TO_SWITCH_ON.name: ("starting up", IDLE),
-    State.SWITCH_ON_DISABLED.name: ("disabled", IDLE),
-    State.READY_TO_SWITCH_ON.name: ("disabled, ready to switch on", IDLE),
-    State.SWITCHED_ON.name: ("switched on, not enabled", WARN),
-    State.OPERATION_ENABLED.name: ("enabled, follows commands", GOOD),
-    State.QUICK_STOP_ACTIVE.name: ("quick stop", WARN),
-    State.FAULT_REACTION_ACTIVE.name: ("fault, stopping", BAD),
-    State.FAULT.name: ("fault", BAD),
-}
-#: what the runtime says of the robot as a whole; a word that it learns later is shown as it is
-_ROBOT: Final = {
-    "starting": Banner("starting", WARN, "", "The drives are being booted."),
-    "running": Banner("running", GOOD),
-    "disabled": NEEDS_ENABLE,
-    "not_enabled": NEEDS_ENABLE,
-    "needs_enable": NEEDS_ENABLE,
-    "fault": Banner("fault", BAD, "", "Remove the cause, then press Reset fault, then Enable.", "fault-reset"),
-    "stopping": Banner("stopping", WARN, "", "The joints ramp to zero."),
-    "stopped": Banner("stopped", IDLE, "", "The robot has ended its run."),
-}
+
 _LEVELS: Final = {"debug": IDLE, "info": IDLE, "warning": WARN, "error": BAD}
 _FEW: Final = 3
 
@@ -86,16 +75,14 @@ def banner(state: StateSample) -> Banner:
     """Return state, problem and next step of the robot."""
     if state.latched:
         by = f" (by {state.latched_by})" if state.latched_by else ""
-        return Banner(
-            "STOP is latched", BAD, f"Latched{by}: nothing moves.", "Press Release STOP, then Enable.", "release"
-        )
-    result = _ROBOT.get(state.state.replace(" ", "_"), Banner(state.state or "unknown", WARN))
+        return Banner.of(LATCHED, f"Latched{by}: nothing moves.")
+    result = Banner.of(ROBOT_STATES.get(state.state, StateWords(state.state or "unknown", WARN)))
     if result.tone == BAD:
         return replace(result, cause=_causes(axis_rows(state)))
     off = [axis for node in state.nodes.values() for axis in node.axes if not axis.enabled]
     if result.action == "enable" or (result.tone == GOOD and off):  # a stop that has ended leaves the drives disabled
         drives = _who_is_off(off, sum(len(node.axes) for node in state.nodes.values()))
-        return replace(NEEDS_ENABLE, cause=state.hint or drives)
+        return Banner.of(ROBOT_STATES["disabled"], state.hint or drives)
     return result
 
 
@@ -126,7 +113,9 @@ def axis_rows(state: StateSample) -> list[AxisRow]:
 
 
 def _row(node: NodeReading, axis: AxisReading | None) -> AxisRow:
-    words, tone = _STATES.get(axis.state or "", ("", IDLE)) if axis is not None else ("no drive profile", IDLE)
+    words, tone = ("", IDLE) if axis is not None else ("no drive profile", IDLE)
+    if axis is not None and axis.state in AXIS_STATES:
+        words, tone, *_ = AXIS_STATES[axis.state]
     if not node.ready:
         nmt = (node.nmt_state or "").replace("_", "-").lower()
         words, tone = (f"not ready, {nmt}", WARN) if nmt and node.age is not None else ("not there", BAD)

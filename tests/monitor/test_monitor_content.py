@@ -6,14 +6,14 @@ from canopen_control.monitor.monitor_content import Cell, Tone, age_cell, state_
 
 @pytest.mark.parametrize("state", State)
 def test_every_state_is_in_the_standards_words_and_has_a_sign_besides_its_colour(state):
-    cell = state_cell(state)
+    cell = state_cell(state.name)
     assert cell.text == state.name.replace("_", " ")
     assert cell.tone is not Tone.PLAIN
     assert str(cell).startswith(f"{cell.tone.value} ")
 
 
 def test_only_operation_enabled_is_good_and_faults_are_bad():
-    tones = {state: state_cell(state).tone for state in State}
+    tones = {state: state_cell(state.name).tone for state in State}
     assert [state for state, tone in tones.items() if tone is Tone.GOOD] == [State.OPERATION_ENABLED]
     assert [s for s, t in tones.items() if t is Tone.BAD] == [State.FAULT_REACTION_ACTIVE, State.FAULT]
 

@@ -5,9 +5,10 @@ import re
 
 from msgspec.structs import replace
 
+from canopen_control.cia402.state import State
 from canopen_control.trace.flight_file import NO_FAULT, FlightFile, FlightMeta
 from canopen_control.trace.report_build import facts_of
-from canopen_control.trace.report_page import page_of
+from canopen_control.trace.report_page import _FILLS, page_of
 
 
 class Parser(html.parser.HTMLParser):
@@ -79,3 +80,10 @@ def test_an_empty_recording_has_a_page():
     parsed(page)
     assert "Nothing was reported to go wrong" in page
     assert "<svg" not in page
+
+
+def test_every_state_of_an_axis_has_its_colour():
+    for state in State:
+        assert f".s-{state.name}{{fill:var(--" in _FILLS
+    assert ".s-OPERATION_ENABLED{fill:var(--ok)}" in _FILLS
+    assert ".s-FAULT{fill:var(--bad)}" in _FILLS

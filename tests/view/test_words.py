@@ -3,8 +3,8 @@ from support.pages import AXIS, FAULTS, NODE, drive_state, state
 from support.samples import event_of
 
 from canopen_control.rpc.messages.drive import FaultListing
+from canopen_control.rpc.messages.health import BAD
 from canopen_control.view.words import (
-    BAD,
     active_faults,
     axis_rows,
     banner,
@@ -84,7 +84,6 @@ def test_what_comes_from_outside_is_escaped():
         ({}, "running", "good", ""),
         ({"state": "starting"}, "starting", "warn", ""),
         ({"state": "disabled"}, "needs enable", "warn", "enable"),
-        ({"state": "needs enable"}, "needs enable", "warn", "enable"),
         ({"state": "fault"}, "fault", "bad", "fault-reset"),
         ({"state": "stopping"}, "stopping", "warn", ""),
         ({"state": "hovering"}, "hovering", "warn", ""),

@@ -8,6 +8,7 @@ are no control characters. JSON is ASCII, and a number that is not finite is nul
 from __future__ import annotations
 
 import contextlib
+import functools
 import json
 import os
 import queue
@@ -161,16 +162,27 @@ def painted(lines: Iterable[str]) -> list[str]:
     if not sys.stdout.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
         return list(lines)
     return [
-        _COLOURED.sub(lambda match: f"\x1b[{_COLOURS[match.lastgroup or '']}m{match[0]}\x1b[m", line) for line in lines
+        _coloured().sub(lambda match: f"\x1b[{_COLOURS[match.lastgroup or '']}m{match[0]}\x1b[m", line)
+        for line in lines
     ]
 
 
 _COLOURS: Final = {"wrong": "31", "doubtful": "33", "good": "32"}
-_COLOURED: Final = re.compile(
-    r"(?P<wrong>\bFAULT(?: REACTION ACTIVE)?\b|\berrors?(?=[:,]|$)|^fault\b|^  node \d+ \(.*|\bNOTHING stops\b.*)"
-    r"|(?P<doubtful>\bwarnings?(?=[:,]|$)|\bSTOPPED\b|\bQUICK STOP ACTIVE\b|^(?:stopped|stopping|waiting)\b)"
-    r"|(?P<good>\bOPERATION ENABLED\b|^running\b|\bnothing is wrong$)"
-)
+
+
+@functools.cache
+def _coloured() -> re.Pattern[str]:
+    from canopen_control.rpc.messages.health import AXIS_STATES, BAD, GOOD, WARN, state_name
+
+    wrong, doubtful, good = (
+        "|".join(state_name(state) for state, words in AXIS_STATES.items() if words.tone == tone)
+        for tone in (BAD, WARN, GOOD)
+    )
+    return re.compile(
+        rf"(?P<wrong>\b(?:{wrong})\b|\berrors?(?=[:,]|$)|^fault\b|^  node \d+ \(.*|\bNOTHING stops\b.*)"
+        rf"|(?P<doubtful>\bwarnings?(?=[:,]|$)|\bSTOPPED\b|\b(?:{doubtful})\b|^(?:stopped|stopping|waiting)\b)"
+        rf"|(?P<good>\b(?:{good})\b|^running\b|\bnothing is wrong$)"
+    )
 
 
 @contextlib.contextmanager

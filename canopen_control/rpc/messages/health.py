@@ -1,4 +1,4 @@
-"""Health of a drive, as shown by /diagnostics, bags, the page and diagnostics broadcasters.
+"""Names, tones and advice of states, and the health of a drive, for verbs, page, monitor, report, ROS and bags.
 
 The first matching rule counts (REP 107): no data is STALE; a fault, and an error of a drive that does not run, is an
 ERROR; a drive that is being booted or not enabled, which may be intended, and an error of a running one, is a WARN;
@@ -16,6 +16,50 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from canopen_control.rpc.messages.state import AxisReading, NodeReading
+
+
+GOOD, IDLE, WARN, BAD = "good", "idle", "warn", "bad"
+"""Tones of a state: works, rests, needs attention, does not work."""
+
+
+class StateWords(NamedTuple):
+    """What a state means, its tone, what to do next with the buttons of a page, and that action's name in the API."""
+
+    text: str
+    tone: str
+    advice: str = ""
+    action: str = ""
+
+
+AXIS_STATES: Final = {
+    State.NOT_READY_TO_SWITCH_ON.name: StateWords("starting up", IDLE),
+    State.SWITCH_ON_DISABLED.name: StateWords("disabled", IDLE),
+    State.READY_TO_SWITCH_ON.name: StateWords("disabled, ready to switch on", IDLE),
+    State.SWITCHED_ON.name: StateWords("switched on, not enabled", WARN),
+    State.OPERATION_ENABLED.name: StateWords("enabled, follows commands", GOOD),
+    State.QUICK_STOP_ACTIVE.name: StateWords("quick stop", WARN),
+    State.FAULT_REACTION_ACTIVE.name: StateWords("fault, stopping", BAD),
+    State.FAULT.name: StateWords("fault", BAD),
+}
+"""States of an axis by their names in CiA 402."""
+_NEEDS_ENABLE: Final = StateWords(
+    "needs enable", WARN, "Nothing moves before the drives are enabled: press Enable.", "enable"
+)
+ROBOT_STATES: Final = {
+    "starting": StateWords("starting", WARN, "The drives are being booted."),
+    "running": StateWords("running", GOOD),
+    "disabled": _NEEDS_ENABLE,
+    "fault": StateWords("fault", BAD, "Remove the cause, then press Reset fault, then Enable.", "fault-reset"),
+    "stopping": StateWords("stopping", WARN, "The joints ramp to zero."),
+    "stopped": StateWords("stopped", IDLE, "The robot has ended its run."),
+}
+"""States of a robot as a whole; a client shows a state of a later version by its name."""
+LATCHED: Final = StateWords("STOP is latched", BAD, "Press Release STOP, then Enable.", "release")
+
+
+def state_name(state: str | None) -> str:
+    """Return the name of a state (of CiA 402 or NMT) as the standard writes it, "-" for none."""
+    return "-" if state is None else state.replace("_", " ")
 
 
 _FAULTS: Final = (State.FAULT.name, State.FAULT_REACTION_ACTIVE.name)
@@ -55,12 +99,14 @@ def judge(states: Sequence[str | None], *, ready: bool, nmt: str | None, error: 
         return Verdict(Health.ERROR, error or "the drive is in fault")
     if not ready:
         level = Health.WARN if nmt and not error else Health.ERROR
-        return Verdict(level, error or f"not ready, NMT state {_words(nmt or 'unknown')}")
+        return Verdict(level, error or f"not ready, NMT state {state_name(nmt or 'unknown').lower()}")
     waiting = [state for state in states if state != State.OPERATION_ENABLED.name]
     if error:
         return Verdict(Health.ERROR if waiting else Health.WARN, error)
     if waiting:
-        return Verdict(Health.WARN, f"not enabled: {', '.join(_words(state or 'no statusword') for state in waiting)}")
+        return Verdict(
+            Health.WARN, f"not enabled: {', '.join(state_name(state or 'no statusword').lower() for state in waiting)}"
+        )
     return Verdict(Health.OK, "operational")
 
 
@@ -80,7 +126,3 @@ def judge_axis(node: NodeReading, axis: AxisReading | None) -> Verdict:
 
 def _seen(node: NodeReading) -> str | None:
     return None if node.age is None else node.nmt_state
-
-
-def _words(state: str) -> str:
-    return state.replace("_", " ").lower()

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 from nicegui import ui
 
+from canopen_control.rpc.messages.health import BAD, GOOD, IDLE
 from canopen_control.view.panels.panel import Html
-from canopen_control.view.words import BAD, GOOD, IDLE, sentence
+from canopen_control.view.words import sentence
 
 if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import NodePlace

@@ -14,6 +14,7 @@ from urllib.parse import urlencode
 from nicegui import background_tasks, ui
 
 from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.rpc.messages.health import BAD, GOOD, WARN
 from canopen_control.service.driven_axis import error_history
 from canopen_control.service.object_rows import statusword_bits
 from canopen_control.view.drive.drive_tab import DriveTabContext
@@ -25,7 +26,7 @@ from canopen_control.view.object_list import ObjectList, address_text
 from canopen_control.view.panels.panel import Html
 from canopen_control.view.panels.target_panel import PowerPanel, TargetPanel
 from canopen_control.view.robot_connection import in_thread
-from canopen_control.view.words import BAD, GOOD, WARN, axis_rows, chip, event_log, sentence
+from canopen_control.view.words import axis_rows, chip, event_log, sentence
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -8,6 +8,7 @@ from nicegui import ui
 
 from canopen_control.cia402.state import POWERED_STATES
 from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.rpc.messages.health import BAD, GOOD, IDLE, WARN
 from canopen_control.rpc.messages.robot import NmtRequest
 from canopen_control.service.restore import Reached, RestoreOptions
 from canopen_control.view import node_jobs as jobs
@@ -16,7 +17,7 @@ from canopen_control.view.elements.nicegui_elements import FileUpload
 from canopen_control.view.node_jobs import MOST_FIRMWARE_BYTES, NodeJob, check_image, load_program, options_of
 from canopen_control.view.panels.panel import Html, show_notice
 from canopen_control.view.robot_connection import SOURCE, in_thread
-from canopen_control.view.words import BAD, GOOD, IDLE, WARN, sentence
+from canopen_control.view.words import sentence
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from nicegui import background_tasks, ui
 
 from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.rpc.messages.health import BAD, GOOD, IDLE
 from canopen_control.service.scope_capture import Condition, csv_of, parse_csv, write_bag
 from canopen_control.service.scope_signals import MOST_SIGNALS
 from canopen_control.view.elements.nicegui_elements import FileUpload
@@ -19,7 +20,7 @@ from canopen_control.view.panels.panel import Html, show_notice
 from canopen_control.view.robot_connection import in_thread
 from canopen_control.view.scope_chart import chart_options, cursor_change, height_of
 from canopen_control.view.scope_run import ScopeForm, ScopeRun
-from canopen_control.view.words import BAD, GOOD, IDLE, sentence
+from canopen_control.view.words import sentence
 
 if TYPE_CHECKING:
     from nicegui.events import UploadEventArguments

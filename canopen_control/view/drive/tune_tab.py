@@ -11,6 +11,7 @@ from nicegui import ui
 
 from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError
+from canopen_control.rpc.messages.health import BAD
 from canopen_control.service.tune_run import TuneTest
 from canopen_control.view import tune_job as jobs
 from canopen_control.view.drive.drive_tab import LOOK_ONLY, WorkBar
@@ -18,7 +19,7 @@ from canopen_control.view.elements.nicegui_elements import PresenceElement
 from canopen_control.view.node_jobs import NodeJob
 from canopen_control.view.panels.panel import Html
 from canopen_control.view.scope_chart import BODE_HEIGHT, bode_options, chart_options, height_of
-from canopen_control.view.words import BAD, sentence
+from canopen_control.view.words import sentence
 
 if TYPE_CHECKING:
     from canopen_control.service.node_session import NodeSession

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 from nicegui import ui
 
 from canopen_control.errors import ConfigError
+from canopen_control.rpc.messages.health import BAD, GOOD
 from canopen_control.rpc.messages.samples import TrajectorySample
 from canopen_control.view.elements.nicegui_elements import Feed, FileUpload, PresenceElement
 from canopen_control.view.panels.panel import Html
@@ -24,7 +25,7 @@ from canopen_control.view.trajectory_player import (
     progress_of,
     trajectory_takers,
 )
-from canopen_control.view.words import BAD, GOOD, sentence
+from canopen_control.view.words import sentence
 
 if TYPE_CHECKING:
     from nicegui.events import UploadEventArguments

@@ -6,11 +6,11 @@ from nicegui import ui
 from support.pages import FakeContext, StubDesk, html, seen, settle, upload, visited
 from support.service_node import NodeStub
 
+from canopen_control.rpc.messages.health import BAD
 from canopen_control.view.drive import parameters_tab
 from canopen_control.view.drive.drive_tab import DriveTabContext
 from canopen_control.view.drive.parameters_tab import FirmwareTab
 from canopen_control.view.node_jobs import NodeJob
-from canopen_control.view.words import BAD
 
 
 def played(act, **how):
