@@ -118,6 +118,21 @@ def _known(robot: CheckedRobot) -> Iterator[Finding]:
             )
 
 
+def _modes_unlisted(robot: CheckedRobot) -> Iterator[Finding]:
+    """Find drives whose EDS lacks 0x6502, and that bus.yml gives no mode (the object is optional, CiA 402-2)."""
+    bus = robot.bus
+    for name, node in ({} if bus is None or robot.mock else bus.nodes).items():
+        plan, motion = bus.plans.get(name) if bus is not None else None, node.motion
+        if bus is None or plan is None or not plan.axes:
+            continue
+        given = any(mode is not None for mode in (motion.position_mode, motion.velocity_mode, motion.effort_mode))
+        if not given and bus.dictionaries[name].get(objects.SUPPORTED_DRIVE_MODES, 0) is None:
+            section, file = bus.sections[name], node.identity.dcf
+            text = f"{name}: {file} does not list the drive's modes (0x6502): its profile modes are tried (PV, PP, TQ)"
+            fix = "give velocity_mode, position_mode or effort_mode"
+            yield Finding(section.path, section.line, Severity.NOTE, text, fix)
+
+
 def _commanded(robot: CheckedRobot, node: str) -> set[str]:
     """Return the command interfaces of the joints that a node moves."""
     description = robot.description
@@ -127,4 +142,9 @@ def _commanded(robot: CheckedRobot, node: str) -> set[str]:
     }
 
 
-DRIVE_RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (_blind, _measured, _known)
+DRIVE_RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (
+    _blind,
+    _measured,
+    _modes_unlisted,
+    _known,
+)

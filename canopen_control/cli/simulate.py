@@ -224,7 +224,9 @@ def _behave(robot: RobotUnderTest, args: argparse.Namespace) -> None:
 
     like = None if args.like is None else read_personality(args.like)
     for drive in robot.drives.values():
-        drive.quirks, drive.like = args.quirk, like
+        names = {text.partition("=")[0] for text in args.quirk}
+        own = [text for text in drive.quirks if text.partition("=")[0] not in names]
+        drive.quirks, drive.like = [*own, *args.quirk], like
 
 
 def _at_most(speed: float | None) -> float | None:

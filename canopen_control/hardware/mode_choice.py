@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 
+_ASSUMED: Final = (OperationMode.PP, OperationMode.IP, OperationMode.PV, OperationMode.VL, OperationMode.TQ)
+"""Modes of a drive that lists none (0x6502 is optional, CiA 402-2): those that drives had before the cyclic ones."""
+
 _SERVED: Final = {
     POSITION: (*INTERFACE_MODES[POSITION], OperationMode.IP),
     VELOCITY: (*INTERFACE_MODES[VELOCITY], OperationMode.VL),
@@ -67,8 +70,13 @@ def listed_modes(axis: AxisProcessData, parameters: AxisParameters) -> tuple[int
 
 
 def unlisted_modes(axis: AxisProcessData, parameters: AxisParameters) -> list[str]:
-    """Return a sentence for each mode that bus.yml gives and 0x6502 does not list."""
+    """Return a sentence for each mode that bus.yml gives and 0x6502 does not list, and for modes that nothing lists."""
     listed = _of_drive(axis, parameters)
+    if not listed and not _of_file(axis):
+        return [
+            "neither the drive nor its EDS lists its modes (0x6502): its profile modes are tried (PV, PP, TQ); "
+            "give velocity_mode, position_mode or effort_mode in bus.yml"
+        ]
     named = ", ".join(mode.name for mode in listed)
     return [
         f"0x6502 lists {named}, and not {mode_name(mode)}, which bus.yml gives; that is tried"
@@ -105,12 +113,7 @@ def choose_mode(axis: AxisProcessData, parameters: AxisParameters, interface: st
     if wanted is not None:
         require_mapped(axis, wanted)
         return mode_of(wanted)
-    if not listed:
-        raise DriveError(
-            f"{axis.node.who}: neither the drive nor its EDS lists its modes (0x6502); "
-            f"give {POSITION if interface == TARGET else interface}_mode in bus.yml"
-        )
-    candidates = [mode for mode in _SERVED[interface] if mode in listed]
+    candidates = [mode for mode in _SERVED[interface] if mode in listed or (not listed and mode in _ASSUMED)]
     for mode in candidates:
         if _is_mapped(axis, mode):
             return mode

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 from canopen_control.bus.channel import parse_channel
 from canopen_control.cia301.sync import SYNC_COB_ID
 from canopen_control.cia402.modes import OperationMode, mode_name
+from canopen_control.cia402.objects import SI_UNIT_VELOCITY
 from canopen_control.data_files import data_path
 from canopen_control.errors import BusConfigError, ConfigError, nearest
 from canopen_control.frame import Service, cob_id
@@ -62,11 +63,14 @@ if TYPE_CHECKING:
 _TRANSITIONS = range(17)  # of the CiA 402 power state machine; 0 and 1 are the drive's own
 
 
-def tolerated(section: Node, keys: Collection[str], unused: Mapping[str, str], misnamed: Mapping[str, str]) -> set[str]:
+def tolerated(
+    section: Node, keys: Collection[str], unused: Mapping[str, str], misnamed: Mapping[str, str], driver: str = ""
+) -> set[str]:
     """Check a section for unknown keys; return those that the conversion ignores.
 
     A key similar to a known one that is not there too, or listed in `misnamed`, is an error. Any other is a warning:
-    ros2_canopen ignores unknown keys, so that files with such keys are in use.
+    ros2_canopen ignores unknown keys, so that files with such keys are in use. `driver` is one that only its user
+    has; such a driver reads keys of its own.
     """
     tolerated_keys = set(unused)
     for key, place in section.keys().items():
@@ -77,6 +81,8 @@ def tolerated(section: Node, keys: Collection[str], unused: Mapping[str, str], m
             place.error(f"unknown key {key!r}; write {meant}")
         elif _node_id_below(section, key) is not None:
             place.error(f"unknown key {key!r}: a node belongs at the margin or under `nodes:`; it is indented too far")
+        elif driver:
+            place.warning(f"key {key!r} has no effect here: it belongs to {driver}, which is not part of this package")
         elif (close := difflib.get_close_matches(key, [*keys, *unused], 1, 0.6)) and section.get(close[0]) is None:
             place.error(f"unknown key {key!r}, did you mean {close[0]!r}?")
         else:
@@ -115,8 +121,25 @@ def _respelled(section: Node, misnamed: Mapping[str, str]) -> Node:
     for key, pair in list(pairs.items()):
         if (meant := _SPELLING.fullmatch(misnamed.get(key, ""))) and meant[1] not in pairs:
             pairs[meant[1]] = pair
-    whole = Node("mapping", section.line, section.column, section.where, section.problems)
-    return Node.mapping(whole, pairs)
+    for kind in ("rpdo", "tpdo"):
+        if kind not in pairs and (numbered := _numbered_pdos(pairs, kind)):
+            place = next(iter(numbered.values()))[0]
+            name = Node.scalar(_at(place, "scalar"), kind, kind, quoted=False)
+            pairs[kind] = name, Node.mapping(_at(place, "mapping"), numbered)
+    return Node.mapping(_at(section, "mapping"), pairs)
+
+
+def _at(place: Node, kind: str) -> Node:
+    return Node(kind, place.line, place.column, place.where, place.problems)
+
+
+def _numbered_pdos(pairs: Mapping[str, tuple[Node, Node]], kind: str) -> dict[str, tuple[Node, Node]]:
+    """Return the PDOs that are written as `tpdo1:` by their numbers."""
+    numbered = {}
+    for key, (place, value) in pairs.items():
+        if (pdo := _PDO_KEY.fullmatch(key)) and pdo[1].lower() == kind:
+            numbered[pdo[2]] = Node.scalar(_at(place, "scalar"), pdo[2], int(pdo[2]), quoted=False), value
+    return numbered
 
 
 def _require_modes(motion: MotionKeys, node: Node) -> None:
@@ -162,7 +185,7 @@ def with_defaults(name: str, node: Node, defaults: Node | None, *, peer_merge: b
         return node
     ours, theirs = node.over(defaults), _peer_merged(node, defaults)
     for key, place in node.keys().items():
-        if (default := defaults.get(key)) is None or default.value == node.value:
+        if key in MISNAMED_NODE or (default := defaults.get(key)) is None or default.value == node.value:
             continue
         here, there = _plain(ours, key), _plain(theirs, key)
         if here == there:
@@ -193,9 +216,21 @@ def _brief(value: object) -> str:
     return "another" if isinstance(value, dict | list) else repr(value)
 
 
+_DRIVER: Final = re.compile(r"(?i).*(402|proxy|basicdevice|masterdriver|motioncontroller).*")  # of ros2_canopen
+
+
+def _foreign_driver(node: Node) -> str:
+    """Return the driver of a node where ros2_canopen has none of this name, with a warning; else ""."""
+    place = node.get("driver")
+    if place is None or not isinstance(place.value, str) or not place.value or _DRIVER.fullmatch(place.value):
+        return ""
+    place.warning(f"{place.value} is not part of this package: the node is what its EDS describes, without its driver")
+    return place.value
+
+
 def node_config(name: str, node: Node, master: MasterConfig, options: FileOptions) -> NodeConfig | None:
     """Convert and check the keys of one node; None if they are unusable."""
-    ignored = tolerated(node, keys_of(NodeConfig), UNUSED_NODE, MISNAMED_NODE)
+    ignored = tolerated(node, keys_of(NodeConfig), UNUSED_NODE, MISNAMED_NODE, _foreign_driver(node))
     node = _respelled(node, MISNAMED_NODE)
     keys: NodeConfig | None = convert(node, NodeConfig, None, ignored=ignored)
     if keys is None:
@@ -378,6 +413,18 @@ class BusConfig:
         """Return the place of a dotted key of a node, such as `rpdo.1.mapping`, or the nearest one in the file."""
         return _place(self.sections[name], key)
 
+    def unit_quirks(self, name: str) -> list[str]:
+        """Return the quirks of a virtual drive whose velocities are not in its position unit per s, by the scales.
+
+        A unit that the device's dictionary names (0x60A9) is left to the drive.
+        """
+        units, od = self.nodes[name].units, self.dictionaries[name]
+        if any((entry := od.get(SI_UNIT_VELOCITY + offset)) and entry.value for offset in self.plans[name].axes):
+            return []
+        scales = {axis: units.of_axis(axis) for axis in range(len(self.plans[name].axes))}
+        ratios = {axis: scale["pos_to_dev"] / scale["vel_to_dev"] for axis, scale in scales.items()}
+        return [f"own_velocity_unit={abs(ratio):.9g}@{axis}" for axis, ratio in ratios.items() if abs(ratio) != 1.0]
+
 
 def read_bus(path: str | Path, *, peer_merge: bool = False, allow_unsupervised: bool = False) -> BusConfig:
     """Read a bus.yml with the files it names; `BusConfigError` with all mistakes.
@@ -514,7 +561,7 @@ class _Reader:
             if (config := node_config(name, merged, master, self._options)) is not None:
                 if self._allow_unsupervised:
                     config = replace(config, supervision=replace(config.supervision, allow_unsupervised=True))
-                nodes[name] = (config, merged)
+                nodes[name] = (config, _respelled(merged, MISNAMED_NODE))
             else:
                 node_id = place.value if place is not None else 0
                 self._unreadable[name] = node_id if type(node_id) is int else 0

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 MAIN_BUS = "can"  # the name of the bus of bus.yml; that of bus_NAME.yml is NAME
 BUS, CONTROLLERS = "bus.yml", "ros2_controllers.yaml"
+_LOOKED_AT: Final = 100_000  # characters of a file that may be a bus.yml
 _BUS_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
 _COPIES: Final = frozenset({"template", "example", "sample", "backup", "bak", "copy", "orig", "old"})
 _ARGUMENT = re.compile(r"[A-Za-z_]\w*")
@@ -338,7 +339,8 @@ def _folder(config: str) -> Path:
     if path.is_dir():
         return path
     if path.exists():
-        raise RobotConfigError(f"no robot {config!r}: it is a file; give its folder: {path.parent}")
+        as_bus = f", or the file by --bus {path}" if path.name != BUS and _is_bus(path) else ""
+        raise RobotConfigError(f"no robot {config!r}: it is a file; give its folder: {path.parent}{as_bus}")
     bundled = data_path("config", config)
     if "/" not in config and bundled.is_dir():
         return bundled
@@ -452,8 +454,18 @@ def _elsewhere(folder: Path, names: str | Sequence[str]) -> str:
         roots = [place for place in _places(folder, described=True) if place.name == "urdf"]
         folders = [path for root in roots for pattern in _DESCRIPTIONS for path in root.glob(f"*/{pattern}")]
         return f"; name one with --description: {_listed(folders)}" if folders else ""
-    folders = [path.parent for path in folder.glob(f"config/*/{names}")]
-    return f"; name a folder that has one: {_listed(folders)}" if folders else ""
+    if folders := [path.parent for path in folder.glob(f"config/*/{names}")]:
+        return f"; name a folder that has one: {_listed(folders)}"
+    files = [path for place in _places(folder, described=False) for path in place.glob("*.y*ml") if _is_bus(path)]
+    return f"; name the file by --bus: {_listed(files)}" if files and names == BUS else ""
+
+
+def _is_bus(path: Path) -> bool:
+    """Whether a file looks like a bus.yml with another name: a node id in a line of its own."""
+    try:
+        return path.is_file() and bool(re.search(r"(?m)^\s+node_id\s*:", path.read_text(encoding="utf-8")[:_LOOKED_AT]))
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 def _listed(paths: Sequence[Path]) -> str:

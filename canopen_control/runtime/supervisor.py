@@ -311,6 +311,7 @@ class Supervisor:
                 "--can",
                 channel,
                 *self._like,
+                *(f"--quirk={quirk}" for quirk in bus.unit_quirks(node.name)),
             ]
             self._drives.append(self._start_module(arguments, f"{_DRIVE}{node.name}", reports=True))
 
@@ -325,6 +326,9 @@ class Supervisor:
             arguments = ["canopen_control", "drive", "--node-id", ids, "--can", channel, "--plant", str(plant)]
             for bus, node in nodes:
                 arguments += ["--eds", f"{node.node_id}={bus.eds_paths[node.name]}"]
+        quirks = {tuple(bus.unit_quirks(node.name)) for bus, node in nodes}
+        if len(quirks) == 1:  # the process gives its quirks to all of its drives
+            arguments += [f"--quirk={quirk}" for quirk in quirks.pop()]
         child = self._start_module([*arguments, *self._like], "drives", reports=True)
         self._world = child, tuple(node.name for _, node in nodes)
         self._drives.append(child)
@@ -338,7 +342,7 @@ class Supervisor:
 
         for node in bus.nodes.values():
             port = open_port(channel, label=f"drive {node.node_id}")
-            device = make_device(bus.eds_paths[node.name], node.node_id, like=like)
+            device = make_device(bus.eds_paths[node.name], node.node_id, quirks=bus.unit_quirks(node.name), like=like)
             self._hosts.append((NodeHost(self._reactor, port, [device]), port))
 
     def _start_module(

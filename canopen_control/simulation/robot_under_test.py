@@ -228,7 +228,8 @@ class RobotUnderTest:
             self.wires[name].heard.append(self.digest.frame)
             for node in bus.nodes.values():
                 eds = bus.eds_paths[node.name]
-                self.drives[node.node_id] = SimulatedDrive(self, self.wires[name], node.node_id, eds)
+                drive = self.drives[node.node_id] = SimulatedDrive(self, self.wires[name], node.node_id, eds)
+                drive.quirks = bus.unit_quirks(node.name)
         self.host: Actor
         self.core: RobotCore
         self._times = 0

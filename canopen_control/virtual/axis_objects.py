@@ -63,8 +63,10 @@ class DriveUnits:
         if is_feed(feed):
             resolution, gear = objects.ratio(o.POSITION_ENCODER_RESOLUTION), objects.ratio(o.GEAR_RATIO)
             self.length = resolution * gear / objects.ratio(o.FEED_CONSTANT)
-        per_second = (objects.speed_unit or self.length) * self.own_speed
-        self.speed = per_second / objects.ratio(o.VELOCITY_FACTOR)
+        factor = objects.ratio(o.VELOCITY_FACTOR)
+        own = self.own_speed if not objects.speed_unit and factor == 1.0 else 1.0
+        per_second = (objects.speed_unit or self.length) * own
+        self.speed = per_second / factor
         self.acceleration = per_second / objects.ratio(o.ACCELERATION_FACTOR)
         self.turn = -1.0 if polarity & _TURN_VELOCITY else 1.0
         self.position = -self.length if polarity & _TURN_POSITION else self.length

@@ -124,6 +124,7 @@ def test_keys_with_the_wrong_names_are_told_the_right_ones(tmp_path):
         "write `velocity_mode: 9` (CSV)",
         "write `1:` under `tpdo:`",
         "write `1:` under `rpdo:`",
+        "88 bits, a PDO holds 64",  # of the PDO under the wrong name
     )
     assert len(errors) == len(wanted), errors
     for text, words in zip(errors, wanted, strict=True):

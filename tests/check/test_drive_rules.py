@@ -36,3 +36,10 @@ def test_check_names_what_the_description_asks_for_and_no_tpdo_brings(tmp_path, 
 
 def test_check_says_nothing_of_a_robot_that_is_measured(tmp_path):
     assert not [each for each in findings(folder(tmp_path, "csv")) if "asks for its" in each]
+
+
+@pytest.mark.parametrize(("key", "noted"), [("", True), ("  velocity_mode: 9", False)])
+def test_check_names_a_drive_whose_eds_lists_no_modes(tmp_path, key, noted):
+    path = folder(tmp_path, "csv", edit=lambda text: re.sub(r"(?s)\[6502\].*", "", text))
+    (path / "bus.yml").write_text((path / "bus.yml").read_text().replace("  velocity_mode: 9", key))
+    assert any("device.eds does not list the drive's modes (0x6502)" in text for text in findings(path)) is noted

@@ -113,8 +113,7 @@ def test_a_list_of_nothing_says_nothing_and_bus_yml_has_the_word(bench, tmp_path
     eds[0x6502, 0] = replace(eds[0x6502, 0], default=None)
     assert listed_modes(joint.axis, joint.parameters) == ()
     assert chosen(joint, "velocity") is OperationMode.PV
-    with pytest.raises(DriveError, match=r"0x6502.* give position_mode in bus.yml"):
-        chosen(joint, "position")
+    assert chosen(joint, "position") is OperationMode.PP
     joint.parameters.values[0x6502, 0] = 0x3EF  # the live drive goes before both
     assert chosen(joint, "position") is OperationMode.CSP
 

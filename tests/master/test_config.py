@@ -166,6 +166,49 @@ def test_a_misspelt_key_is_one_mistake_and_its_value_is_read(tmp_path):
     assert "no file 'TMCM-1271.eds'" in said
 
 
+def test_pdos_written_as_keys_of_their_own_are_one_mistake_each_and_are_read(tmp_path):
+    full = "{enabled: true, mapping: [{index: 0x6064}, {index: 0x606C}, {index: 0x6041}]}"
+    text = (
+        "master: {node_id: 1}\nnodes:\n  left: {node_id: 2, dcf: TMCM-1270.eds, tpdo1: %s, rpdo1: {enabled: false}}\n"
+    )
+    found = mistakes(tmp_path, text % full)
+    assert "unknown key 'tpdo1'; write `1:` under `tpdo:`" in found
+    assert "unknown key 'rpdo1'; write `1:` under `rpdo:`" in found
+    assert "80 bits, a PDO holds 64" in found
+    assert "expected" not in found
+
+
+def test_a_misspelt_key_of_a_node_and_of_defaults_is_no_question_of_which_one_counts(tmp_path):
+    text = NESTED.replace("dcf: TMCM-1270.eds", "dcf: TMCM-1270.eds\n      driver_name: proxy")
+    text = text.replace("{node_id: 2}", "{node_id: 2, driver_name: drive}")
+    found = mistakes(tmp_path, text)
+    assert "unknown key 'driver_name'; write `driver`" in found
+    assert "counts; ros2_canopen" not in found
+
+
+def test_a_driver_of_somebody_else_is_named_and_its_keys_are_no_mistakes(tmp_path):
+    keys = "driver: ros2_canopen::ThomsonDriver, center_position: 880, reverse: true"
+    notes = with_node(tmp_path, keys).notes
+    assert sum("ros2_canopen::ThomsonDriver is not part of this package" in note for note in notes) == 1
+    for key in ("center_position", "reverse"):
+        assert any(f"key '{key}' has no effect here: it belongs to ros2_canopen::Thomson" in note for note in notes)
+
+
+@pytest.mark.parametrize("driver", ["ros2_canopen::Cia402Driver", "ros2_canopen::LifecycleProxyDriver", ""])
+def test_a_driver_of_ros2_canopen_is_none_of_somebody_else(tmp_path, driver):
+    assert not [note for note in with_node(tmp_path, f"driver: '{driver}'").notes if "not part of" in note]
+
+
+UNITS = "scale_pos_to_dev: 210, scale_pos_from_dev: 0.0047619, scale_vel_to_dev: {0}, scale_vel_from_dev: {1}"
+
+
+@pytest.mark.parametrize(
+    ("velocity", "quirks"), [(32.5, ["own_velocity_unit=6.46153846@0"]), (-105, ["own_velocity_unit=2@0"]), (210, [])]
+)
+def test_a_virtual_drive_has_the_velocity_unit_of_bus_yml(tmp_path, velocity, quirks):
+    assert with_node(tmp_path, UNITS.format(velocity, 1 / velocity)).unit_quirks("right_drive") == quirks
+
+
 def test_a_key_near_one_that_is_there_too_has_no_effect(tmp_path):
     text = NESTED.replace("{node_id: 2}", "{node_id: 2, position_modes: 1, position_mode: 1}")
     (warning,) = [note for note in warnings_of(write(tmp_path, text)) if "position_modes" in note]

@@ -88,6 +88,19 @@ def test_a_file_of_a_robot_is_not_the_robot_and_its_folder_is_told(tmp_path):
             find(str(folder / "bus.yml"))
 
 
+def test_a_bus_file_with_another_name_is_named(tmp_path):
+    folder = robot(tmp_path / "r", "bus_config.yml", "launch_params.yaml")
+    file = folder / "bus_config.yml"
+    file.write_text("nodes:\n  left:\n    node_id: 2\n")
+    for find in (find_robot, find_buses):
+        with pytest.raises(
+            RobotConfigError, match=f"has no bus.yml; name the file by --bus: {re.escape(str(file))}(;|$)"
+        ):
+            find(str(folder))
+        with pytest.raises(RobotConfigError, match=f"it is a file; .*, or the file by --bus {re.escape(str(file))}$"):
+            find(str(file))
+
+
 def test_an_empty_name_is_no_robot_and_not_the_present_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(robot(tmp_path / "r", "bus.yml", "ros2_controllers.yaml", "x.urdf"))
     assert find_robot(".").name == "r"

@@ -1,12 +1,18 @@
+import re
+
 import pytest
+from support import makers
 from support.simulated import Played, S, setup_of
 
 from canopen_control.runtime.core import RobotState
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
 from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.random_schedule import draw_schedule, known_faults
 from canopen_control.simulation.robot_under_test import RobotUnderTest, Timings, dictionary_of
 from canopen_control.simulation.simulation_run import SimulationRun
 from canopen_control.simulation.virtual_time import Timing
+from canopen_control.testing.tested_robot import TestedRobot
 
 
 def digest_of(seed, name="robby"):
@@ -97,3 +103,17 @@ def test_a_robot_that_a_plugin_simulates_has_no_drives_whatever_its_folder_holds
     assert (run.breaches, run.robot.errors, run.player.refused) == ((), [], 0)
     assert any(act.kind == "command" for act in run.player.played)
     run.close()
+
+
+def test_the_drives_have_the_velocity_unit_of_bus_yml(tmp_path):
+    """A wheel in mm/s (210 counts and 32.5 units a radian): its position moves as fast as it is commanded."""
+    text = "\n".join(f"scale_{key}" for key in ("pos_to_dev: 210.0", "pos_from_dev: 0.00476190", "vel_to_dev: 32.5",
+                                                "vel_from_dev: 0.03076923"))  # fmt: skip
+    bus = makers.folder(tmp_path, "csv", keys=text) / "bus.yml"
+    bus.write_text(re.sub("  (counts_per_revolution|gear_ratio): .*\n", "", bus.read_text()))
+    robot = TestedRobot(read_robot(find_robot(str(tmp_path))))
+    robot.command("vel", 1.0, 0.0, seconds=3)
+    robot.run(3)
+    assert not [event.sentence for event in robot.events if "velocities are in" in event.sentence]
+    assert 1.5 < robot.position("pan") < 3.1
+    robot.close()
