@@ -279,7 +279,7 @@ def faults() -> str:
 
 def quirks() -> str:
     """Return the quirks of virtual drives, each with what it departs from and its source."""
-    from canopen_control.virtual.quirk_table import QUIRKS
+    from canopen_control.virtual.quirks import QUIRKS
 
     rows = []
     for each in QUIRKS.values():

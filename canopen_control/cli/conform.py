@@ -258,7 +258,7 @@ def _write(args: argparse.Namespace, report: ConformanceReport, old: dict[str, s
     if args.junit is not None:
         _write_file(args.junit, junit(report))
     if args.html is not None:
-        from canopen_control.virtual.quirk_table import QUIRKS
+        from canopen_control.virtual.quirks import QUIRKS
 
         does = {quirk.name: quirk.does for quirk in QUIRKS.values()}
         _write_file(args.html, html_page(report, does, issues).encode())

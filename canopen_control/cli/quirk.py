@@ -18,8 +18,7 @@ from canopen_control.cli.fault import connect_to, drive_of
 from canopen_control.cli.support.output import json_text
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.drive import GetDriveState, SwitchQuirk
-from canopen_control.virtual.quirk_table import QUIRKS
-from canopen_control.virtual.quirks import parse_quirk
+from canopen_control.virtual.quirks import QUIRKS, parse_quirk
 
 if TYPE_CHECKING:
     import argparse

@@ -5,7 +5,7 @@ From the outside in; a file imports those of its own line and of lines further d
 - a process of drives: `bus_group` (on several buses, in one world), `launch`, `node_id_check`, `process`
 - devices: `device` (of an EDS), `scenario`, `control` (the socket), `node_host`
 - their faults: `fault_table`
-- their quirks: `quirks`, `quirk_table`, `quirk_acts`, `quirk_hooks`
+- their quirks: `quirks`, `power_quirks`, `motion_quirks`, `communication_quirks`, `quirk_base`
 - what both do to frames and to the node: `fault_frames`, `device_faults`
 - a node: `virtual_node`, of `communication_objects`, `node_pdos`, `program_area`
 - a device that is no drive: `device_function`, `io_device`

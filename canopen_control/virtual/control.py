@@ -28,8 +28,7 @@ from canopen_control.rpc.server import Server
 from canopen_control.version import __version__
 from canopen_control.virtual.fault_table import FAULTS, FaultSwitches
 from canopen_control.virtual.plant import AcceptsEvents, HasScenery
-from canopen_control.virtual.quirk_table import QUIRKS
-from canopen_control.virtual.quirks import switches_of
+from canopen_control.virtual.quirks import QUIRKS, switches_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,7 +1,7 @@
 """What faults and quirks do to frames: to those that leave a node, and to those that reach it.
 
 A function returns what goes on, and changes nothing else. None of them knows its name or its row: those are in
-`fault_table` and `quirk_table`.
+`fault_table` and in the modules of quirks.
 """
 
 from __future__ import annotations

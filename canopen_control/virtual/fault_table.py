@@ -37,8 +37,7 @@ from canopen_control.virtual.fault_frames import (
     tpdo_shortened,
 )
 from canopen_control.virtual.node_events import FaultSwitched
-from canopen_control.virtual.quirk_table import QUIRKS
-from canopen_control.virtual.quirks import switches_of
+from canopen_control.virtual.quirks import QUIRKS, switches_of
 from canopen_control.virtual.virtual_node import VirtualNode
 
 if TYPE_CHECKING:

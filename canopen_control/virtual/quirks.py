@@ -1,22 +1,34 @@
-"""Active quirks: their text form, exclusions, and the switches of a node."""
+"""Quirks of drives on the market, each a documented difference of a healthy drive from CiA 402, and the active ones.
+
+`QUIRKS` has all of them; here are their text form ``NAME``, ``NAME=VALUE`` or, for one axis of several,
+``NAME=VALUE@AXIS``, their exclusions, and the switches of a node.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import ConfigError, nearest
+from canopen_control.virtual.communication_quirks import COMMUNICATION_QUIRKS
+from canopen_control.virtual.motion_quirks import MOTION_QUIRKS
 from canopen_control.virtual.node_events import QuirkSwitched
-from canopen_control.virtual.quirk_hooks import QuirkHooks
-from canopen_control.virtual.quirk_table import QUIRKS
+from canopen_control.virtual.power_quirks import POWER_QUIRKS
+from canopen_control.virtual.quirk_base import QuirkHooks
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from canopen_control.personality import Personality
-    from canopen_control.virtual.quirk_table import Quirk
+    from canopen_control.virtual.quirk_base import Quirk
     from canopen_control.virtual.virtual_node import VirtualNode
+
+
+QUIRKS: Final[dict[str, Quirk]] = {
+    quirk.name: quirk for quirk in (*POWER_QUIRKS, *MOTION_QUIRKS, *COMMUNICATION_QUIRKS)
+}
+"""All quirks by name, in the order in which their acts are hooked."""
 
 
 @dataclass(frozen=True, slots=True)

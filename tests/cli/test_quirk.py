@@ -9,7 +9,7 @@ from support.host import use_private_folders
 from support.virtualbench import served, servo
 
 from canopen_control.cli.main import main
-from canopen_control.virtual.quirk_table import QUIRKS
+from canopen_control.virtual.quirks import QUIRKS
 
 CAN = "memory:cli-quirk"
 

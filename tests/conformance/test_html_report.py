@@ -2,7 +2,7 @@
 
 from canopen_control.conformance.html_report import frame_name, html_page
 from canopen_control.conformance.run import CHECKS, run_checks
-from canopen_control.virtual.quirk_table import QUIRKS
+from canopen_control.virtual.quirks import QUIRKS
 
 DOES = {quirk.name: quirk.does for quirk in QUIRKS.values()}
 

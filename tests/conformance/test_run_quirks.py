@@ -6,7 +6,7 @@ from canopen_control.conformance.check import CheckTouch, is_of_clause
 from canopen_control.conformance.html_report import DEVIATIONS
 from canopen_control.conformance.run import CHECKS, choose, run_checks
 from canopen_control.virtual.device_faults import power_stage, undervoltage
-from canopen_control.virtual.quirk_table import QUIRKS
+from canopen_control.virtual.quirks import QUIRKS
 
 SITUATIONS = {  # in which a quirk shows: the check is skipped in others, or has nothing to find
     "mains_awaited": lambda node: power_stage(node.drives[0], True, node.clock.now),

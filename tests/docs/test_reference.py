@@ -18,7 +18,7 @@ from canopen_control.rpc.messages.drive import DRIVE
 from canopen_control.rpc.messages.hub import HUB
 from canopen_control.rpc.messages.robot import ROBOT
 from canopen_control.virtual.fault_table import FAULTS
-from canopen_control.virtual.quirk_table import QUIRKS
+from canopen_control.virtual.quirks import QUIRKS
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from canopen_control.personality import personality_names, read_personality
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.testing.tested_robot import TestedRobot
-from canopen_control.virtual.quirk_table import QUIRKS
+from canopen_control.virtual.quirks import QUIRKS
 
 REFUSED = {
     "one_mode": "mode CSP not confirmed",

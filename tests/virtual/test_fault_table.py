@@ -8,8 +8,7 @@ from support.faulty import bench
 
 from canopen_control.errors import ConfigError
 from canopen_control.virtual.fault_table import FAULTS, find_fault, parse_fault
-from canopen_control.virtual.quirk_table import QUIRKS
-from canopen_control.virtual.quirks import parse_quirk
+from canopen_control.virtual.quirks import QUIRKS, parse_quirk
 
 # Rows of the catalogue that a drive shows by its nature, and those that need a wire or a clock of their own.
 NO_SWITCH = {16, 19, 29, 35}

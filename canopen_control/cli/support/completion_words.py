@@ -228,7 +228,7 @@ def _verbs(_line: argparse.Namespace) -> Found:
 
 
 def _quirks(_line: argparse.Namespace) -> Found:
-    from canopen_control.virtual.quirk_table import QUIRKS
+    from canopen_control.virtual.quirks import QUIRKS
 
     return [(quirk.name, quirk.does) for quirk in QUIRKS.values()]
 

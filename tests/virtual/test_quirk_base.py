@@ -4,7 +4,7 @@ import pytest
 from support.virtualbench import Aborted, Bench, servo
 
 from canopen_control.cia301.sdo_server import SdoServerAbort
-from canopen_control.virtual.quirk_hooks import QuirkHooks
+from canopen_control.virtual.quirk_base import QuirkHooks
 
 
 def test_hooks_are_undone_in_reverse_order():

@@ -1,23 +1,36 @@
-"""Hooks of quirks: changes of a virtual node that can be undone, in reverse order."""
+"""Declaration of a quirk, and the hooks by which its act changes a virtual node.
+
+A fault is what breaks, a quirk is how a manufacturer's drive always is. A row has its name, what the drive does, the
+clause or object of the standard that it departs from ("" where the standard allows it), its source, its act, and its
+strength where it has one. A source is a repository with the number of a thread, a file of one, or a manual with its
+page or object; `unsourced`: seen by users, no public source is known. Of two quirks of one `group` an axis can have
+one. Quirks that are faults of other drives keep the names of those.
+
+An act is called once when its quirk is switched on, with the strength; what it hooked is undone when the quirk is
+switched off. Without a quirk nothing of it runs.
+"""
 
 from __future__ import annotations
 
 import contextlib
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.sdo_server import SdoServerAbort
+from canopen_control.rpc.messages.drive import QuirkListing
 from canopen_control.virtual.fault_frames import refusing
 from canopen_control.virtual.mode_base import ModeGate
 from canopen_control.virtual.node_pdos import RPDO, TPDO
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
     from canopen_control.cia402.state import Transition
+    from canopen_control.frame import CanFrame
     from canopen_control.od.model import Entry, Value
+    from canopen_control.virtual.device_faults import Switch
     from canopen_control.virtual.fault_frames import Incoming, Outgoing
     from canopen_control.virtual.injection_point import InjectionPoint
     from canopen_control.virtual.object_store import Guard
@@ -26,9 +39,63 @@ if TYPE_CHECKING:
 
     Judge = Callable[[Entry, Value, Guard], Value]
     Plain = Callable[[Transition, int], None]
+    Sent = list[tuple[int, CanFrame]]
+    AxisAct = Callable[["QuirkHooks", VirtualDrive, float], None]
+    NodeAct = Callable[["QuirkHooks", float], None]
 
 T = TypeVar("T")
 _S = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Strength:
+    """Strength of a quirk: unit, default and bounds; `whole` for integers."""
+
+    unit: str
+    default: float
+    low: float
+    high: float
+    whole: bool = False
+
+
+def in_seconds(default: float, high: float = 60.0) -> Strength:
+    """Return a strength in s."""
+    return Strength("s", default, 0.001, high)
+
+
+def whole(unit: str, default: float, low: float, high: float) -> Strength:
+    """Return a strength that is an integer."""
+    return Strength(unit, default, low, high, whole=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Quirk:
+    """Row of the table: `axis` acts on an axis, `node` on the node; exactly one of them is set."""
+
+    name: str
+    does: str
+    clause: str
+    source: str
+    axis: AxisAct | None = None
+    node: NodeAct | None = None
+    strength: Strength | None = None
+    group: str = ""
+
+    def listing(self, on: Sequence[str] = ()) -> QuirkListing:
+        """Return the row as a message; `on`: how the quirk is active."""
+        strength = self.strength
+        return QuirkListing(
+            name=self.name,
+            does=self.does,
+            clause=self.clause,
+            source=self.source,
+            acts="axis" if self.axis is not None else "node",
+            unit="" if strength is None else strength.unit,
+            default=None if strength is None else strength.default,
+            low=None if strength is None else strength.low,
+            high=None if strength is None else strength.high,
+            on=list(on),
+        )
 
 
 class QuirkHooks:
@@ -171,3 +238,41 @@ def pdo_records(node: VirtualNode) -> list[int]:
 def pdo_mappings(node: VirtualNode) -> list[int]:
     """Return the indices of the mapping records of all PDOs."""
     return [record + 0x200 for record in pdo_records(node)]
+
+
+# -- acts of several topics
+
+
+def axis_refuses(code: AbortCode, index: int, when: Callable[[VirtualDrive, int, float], bool]) -> AxisAct:
+    """Return an act that refuses values of an object of the axis."""
+
+    def act(hooks: QuirkHooks, drive: VirtualDrive, strength: float) -> None:
+        def judge(entry: Entry, value: Value, before: Guard) -> Value:
+            if when(drive, int(value), strength):
+                raise SdoServerAbort(code)
+            return before(entry, value)
+
+        hooks.guard([index + drive.objects.offset], judge)
+
+    return act
+
+
+def lacks(*indices: int) -> NodeAct:
+    """Return an act that removes objects from the node."""
+    return lambda hooks, _strength: hooks.absent(*indices)
+
+
+def turns(switch: Switch) -> NodeAct:
+    """Return an act that switches something of the node, until it is undone."""
+
+    def act(hooks: QuirkHooks, _strength: float) -> None:
+        node = hooks.node
+        hooks.later(lambda: switch(node, False, node.clock.now))
+        switch(node, True, node.clock.now)
+
+    return act
+
+
+def hears(incoming: Incoming) -> NodeAct:
+    """Return an act that changes the frames that reach the node."""
+    return lambda hooks, _strength: hooks.incoming.append(incoming)

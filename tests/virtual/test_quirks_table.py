@@ -1,6 +1,6 @@
 """The rows of the table of quirks."""
 
-from canopen_control.virtual.quirk_table import QUIRKS
+from canopen_control.virtual.quirks import QUIRKS
 
 ALLOWED = ("mapping_count_first", "clock_drift")  # by the standard
 

@@ -1,0 +1,444 @@
+"""Quirks of the statusword, of set-points, of homing and of missing objects (CiA 402)."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia402 import objects as o
+from canopen_control.cia402.modes import OperationMode
+from canopen_control.cia402.state import INTERNAL_LIMIT, REMOTE, TARGET_REACHED, VOLTAGE_ENABLED, State
+from canopen_control.virtual.device_model import MissingSetPoint
+from canopen_control.virtual.fault_frames import lacks_optional, refusing
+from canopen_control.virtual.mode_base import BIT_12, NEW_SET_POINT
+from canopen_control.virtual.profile_modes import IMMEDIATELY
+from canopen_control.virtual.quirk_base import Quirk, Strength, axis_refuses, hears, in_seconds, lacks, whole
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.cia402.state import Transition
+    from canopen_control.od.model import Entry, Value
+    from canopen_control.virtual.object_store import Guard
+    from canopen_control.virtual.quirk_base import AxisAct, Plain, QuirkHooks
+    from canopen_control.virtual.virtual_drive import VirtualDrive
+
+
+_MS, _S = 1_000_000, 1_000_000_000
+_STATUS = "CiA 402-2, object 0x6041"
+_CONTROL = "CiA 402-2, object 0x6040"
+_PP = "CiA 402-2, 10 (profile position)"
+_HOMING = "CiA 402-2, 11 (homing)"
+_PERIOD = "CiA 402-2, object 0x60C2"
+
+
+# -- bits of the statusword
+
+
+def _word(change: Callable[[VirtualDrive, int], int]) -> AxisAct:
+    """Return an act that changes the statusword."""
+    return lambda hooks, drive, _strength: hooks.word(drive, lambda word: change(drive, word))
+
+
+def _flickers(period_ns: int, duty: int, bits: int) -> Callable[[VirtualDrive, int], int]:
+    """Return a change that turns bits round in one of `duty` periods."""
+    return lambda drive, word: word ^ bits if drive.mover.time // period_ns % duty == 0 else word
+
+
+def _in_pp(change: Callable[[VirtualDrive, int], int]) -> AxisAct:
+    """Return an act that changes the statusword of an enabled axis in PP."""
+    return _word(
+        lambda drive, word: (
+            change(drive, word)
+            if drive.state is State.OPERATION_ENABLED and drive.modes.number == OperationMode.PP
+            else word
+        )
+    )
+
+
+def _in_homing(cleared: int) -> AxisAct:
+    """Return an act that clears a bit of the statusword in homing."""
+    return _word(lambda drive, word: word & ~cleared if drive.modes.number == OperationMode.HM else word)
+
+
+def _controlword_write_only(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
+    own = o.CONTROLWORD + drive.objects.offset
+    hooks.incoming.append(
+        refusing(AbortCode.WRITE_ONLY, lambda command, index: command >> 5 in (2, 5) and index == own)
+    )
+
+
+_STATUSWORD: Final[tuple[Quirk, ...]] = (
+    Quirk(
+        "remote_when_enabled",
+        "sets bit 9 in OPERATION ENABLED alone",
+        _STATUS,
+        "SMC, LECSN-T manual, p. 871",
+        _word(lambda drive, word: word if drive.state is State.OPERATION_ENABLED else word & ~REMOTE),
+        group="bit 9",
+    ),
+    Quirk(
+        "remote_never",
+        "never sets bit 9",
+        _STATUS,
+        "SMC, LECSN-T manual, p. 871",
+        _word(lambda _drive, word: word & ~REMOTE),
+        group="bit 9",
+    ),
+    Quirk(
+        "voltage_never",
+        "never sets bit 4",
+        _STATUS,
+        "SMC, LECSN-T manual, p. 871",
+        _word(lambda _drive, word: word & ~VOLTAGE_ENABLED),
+    ),
+    Quirk("warning_always", "always sets bit 7", _STATUS, "unsourced", _word(lambda _drive, word: word | 0x80)),
+    Quirk(
+        "internal_limit_always",
+        "always sets bit 11",
+        _STATUS,
+        "unsourced",
+        _word(lambda _drive, word: word | INTERNAL_LIMIT),
+    ),
+    Quirk(
+        "own_bits_change",
+        "changes bits 8 and 15 all the time",
+        _STATUS,
+        "Nanotec, NP5 manual, 6041h",
+        _word(_flickers(13 * _MS, 2, 0x8100)),
+    ),
+    Quirk(
+        "target_reached_flickers",
+        "sets and clears bit 10 during a motion in PP",
+        _PP,
+        "yarp-devices#245 (iPOS)",
+        _in_pp(_flickers(7 * _MS, 5, TARGET_REACHED)),
+        group="bit 10",
+    ),
+    Quirk(
+        "target_reached_inverted",
+        "clears bit 10 at the target in PP, and sets it before",
+        _PP,
+        "unsourced",
+        _in_pp(lambda _drive, word: word ^ TARGET_REACHED),
+        group="bit 10",
+    ),
+    Quirk(
+        "controlword_write_only",
+        "refuses to read 0x6040",
+        _CONTROL,
+        "ros_canopen#377 (Applied Motion)",
+        _controlword_write_only,
+    ),
+)
+
+
+# -- set-points and motion
+
+
+def _model(change: Callable[[float], dict[str, Any]]) -> AxisAct:
+    """Return an act that changes the device model."""
+    return lambda hooks, drive, strength: hooks.model(drive, **change(strength))
+
+
+def _inputs_shifted(hooks: QuirkHooks, drive: VirtualDrive, bits: float) -> None:
+    def view(shown: int) -> int:
+        return shown & ~0xF | (shown & 0xF) << int(bits)
+
+    hooks.show(o.DIGITAL_INPUTS + drive.objects.offset, 0, view)
+
+
+def _set_points_elsewhere(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
+    hooks.gate(drive).closed_by.add("source")
+
+
+def _takes(passes: Callable[[VirtualDrive, int, int], bool]) -> AxisAct:
+    """Return an act that accepts a PP set-point only under a condition."""
+
+    def act(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
+        def takes(word: int, previous: int, now: int) -> bool:
+            new = word & ~previous & NEW_SET_POINT and drive.modes.number == OperationMode.PP
+            return not new or passes(drive, word, now)
+
+        hooks.gate(drive).takes.append(takes)
+
+    return act
+
+
+def _polarity_of_targets(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
+    store, index, inverted = hooks.node.store, o.POLARITY + drive.objects.offset, drive.readings.inverted
+
+    def turn(_entry: Entry | None = None, _value: Value = 0) -> None:
+        inverted.healthy = bool(drive.objects.number(o.POLARITY) & 0xC0)
+        inverted.clear()
+
+    hooks.healthy(inverted, inverted.healthy)
+    hooks.later(partial(store.unwatch, index, turn))
+    store.on_write([index], turn)
+    turn()
+
+
+def _own_velocity_unit(hooks: QuirkHooks, drive: VirtualDrive, counts: float) -> None:
+    units, objects = drive.objects.units, drive.objects
+    hooks.later(lambda: units.update(objects))
+    hooks.attribute(units, "own_speed", counts)
+    units.update(objects)
+
+
+def _record_position(hooks: QuirkHooks, drive: VirtualDrive, subindex: float) -> None:
+    hooks.attribute(drive.modes.interpolated, "position_subindex", int(subindex))
+
+
+def _period_rounded(hooks: QuirkHooks, drive: VirtualDrive, ms: float) -> None:
+    step = int(ms)
+
+    def judge(entry: Entry, value: Value, before: Guard) -> Value:
+        return before(entry, max(1, int(value) // step * step) if entry.subindex == 1 else value)
+
+    hooks.guard([o.INTERPOLATION_TIME_PERIOD + drive.objects.offset], judge)
+
+
+def _parameter_clamped(hooks: QuirkHooks, most: float) -> None:
+    hooks.healthy(hooks.node.store.ceilings, {o.PROFILE_ACCELERATION: int(most)})
+
+
+_SET_POINTS: Final[tuple[Quirk, ...]] = (
+    Quirk(
+        "set_point_alone",
+        "takes a new set-point of PP only when the one before is reached",
+        _PP,
+        "a NuttX driver of the ZLAC8015D (position start, target flag)",
+        _takes(lambda drive, _word, now: drive.mover.at_standstill and now >= drive.mover.demand.end_ns),
+        group="PP",
+    ),
+    Quirk(
+        "set_point_needs_bit_5",
+        "takes a new set-point of PP with bit 5 alone",
+        _PP,
+        "CANOpenRobotController: KincoDrive.cpp",
+        _takes(lambda _drive, word, _now: bool(word & IMMEDIATELY)),
+    ),
+    Quirk(
+        "one_set_point",
+        "knows no buffered set-points in PP: a new one replaces the one under way, bit 12 shows that",
+        _PP,
+        "Trinamic, TMCM-1270 manual",
+        _model(lambda _strength: {"single_set_point": True}),
+        group="PP",
+    ),
+    Quirk(
+        "set_points_elsewhere",
+        "takes its set-points from another source than the bus: enabled, it does not move",
+        _CONTROL,
+        "Vacon/H-Max frequency converters: a project's plan (START SRC)",
+        _set_points_elsewhere,
+    ),
+    Quirk(
+        "no_phase_lock",
+        "stands at the end of a set-point, and takes each SYNC as the exact time",
+        "CiA 402-2, 12 to 15 (cyclic modes)",
+        "ros2_canopen#236 (EPOS4)",
+        _model(lambda _strength: {"recovers_sync": False, "missing": MissingSetPoint()}),
+        group="missing set-point",
+    ),
+    Quirk(
+        "extrapolates",
+        "goes on for some interpolation times without a set-point, then it stands",
+        "CiA 402-2, 12 to 15 (cyclic modes)",
+        "unsourced",
+        _model(lambda cycles: {"missing": MissingSetPoint(cycles=int(cycles))}),
+        strength=whole("cycles", 1, 1, 255),
+        group="missing set-point",
+    ),
+    Quirk(
+        "set_points_supervised",
+        "goes on for some interpolation times without a set-point, then it faults with 0xFF02",
+        "CiA 402-2, 12 to 15 (cyclic modes)",
+        "jsd#66, #93 (Elmo, 0x2F75)",
+        _model(lambda cycles: {"missing": MissingSetPoint(cycles=int(cycles), fault=0xFF02)}),
+        strength=whole("cycles", 1, 1, 255),
+        group="missing set-point",
+    ),
+    Quirk(
+        "record_position",
+        "takes the position of IP from another subindex of 0x60C1 (the strength)",
+        "CiA 402-2, object 0x60C1",
+        "ros_canopen#307 (Kollmorgen RGM)",
+        _record_position,
+        strength=whole("subindex", 2, 2, 8),
+    ),
+    Quirk(
+        "period_refused",
+        "refuses to write 0x60C2",
+        _PERIOD,
+        "unsourced",
+        axis_refuses(AbortCode.READ_ONLY, o.INTERPOLATION_TIME_PERIOD, lambda _drive, _value, _n: True),
+        group="0x60C2",
+    ),
+    Quirk(
+        "period_rounded",
+        "rounds 0x60C2 down to a multiple, silently",
+        _PERIOD,
+        "unsourced",
+        _period_rounded,
+        strength=whole("ms", 8, 1, 250),
+        group="0x60C2",
+    ),
+    Quirk(
+        "polarity_of_targets",
+        "turns targets alone round by 0x607E, and not the feedback",
+        "CiA 402-2, object 0x607E",
+        "a public header of an EtherCAT driver for Elmo",
+        _polarity_of_targets,
+    ),
+    Quirk(
+        "one_ramp",
+        "uses 0x6083 in PV both ways",
+        "CiA 402-2, object 0x6084",
+        "Trinamic, TMCM-1270 manual",
+        _model(lambda _strength: {"velocity_ramp_both_ways": True}),
+    ),
+    Quirk(
+        "own_velocity_unit",
+        "has a velocity unit that no object names (the strength: counts/s of one unit)",
+        "CiA 402-2, object 0x60A9",
+        "Kinco, FD5 manual, p. 190 (512 x resolution / 1875 of a rpm)",
+        _own_velocity_unit,
+        strength=Strength("counts/s", 10.0, 1e-6, 1e6),
+    ),
+    Quirk(
+        "parameter_clamped",
+        "takes at most so much for 0x6083, silently",
+        "CiA 402-2, object 0x6083",
+        "unsourced",
+        node=_parameter_clamped,
+        strength=whole("units", 1000, 1, 0xFFFFFFFF),
+    ),
+    Quirk(
+        "inputs_shifted",
+        "shows its switches in higher bits of 0x60FD",
+        "CiA 402-2, object 0x60FD",
+        "linuxcnc-ethercat: leadshine_stepper.md",
+        _inputs_shifted,
+        strength=whole("bits", 4, 1, 12),
+    ),
+    Quirk(
+        "optional_missing",
+        "lacks 0x603F, 0x6007 and 0x60C2",
+        "CiA 402-2, objects 0x603F, 0x6007 and 0x60C2",
+        "unsourced",
+        node=hears(lacks_optional),
+    ),
+    Quirk(
+        "error_code_absent",
+        "has no 0x603F; the EMCY has the error code",
+        "CiA 402-2, object 0x603F",
+        "CANOpenRobotController: KincoDrive.cpp",
+        node=lacks(o.ERROR_CODE),
+    ),
+    Quirk("velocity_absent", "has no 0x606C", "CiA 402-2, object 0x606C", "unsourced", node=lacks(o.VELOCITY_ACTUAL)),
+)
+
+
+# -- homing
+
+
+def _homing_latched(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
+    latched = [False]
+
+    def change(word: int) -> int:
+        homing = drive.modes.number == OperationMode.HM
+        enabled = drive.state is State.OPERATION_ENABLED
+        latched[0] = enabled and (latched[0] or (homing and bool(word & BIT_12)))
+        return word | BIT_12 if homing and latched[0] else word
+
+    def enable(transition: Transition, now: int, before: Plain) -> None:
+        latched[0] = False
+        before(transition, now)
+
+    hooks.act(drive, 4, enable)
+    hooks.word(drive, change)
+
+
+def _homing_shown_briefly(hooks: QuirkHooks, drive: VirtualDrive, seconds: float) -> None:
+    since: list[int] = []
+
+    def change(word: int) -> int:
+        if drive.modes.number != OperationMode.HM or not word & BIT_12:
+            since.clear()
+            return word
+        since.append(drive.mover.time) if not since else None
+        return word if drive.mover.time - since[0] < seconds * _S else word & ~BIT_12
+
+    hooks.word(drive, change)
+
+
+_HOMING_QUIRKS: Final[tuple[Quirk, ...]] = (
+    Quirk(
+        "homing_latched",
+        "keeps bit 12 of homing until operation is left",
+        _HOMING,
+        "aidin_hand2: header of the homing sequence",
+        _homing_latched,
+        group="bit 12 of homing",
+    ),
+    Quirk(
+        "homing_shown_briefly",
+        "shows bit 12 of homing for a time alone",
+        _HOMING,
+        "unsourced",
+        _homing_shown_briefly,
+        strength=in_seconds(0.05),
+        group="bit 12 of homing",
+    ),
+    Quirk(
+        "homing_without_bit_12",
+        "shows the end of homing by bit 10 alone",
+        _HOMING,
+        "unsourced",
+        _in_homing(BIT_12),
+        group="bit 12 of homing",
+    ),
+    Quirk(
+        "homing_without_bit_10",
+        "never sets bit 10 in homing",
+        _HOMING,
+        "ros2_canopen#245 (JVL MIS)",
+        _in_homing(TARGET_REACHED),
+        group="bit 12 of homing",
+    ),
+    Quirk(
+        "homing_zero_refused",
+        "refuses homing method 0",
+        "CiA 402-2, object 0x6098",
+        "ros2_canopen#328 (Faulhaber)",
+        axis_refuses(AbortCode.INVALID_VALUE, o.HOMING_METHOD, lambda _drive, value, _n: value == 0),
+    ),
+    Quirk(
+        "homing_method_fixed",
+        "refuses to write 0x6098 in OPERATION ENABLED",
+        "CiA 402-2, object 0x6098",
+        "unsourced",
+        axis_refuses(
+            AbortCode.DEVICE_STATE, o.HOMING_METHOD, lambda drive, _value, _n: drive.state is State.OPERATION_ENABLED
+        ),
+    ),
+    Quirk(
+        "homes_without_power",
+        "takes its position for home by methods 35 and 37 in every state",
+        _HOMING,
+        "Trinamic, TMCM-1270 manual",
+        _model(lambda _strength: {"homes_without_power": True}),
+    ),
+    Quirk(
+        "homing_ignores_halt",
+        "goes on homing when the halt bit is set",
+        _HOMING,
+        "Trinamic, TMCM-1270 manual",
+        _model(lambda _strength: {"homing_halts": False}),
+    ),
+)
+
+
+MOTION_QUIRKS: Final[tuple[Quirk, ...]] = (*_STATUSWORD, *_SET_POINTS, *_HOMING_QUIRKS)
