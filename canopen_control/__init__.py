@@ -14,12 +14,13 @@ TYPE_CHECKING = False  # the module typing takes longer to import than this one
 if TYPE_CHECKING:
     from canopen_control.bus.channel import open_port
     from canopen_control.bus.port import BusEvent, Port
-    from canopen_control.client import RobotClient, find_robots
+    from canopen_control.client import RobotClient
     from canopen_control.controllers.base import Controller
     from canopen_control.controllers.params import CommonParams, Params
     from canopen_control.errors import CanopenError
     from canopen_control.frame import CanFrame, frames_of, pack_records
     from canopen_control.hardware.interfaces import CommandInterface, ReturnType, StateInterface
+    from canopen_control.host.running_robots import find_robots
     from canopen_control.od.eds import EdsFile, read_eds
     from canopen_control.od.issues import Issue
     from canopen_control.od.model import ObjectDictionary
@@ -68,12 +69,13 @@ __all__ = [
 _NAMES_OF = {
     "bus.channel": ("open_port",),
     "bus.port": ("BusEvent", "Port"),
-    "client": ("RobotClient", "find_robots"),
+    "client": ("RobotClient",),
     "controllers.base": ("Controller",),
     "controllers.params": ("CommonParams", "Params"),
     "errors": ("CanopenError",),
     "frame": ("CanFrame", "frames_of", "pack_records"),
     "hardware.interfaces": ("CommandInterface", "ReturnType", "StateInterface"),
+    "host.running_robots": ("find_robots",),
     "od.eds": ("EdsFile", "read_eds"),
     "od.issues": ("Issue",),
     "od.model": ("ObjectDictionary",),

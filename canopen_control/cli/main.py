@@ -82,9 +82,14 @@ def _dispatch(arguments: list[str]) -> int:
     if arguments in (["-h"], ["--help"]):
         print(overview(), end="")
         raise SystemExit(0)  # as argparse does
+    verb = arguments[0] if arguments else ""
+    if verb == "status":
+        from canopen_control.cli.status import run_plain
+
+        if run_plain(arguments[1:]):
+            return 0
     from canopen_control.cli.support.parsers import parser_of, top_parser
 
-    verb = arguments[0] if arguments else ""
     if verb not in VERBS:
         if verb and not verb.startswith("-"):
             raise ConfigError(_no_verb(verb))

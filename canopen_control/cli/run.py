@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from canopen_control.check.preflight_record import SlowReason
-    from canopen_control.cli.support.output import Announcer
+    from canopen_control.cli.support.announcer import Announcer
     from canopen_control.master.event_log import Event
     from canopen_control.runtime.robot_files import RobotFiles
     from canopen_control.runtime.run_session import RunOptions, RunSession
@@ -255,7 +255,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
         raise ConfigError(f"--real: {_NO_DEMO}")
     with _collector_off():
         setup, options = _prepare(args, motion=motion, table=table)
-    from canopen_control.cli.support.output import Announcer
+    from canopen_control.cli.support.announcer import Announcer
     from canopen_control.host.fork import forbid_forks
     from canopen_control.runtime.run_session import RunSession
 

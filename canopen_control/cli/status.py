@@ -8,24 +8,32 @@ from __future__ import annotations
 import os
 import re
 import sys
-import textwrap
 import time
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
 
-from canopen_control.cia402.modes import INTERFACE_MODES
 from canopen_control.cli.support.output import ENDS, Table, is_printed, json_line, json_text, painted, with_token
-from canopen_control.client import RobotClient
+from canopen_control.cli.support.plain_request import request_plain
 from canopen_control.errors import RemoteError
-from canopen_control.rpc.messages.health import state_name
-from canopen_control.rpc.messages.robot import GetStatus, Subscribe
-from canopen_control.rpc.messages.state import AxisReading, JointReading, RobotEvent, StateSample
-from canopen_control.version import PURE, TO_COMPILE
+from canopen_control.host.running_robots import select_robot
+from canopen_control.rpc.state_name import state_name
+from canopen_control.version import PURE, TO_COMPILE, __version__
 
+TYPE_CHECKING = False  # the module typing takes longer to import than this one
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
+    from typing import Any
 
-    from canopen_control.rpc.messages.state import NodeReading, Snapshot, Status
+    from canopen_control.client import RobotClient
+    from canopen_control.rpc.messages.state import (
+        AxisReading,
+        JointReading,
+        NodeReading,
+        RobotEvent,
+        Snapshot,
+        StateSample,
+        Status,
+    )
 
 
 # Warnings and errors of a robot for people, each cause once.
@@ -141,13 +149,8 @@ _COLUMNS = ("node", "NMT", "CiA 402", "joint", "target", "actual rad/s", "positi
 _EXPENDABLE = ("age ms", "NMT")  # columns that a narrow terminal hides first
 _TRACKING = ("tracking error", "max", "RMS", "max since enable", "RMS since enable", "repeated", "skipped")
 
-_NO_AXIS = AxisReading("-")
-#: of a target, by the mode of operation that takes it
-_UNITS = {
-    mode.name: {"position": "rad", "velocity": "rad/s", "effort": "Nm"}[interface]
-    for interface, modes in INTERFACE_MODES.items()
-    for mode in modes
-}
+#: of a target, by the mode of operation that takes it: those of `cia402.modes.INTERFACE_MODES`
+_UNITS = {"PP": "rad", "CSP": "rad", "PV": "rad/s", "CSV": "rad/s", "TQ": "Nm", "CST": "Nm"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -159,6 +162,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
+    from canopen_control.client import RobotClient
+    from canopen_control.rpc.messages.robot import GetStatus
+
     with RobotClient.connect(args.name) as robot:
         if args.watch:
             return _watch(robot, as_json=args.json)
@@ -166,12 +172,62 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json_text(status))
     else:
-        current = {name: line.strip() for name, line in _errors(status).items()}
-        sync = [f"bus {name}: {bus.sync}" for name, bus in status.buses.items() if bus.sync]
-        missing = [f"program {name}: {missing_program}" for name, missing_program in status.missing_programs.items()]
-        more = [*sync, *missing, *_boot(status, current), *tell_causes(status.events, current), *_program(status)]
-        print("\n".join(painted([*render(status), *([""] if more else []), *more])))
+        _print_table(status)
     return 0
+
+
+def run_plain(arguments: Sequence[str]) -> bool:
+    """Run the verb without the modules of options and messages, which take most of its time.
+
+    Return False, with nothing done, where they are needed: other arguments, a robot of another version, one with a
+    true pose, or one that does not answer as it should.
+    """
+    match arguments:
+        case []:
+            name = None
+        case ["--name", chosen] if not chosen.startswith("-"):
+            name = chosen
+        case _:
+            return False
+    status = request_plain(select_robot(name), "status")
+    if status is None or getattr(status, "version", "") != __version__ or status.true_pose is not None:
+        return False
+    _print_table(_completed(status))
+    return True
+
+
+def _completed(status: Any) -> Any:  # noqa: ANN401 - a Status but for its class
+    """Return the plain status of a robot of this version with objects in place of the dicts of its parts."""
+    status.active = [name for name, state in status.controllers.items() if state == "active"]
+    status.cycle = SimpleNamespace(**status.cycle)
+    status.nodes = {name: _node_of(node) for name, node in status.nodes.items()}
+    status.joints = {name: _joint_of(joint) for name, joint in status.joints.items()}
+    status.buses = {name: SimpleNamespace(**bus) for name, bus in status.buses.items()}
+    status.boot = [SimpleNamespace(**step) for step in status.boot]
+    status.events = [SimpleNamespace(**event) for event in status.events]
+    return status
+
+
+def _node_of(document: dict[str, Any]) -> SimpleNamespace:
+    node = SimpleNamespace(age=document["age_s"], **document)
+    node.sdo = SimpleNamespace(**node.sdo)
+    node.axes = [SimpleNamespace(state=axis["cia402_state"], **axis) for axis in node.axes]
+    return node
+
+
+def _joint_of(document: dict[str, Any]) -> SimpleNamespace:
+    joint = SimpleNamespace(**document)
+    joint.tracking = joint.tracking and SimpleNamespace(**joint.tracking)
+    return joint
+
+
+def _print_table(status: Status) -> None:
+    """Print everything about a robot for people."""
+    current = {name: line.strip() for name, line in _errors(status).items()}
+    sync = [f"bus {name}: {bus.sync}" for name, bus in status.buses.items() if bus.sync]
+    missing = [f"program {name}: {missing_program}" for name, missing_program in status.missing_programs.items()]
+    more = [*sync, *missing, *_boot(status, current), *tell_causes(status.events, current), *_program(status)]
+    print("\n".join(painted([*render(status), *([""] if more else []), *more])))
 
 
 def render(state: Snapshot, width: int | None = None) -> list[str]:
@@ -180,8 +236,8 @@ def render(state: Snapshot, width: int | None = None) -> list[str]:
     head = f"{state.state}, cycle {cycle.count} of {1e3 * cycle.period_s:g} ms, {cycle.missed} missed"
     table = Table(_COLUMNS)
     for name, node in state.nodes.items():
-        for axis in node.axes or (_NO_AXIS,):
-            table.add(_row(name, node, axis, state.joints.get(axis.joint)))
+        for axis in node.axes or (None,):
+            table.add(_row(name, node, axis, None if axis is None else state.joints.get(axis.joint)))
     for name, joint in () if state.nodes else state.joints.items():
         table.add(("no drive", "-", "-", name, *_numbers(joint), "-"))  # mock, or simulated
     alone = bool(state.nodes) and all(len(node.axes) <= 1 for node in state.nodes.values())  # the node names the axis
@@ -198,6 +254,8 @@ def _wrapped(lines: list[str], width: int | None) -> list[str]:
     """Return lines of at most `width` columns; continuation lines are indented."""
     if width is None:
         return lines
+    import textwrap
+
     return [part for line in lines for part in textwrap.wrap(line, width, subsequent_indent="    ")]
 
 
@@ -252,18 +310,20 @@ def _void_outputs(state: Snapshot) -> list[str]:
     ]
 
 
-def _row(name: str, node: NodeReading, axis: AxisReading, joint: JointReading | None) -> tuple[str, ...]:
+def _row(name: str, node: NodeReading, axis: AxisReading | None, joint: JointReading | None) -> tuple[str, ...]:
     return (
         _marked(name, node),
         state_name(node.nmt_state),
-        state_name(axis.state),
-        axis.joint,
-        *_numbers(joint or JointReading(axis.joint), _UNITS.get(axis.mode or "", "")),
+        "-" if axis is None else state_name(axis.state),
+        "-" if axis is None else axis.joint,
+        *_numbers(joint, "" if axis is None else _UNITS.get(axis.mode or "", "")),
         "-" if node.age is None else f"{1e3 * node.age:.0f}",
     )
 
 
-def _numbers(joint: JointReading, unit: str = "") -> tuple[str, ...]:
+def _numbers(joint: JointReading | None, unit: str = "") -> tuple[str, ...]:
+    if joint is None:
+        return "-", "-", "-"
     target, *actual = map(_number, (joint.command, joint.velocity, joint.position))
     return (target if target == "-" else f"{target} {unit}".rstrip(), *actual)
 
@@ -298,6 +358,9 @@ def _traffic(status: Status, node: str) -> str:
 
 def _watch(robot: RobotClient, *, as_json: bool) -> int:
     """Print sample after sample: over each other on a terminal, line by line elsewhere."""
+    from canopen_control.rpc.messages.robot import Subscribe
+    from canopen_control.rpc.messages.state import RobotEvent, StateSample
+
     table = _LiveTable() if sys.stdout.isatty() and not as_json else None
     robot.ask(Subscribe(state_rate=PLAIN_RATE if table is None and not as_json else RATE, events=True))
     ended = False
@@ -339,6 +402,8 @@ class _LiveTable:
 
     def add_event(self, text: str) -> None:
         """Print an event above the table, which is drawn again with the next sample."""
+        import textwrap
+
         up = f"\x1b[{self._height}A" if self._height else ""
         line = textwrap.fill(text, _terminal_size().columns, subsequent_indent="    ")
         print(f"{up}\x1b[J{line}\n", end="", flush=True)

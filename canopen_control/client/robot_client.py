@@ -7,9 +7,10 @@ import math
 import threading
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.errors import ConfigError, RemoteError
+from canopen_control.errors import RemoteError
 from canopen_control.host.lineclient import LineClient
-from canopen_control.host.sockets import check_name, list_sockets, socket_path
+from canopen_control.host.running_robots import select_robot
+from canopen_control.host.sockets import socket_path
 from canopen_control.rpc.client import Client
 from canopen_control.rpc.messages.robot import ROBOT, STREAM_RATE, RobotHello, RobotPush, SdoPiece, SdoWrite, Subscribe
 from canopen_control.rpc.messages.state import RobotEvent
@@ -105,25 +106,6 @@ _BEATS: Final = 4  # within that time
 
 _PIECE: Final = 24_000  # bytes of an object in one request
 _VALUES: Final = 2000  # of a trajectory in one request
-
-
-def find_robots() -> list[str]:
-    """Return the names of this user's running robots, sorted."""
-    return list_sockets("robot")
-
-
-def select_robot(name: str | None = None) -> str:
-    """Return the robot that is meant: `name`, or without one the only robot there is; ConfigError otherwise."""
-    running = find_robots()
-    if name is not None:
-        if check_name(name) in running:
-            return name
-        raise ConfigError(f"no robot {name!r} is running" + (f"; running: {', '.join(running)}" if running else ""))
-    if not running:
-        raise ConfigError("no robot is running; start one: canopen-control run robby")
-    if len(running) > 1:
-        raise ConfigError(f"several robots are running: {', '.join(running)}; choose one with --name")
-    return running[0]
 
 
 class RobotClient(Client[RobotHello, RobotPush]):

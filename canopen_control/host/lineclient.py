@@ -6,14 +6,15 @@ import contextlib
 import select
 import socket
 import time
-from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import LocalProtocolError, RemoteError
 from canopen_control.host import sockets
 
+TYPE_CHECKING = False  # the module typing takes longer to import than this one
 if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
+    from typing import Final
 
 
 # A line ends with a newline. An answer has at most 1 MiB, a request 64 KiB and 4096 values, because serving it must not

@@ -26,15 +26,17 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal
 
 from canopen_control.errors import CanopenError, ConfigError
 
+TYPE_CHECKING = False  # the module typing takes longer to import than this one
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+    from typing import Final, Literal
+
+    SocketKind = Literal["bus", "busctl", "drive", "gateway", "robot"]
 
 
-SocketKind = Literal["bus", "busctl", "drive", "gateway", "robot"]
 KINDS: Final[Mapping[SocketKind, int]] = {"bus": 32, "busctl": 32, "drive": 36, "gateway": 32, "robot": 32}
 """Kind of socket to its maximum name length: frames and control of a `local:` bus, one per virtual drive (see
 `drive_name`), one per gateway of CiA 309-3, one per robot."""

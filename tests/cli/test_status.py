@@ -2,19 +2,26 @@ import contextlib
 import math
 import os
 import re
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.host import use_private_folders
 from support.samples import event_of, sample_of, status_of
 
+from canopen_control.cia402.modes import INTERFACE_MODES
+from canopen_control.cli import status
 from canopen_control.cli.main import main
 from canopen_control.cli.status import render, tell_causes
 from canopen_control.client import RobotClient
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.state import RobotEvent, Snapshot, TruePose
+from canopen_control.rpc.wire import plain
+from canopen_control.version import __version__
 
 LEFT = "node 3 (left_drive)"
 RIGHT = "node 2 (right_drive)"
@@ -223,6 +230,83 @@ def test_a_watch_says_that_the_robot_has_died_but_not_that_it_was_ended(monkeypa
     assert told.err == said
 
 
+def serve(monkeypatch, document):
+    """Let `status` find a robot with this status, whichever client asks; return the methods that were asked for."""
+    asked = []
+
+    def request(_robot, method):
+        asked.append(method)
+        return SimpleNamespace(**plain(status_of(document)))
+
+    def typed(_request):
+        asked.append("typed")
+        return status_of(document)
+
+    monkeypatch.setattr(status, "select_robot", lambda name: name or "robby")
+    monkeypatch.setattr(status, "request_plain", request)
+    monkeypatch.setattr(RobotClient, "connect", lambda _name: contextlib.nullcontext(SimpleNamespace(ask=typed)))
+    return asked
+
+
+def test_the_table_is_the_same_without_the_types_of_messages(monkeypatch, capsys):
+    tracking = {"interface": "position", "error_max": 0.00123, "repeated": 2}
+    joint = {**STATE["joints"]["left_wheel_joint"], "tracking": tracking}
+    event = {"time": 1.0, "kind": "emcy", "node": "left_drive", "level": "warning", "text": f"{LEFT}: {HOT}"}
+    document = {
+        **STATE,
+        "version": __version__,
+        "joints": {**STATE["joints"], "left_wheel_joint": joint},
+        "boot": [{"node": "left_drive", "step": "identify", "seconds": 0.5}],
+        "buses": {"can0": {"sync": "from the robot every 20 ms"}},
+        "missing_programs": {"view": "it has ended"},
+        "events": [event],
+    }
+    asked = serve(monkeypatch, document)
+    assert main(["status", "--name", "robby"]) == 0
+    quick = capsys.readouterr().out
+    assert asked == ["status"]
+    assert status.run(SimpleNamespace(json=False, watch=False, name=None)) == 0
+    assert asked == ["status", "typed"]
+    assert capsys.readouterr().out == quick
+    assert all(text in quick for text in ("left_drive", "tracking error", "every 20 ms", "it has ended", HOT))
+
+
+@pytest.mark.parametrize(
+    ("changes", "options"),
+    [
+        ({"version": "1.2.3"}, []),
+        ({"true_pose": {"time": 1.0, "x": 0.0, "y": 0.0, "heading": 0.0}}, []),
+        ({}, ["--json"]),
+        ({}, ["--name=robby"]),
+    ],
+)
+def test_the_types_of_messages_are_asked_where_plain_fields_are_not_enough(monkeypatch, capsys, changes, options):
+    asked = serve(monkeypatch, {**STATE, "version": __version__, **changes})
+    assert main(["status", *options]) == 0
+    assert asked[-1] == "typed"
+    assert capsys.readouterr().out
+
+
+def test_the_units_of_targets_are_those_of_the_interfaces_of_modes():
+    units = {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
+    expected = {mode.name: units[interface] for interface, modes in INTERFACE_MODES.items() for mode in modes}
+    assert expected == status._UNITS
+
+
+@pytest.mark.process
+def test_the_table_imports_neither_options_nor_messages(monkeypatch, tmp_path):
+    use_private_folders(monkeypatch, tmp_path)
+    code = "import sys; before = {*sys.modules}\n"
+    code += "import atexit; atexit.register(lambda: print(*{*sys.modules} - before, file=sys.stderr))\n"
+    code += "from canopen_control.cli.main import main; sys.exit(main(['status']))"
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 2
+    assert "no robot is running" in done.stderr
+    assert "canopen_control.cli.status" in done.stderr.split()
+    assert not {"argparse", "msgspec", "typing", "queue", "textwrap"} & {*done.stderr.split()}
+
+
 def test_a_failed_boot_step_does_not_say_again_what_stands_above(monkeypatch, capsys):
     why = STATE["nodes"]["gone"]["error"]
     steps = [
@@ -231,11 +315,7 @@ def test_a_failed_boot_step_does_not_say_again_what_stands_above(monkeypatch, ca
     ]
     events = [{"time": 1.0, "kind": "boot_failed", "node": "gone", "level": "error", "text": why}]
 
-    class Robot:
-        def ask(self, _request):
-            return status_of({**STATE, "boot": steps, "events": events})
-
-    monkeypatch.setattr(RobotClient, "connect", lambda _name: contextlib.nullcontext(Robot()))
+    serve(monkeypatch, {**STATE, "boot": steps, "events": events})
     assert main(["status"]) == 0
     said = capsys.readouterr().out
     assert said.count("no answer") == 1
@@ -244,10 +324,7 @@ def test_a_failed_boot_step_does_not_say_again_what_stands_above(monkeypatch, ca
 
 
 def test_the_last_line_says_which_build_of_which_version_runs_the_robot(monkeypatch, capsys):
-    said = status_of({**STATE, "version": "1.2.3", "build": "compiled"})
-    monkeypatch.setattr(
-        RobotClient, "connect", lambda _name: contextlib.nullcontext(SimpleNamespace(ask=lambda _: said))
-    )
+    serve(monkeypatch, {**STATE, "version": "1.2.3", "build": "compiled"})
     assert main(["status"]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == "canopen_control 1.2.3, compiled"
 

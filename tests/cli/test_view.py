@@ -7,7 +7,7 @@ import pytest
 
 from canopen_control.cli import run
 from canopen_control.cli.main import main
-from canopen_control.cli.support.output import Announcer
+from canopen_control.cli.support.announcer import Announcer
 from canopen_control.errors import ConfigError
 from canopen_control.master.event_log import Event
 from canopen_control.view import require_view

@@ -219,19 +219,6 @@ def test_the_only_robot_needs_no_name(robot):
     assert select_robot("robby") == "robby"
 
 
-def test_several_robots_are_named_and_one_must_be_chosen(run_folder):
-    listeners = [listen(socket_path("robot", name)) for name in ("b", "a")]
-    with pytest.raises(ConfigError, match="several robots are running: a, b; choose one with --name"):
-        select_robot()
-    assert select_robot("b") == "b"
-    with pytest.raises(ConfigError, match="no robot 'c' is running; running: a, b"):
-        select_robot("c")
-    with pytest.raises(ConfigError, match="is no name"):
-        select_robot("../c")
-    for listener in listeners:
-        close_listener(listener)
-
-
 # -- hello
 
 

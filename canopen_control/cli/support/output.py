@@ -1,4 +1,4 @@
-"""Output of verbs: JSON, tables, progress, and lines that never block a robot.
+"""Output of verbs: JSON, tables and progress.
 
 Progress is for standard error, so that results stay clean; work that is quickly done says
 nothing; what it left on a terminal is wiped before anything else is printed. Without a terminal (a log, a pipe) there
@@ -11,20 +11,17 @@ import contextlib
 import functools
 import json
 import os
-import queue
 import re
 import sys
-import threading
 import time
-from typing import TYPE_CHECKING, Final, TextIO
 
 from canopen_control.errors import CanopenError
-from canopen_control.rpc.wire import plain, text_of
 
+TYPE_CHECKING = False  # the module typing takes longer to import than this one
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Iterable, Iterator
-    from typing import TextIO
+    from typing import Final, TextIO
 
     Sample = tuple[int, int | None]
     from collections.abc import Sequence
@@ -33,12 +30,12 @@ if TYPE_CHECKING:
 SOON_S: Final = 0.5  # on a terminal: work that takes less shows nothing
 REDRAW_S: Final = 0.2
 PLAIN_S: Final = 5.0  # between two lines elsewhere
-_WAITING_LINES: Final = 1000
-_CLOSE_S: Final = 1.0  # for lines that wait when an announcer is closed
 
 
 def json_text(document: object, *, indent: int | None = 2) -> str:
     """Return JSON of messages, documents, lists and dicts; on one line with `indent` None."""
+    from canopen_control.rpc.wire import plain  # imports msgspec, which a table does not need
+
     return json.dumps(plain(document), indent=indent)
 
 
@@ -59,6 +56,8 @@ def json_alone(args: argparse.Namespace) -> Iterator[None]:
 
 def json_line(document: object) -> str:
     """Return the same for a stream of many: compact, and made in a third of the time."""
+    from canopen_control.rpc.wire import plain, text_of
+
     line = text_of(document)
     return line.decode() if line.isascii() else json.dumps(plain(document), separators=(",", ":"))
 
@@ -172,7 +171,8 @@ _COLOURS: Final = {"wrong": "31", "doubtful": "33", "good": "32"}
 
 @functools.cache
 def _coloured() -> re.Pattern[str]:
-    from canopen_control.rpc.messages.health import AXIS_STATES, BAD, GOOD, WARN, state_name
+    from canopen_control.rpc.messages.health import AXIS_STATES, BAD, GOOD, WARN
+    from canopen_control.rpc.state_name import state_name
 
     wrong, doubtful, good = (
         "|".join(state_name(state) for state, words in AXIS_STATES.items() if words.tone == tone)
@@ -188,6 +188,8 @@ def _coloured() -> re.Pattern[str]:
 @contextlib.contextmanager
 def watched(progress: Progress, sample: Callable[[], Sample]) -> Iterator[None]:
     """Poll `sample` for progress on a thread while this one works."""
+    import threading
+
     over = threading.Event()
 
     def watch() -> None:
@@ -202,49 +204,6 @@ def watched(progress: Progress, sample: Callable[[], Sample]) -> Iterator[None]:
         over.set()
         thread.join()
         progress.end()
-
-
-class Announcer:
-    """Prints lines to `stream` on a thread of its own: a terminal that is stopped must not stop the robot.
-
-    It begins with `start`, or at the latest with `close`; lines wait until then. What a stalled reader cannot take is
-    dropped and counted in `dropped`.
-    """
-
-    def __init__(self, stream: TextIO) -> None:
-        self.dropped = 0
-        self._stream = stream
-        self._lines: queue.Queue[tuple[str, bool] | None] = queue.Queue(_WAITING_LINES)
-        self._thread = threading.Thread(target=self._print, name="announcer", daemon=True)
-
-    def start(self) -> None:
-        """Start the thread."""
-        self._thread.start()
-
-    def say(self, line: str, *, token: bool = False) -> None:
-        """Hand over a line, which is printed `with_token` if it names a page; never waits."""
-        try:
-            self._lines.put_nowait((line, token))
-        except queue.Full:
-            self.dropped += 1
-
-    def close(self) -> None:
-        """Print the waiting lines, for a second at most."""
-        if self._thread.ident is None:
-            self.start()
-        try:
-            self._lines.put(None, timeout=_CLOSE_S)
-        except queue.Full:
-            return
-        self._thread.join(_CLOSE_S)
-
-    def _print(self) -> None:
-        while (waiting := self._lines.get()) is not None:
-            line, token = waiting
-            try:
-                print(with_token(line) if token else line, file=self._stream, flush=True)
-            except (OSError, ValueError):  # the reader has gone; the robot goes on
-                self.dropped += 1
 
 
 class Table:

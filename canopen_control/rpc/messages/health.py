@@ -11,6 +11,7 @@ import enum
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from canopen_control.cia402.state import State
+from canopen_control.rpc.state_name import state_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -55,11 +56,6 @@ ROBOT_STATES: Final = {
 }
 """States of a robot as a whole; a client shows a state of a later version by its name."""
 LATCHED: Final = StateWords("STOP is latched", BAD, "Press Release STOP, then Enable.", "release")
-
-
-def state_name(state: str | None) -> str:
-    """Return the name of a state (of CiA 402 or NMT) as the standard writes it, "-" for none."""
-    return "-" if state is None else state.replace("_", " ")
 
 
 _FAULTS: Final = (State.FAULT.name, State.FAULT_REACTION_ACTIVE.name)

@@ -1,0 +1,55 @@
+"""Lines of a running robot for the terminal, which never block the robot."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from typing import Final, TextIO
+
+from canopen_control.cli.support.output import with_token
+
+_WAITING_LINES: Final = 1000
+_CLOSE_S: Final = 1.0  # for lines that wait when an announcer is closed
+
+
+class Announcer:
+    """Prints lines to `stream` on a thread of its own: a terminal that is stopped must not stop the robot.
+
+    It begins with `start`, or at the latest with `close`; lines wait until then. What a stalled reader cannot take is
+    dropped and counted in `dropped`.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self.dropped = 0
+        self._stream = stream
+        self._lines: queue.Queue[tuple[str, bool] | None] = queue.Queue(_WAITING_LINES)
+        self._thread = threading.Thread(target=self._print, name="announcer", daemon=True)
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._thread.start()
+
+    def say(self, line: str, *, token: bool = False) -> None:
+        """Hand over a line, which is printed `with_token` if it names a page; never waits."""
+        try:
+            self._lines.put_nowait((line, token))
+        except queue.Full:
+            self.dropped += 1
+
+    def close(self) -> None:
+        """Print the waiting lines, for a second at most."""
+        if self._thread.ident is None:
+            self.start()
+        try:
+            self._lines.put(None, timeout=_CLOSE_S)
+        except queue.Full:
+            return
+        self._thread.join(_CLOSE_S)
+
+    def _print(self) -> None:
+        while (waiting := self._lines.get()) is not None:
+            line, token = waiting
+            try:
+                print(with_token(line) if token else line, file=self._stream, flush=True)
+            except (OSError, ValueError):  # the reader has gone; the robot goes on
+                self.dropped += 1

@@ -1,0 +1,53 @@
+"""One request to a running robot without typed messages: its answer as dicts, lists, texts and numbers.
+
+For verbs that are over in a moment: the module of types, msgspec and the messages take longer to import than such a
+verb needs for all else.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from types import SimpleNamespace
+
+from canopen_control.errors import RemoteError
+from canopen_control.host.lineclient import LineClient
+from canopen_control.host.sockets import socket_path
+
+TYPE_CHECKING = False  # the module typing takes longer to import than this one
+if TYPE_CHECKING:
+    from typing import Any
+
+PROTOCOL = 2  # `rpc.messages.declare` has the same, which a test compares
+
+
+def request_plain(robot: str, method: str, timeout: float = 10.0) -> SimpleNamespace | None:
+    """Return the fields of the result of a method without parameters; RemoteError if the robot is gone or too slow.
+
+    Return None where the typed client has to find out what is wrong: another protocol, a refusal, no JSON.
+    """
+    label = f"robot {robot}"
+    with LineClient(socket_path("robot", robot), timeout, label=label) as stream:
+        greeting = _object_in(stream.receive(timeout), f"{label} does not answer; does it hang?")
+        hello = greeting.get("hello")
+        if not isinstance(hello, dict) or hello.get("protocol") != PROTOCOL:
+            return None
+        stream.send(json.dumps({"id": 1, "method": method, "params": {}}).encode() + b"\n", timeout)
+        late = f"{label} has not answered {method!r} within {timeout:g} s"
+        deadline = time.monotonic() + timeout
+        while True:
+            answer = _object_in(stream.receive(max(0.0, deadline - time.monotonic())), late)
+            if answer.get("id") == 1 or "error" in answer or not answer:
+                result = answer.get("result")
+                return SimpleNamespace(**result) if isinstance(result, dict) else None
+
+
+def _object_in(line: bytes | None, late: str) -> dict[str, Any]:
+    """Return the JSON object in a line, an empty one if there is none; RemoteError `late` without a line."""
+    if line is None:
+        raise RemoteError("Timeout", late)
+    try:
+        fields = json.loads(line)
+    except (ValueError, RecursionError):
+        return {}
+    return fields if isinstance(fields, dict) else {}
