@@ -78,7 +78,7 @@ class BusKey:
         if isinstance(value, bool):
             return f"{self.key}: {'true' if value else 'false'}"
         if isinstance(value, dict):
-            return f"{self.key}: {{{', '.join(f'{key}: {each}' for key, each in value.items())}}}"
+            return f"{self.key}: {{{', '.join(f'{key}: {item}' for key, item in value.items())}}}"
         return f"{self.key}: {value}"
 
 
@@ -123,7 +123,10 @@ class Personality:
 
     def fits(self, vendor: int | None, product: int | None) -> bool:
         """Whether a device with this identity is one of them."""
-        return any(each.vendor == vendor and (not each.products or product in each.products) for each in self.identity)
+        return any(
+            identity.vendor == vendor and (not identity.products or product in identity.products)
+            for identity in self.identity
+        )
 
 
 def personality_names() -> list[str]:
@@ -177,6 +180,8 @@ def personality_of(vendor: int | None, product: int | None) -> Personality | Non
     One that names the product goes before one of all products of its vendor.
     """
     names = [name for name in personality_names() if vendor in _vendors_of(name)]
-    fitting = [each for each in map(read_personality, names) if each.fits(vendor, product)]
-    named = [each for each in fitting if any(product in identity.products for identity in each.identity)]
+    fitting = [personality for personality in map(read_personality, names) if personality.fits(vendor, product)]
+    named = [
+        personality for personality in fitting if any(product in identity.products for identity in personality.identity)
+    ]
     return next(iter([*named, *fitting]), None)

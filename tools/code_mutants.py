@@ -482,7 +482,7 @@ if not (index % 2 and self.life.live):
 )
 """One for each row of the list, in its order."""
 
-BY_NAME: Final = {each.name: each for each in MUTANTS}
+BY_NAME: Final = {mutant.name: mutant for mutant in MUTANTS}
 
 
 # -- applying one
@@ -497,7 +497,7 @@ class _Replace(ast.NodeTransformer):
         after = ast.parse(new.strip()).body
         plain = len(after) == 1 and isinstance(after[0], ast.Expr)
         self._expression = ast.dump(whole) if whole is not None and plain else None
-        self._statements = [ast.dump(each) for each in before]
+        self._statements = [ast.dump(statement) for statement in before]
         self._before, self._after = before, after
         self.count = 0
 
@@ -517,7 +517,7 @@ class _Replace(ast.NodeTransformer):
         """Return statements with the replaced ones among them."""
         size, at, found = len(self._statements), 0, []
         while at < len(body):
-            if [ast.dump(each) for each in body[at : at + size]] == self._statements:
+            if [ast.dump(statement) for statement in body[at : at + size]] == self._statements:
                 self.count += 1
                 found += self._after
                 at += size
@@ -532,7 +532,7 @@ def mutated(change: Change, source: str | None = None) -> ast.Module:
     tree = ast.parse(change.path.read_text(encoding="utf-8") if source is None else source)
     where: ast.AST = tree
     for name in change.function.split(".") if change.function else ():
-        found = [each for each in where.body if getattr(each, "name", None) == name]  # type: ignore[attr-defined]
+        found = [node for node in where.body if getattr(node, "name", None) == name]  # type: ignore[attr-defined]
         if len(found) != 1:
             raise LookupError(f"{change.module} has no {change.function}: write the mutant anew")
         where = found[0]
@@ -648,7 +648,7 @@ def _caught(name: str, command: Sequence[str], seconds: float = 900.0) -> tuple[
     if ended.returncode not in (0, 1) and not refused:
         print(ended.stdout[-2000:], ended.stderr[-2000:], sep="\n")
         raise RuntimeError(f"{' '.join(command)} ended with {ended.returncode}")
-    lines = [each for each in ended.stdout.splitlines() if each.startswith(("FAILED", "ERROR", "seed ", "breach"))]
+    lines = [line for line in ended.stdout.splitlines() if line.startswith(("FAILED", "ERROR", "seed ", "breach"))]
     lines = lines or ended.stderr.splitlines()[:1] if refused else lines
     return ended.returncode != 0, time.monotonic() - began, lines[0] if lines else ended.stdout.strip()[-200:]
 
@@ -662,8 +662,8 @@ def measure(names: Sequence[str], *, tests: bool, seeds: bool) -> int:
     """Print which mutants are caught, and by what; 0 where all are that should be."""
     clean: dict[str, bool] = {}
     missed = 0
-    for mutant in (each for each in MUTANTS if not names or each.name in names):
-        kinds = {"tests": [tests_of(mutant)] if tests else [], "seeds": [each.split() for each in mutant.runs if seeds]}
+    for mutant in (candidate for candidate in MUTANTS if not names or candidate.name in names):
+        kinds = {"tests": [tests_of(mutant)] if tests else [], "seeds": [run.split() for run in mutant.runs if seeds]}
         for kind, commands in kinds.items():
             by = ""
             began = time.monotonic()
@@ -706,9 +706,9 @@ def main(arguments: Sequence[str]) -> int:
     if given.verb == "measure":
         both = not (given.tests or given.seeds)
         return measure(given.names, tests=given.tests or both, seeds=given.seeds or both)
-    for each in MUTANTS:
-        print(f"{each.name:<28}{each.does} ({each.change.module})")
-        print(f"{'':<28}tests/{each.tests}.py; {' or '.join(each.runs) or 'no simulation'}")
+    for mutant in MUTANTS:
+        print(f"{mutant.name:<28}{mutant.does} ({mutant.change.module})")
+        print(f"{'':<28}tests/{mutant.tests}.py; {' or '.join(mutant.runs) or 'no simulation'}")
     return 0
 
 

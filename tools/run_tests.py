@@ -177,7 +177,7 @@ def halves() -> tuple[list[str], list[str]]:
     halves: tuple[list[str], list[str]] = ([], [])
     sizes = [0, _OF_CHECKS]
     entries = {
-        str(path): sum(each.stat().st_size for each in path.rglob("test_*.py"))
+        str(path): sum(file.stat().st_size for file in path.rglob("test_*.py"))
         if path.is_dir()
         else path.stat().st_size
         for path in Path("tests").iterdir()
@@ -292,7 +292,7 @@ class Run:
 
     def second_looks(self) -> None:
         """Run what failed in parts that allow it once more, alone; the second result counts."""
-        for result in [each for each in self.results if each.failed and each.part.second_look]:
+        for result in [candidate for candidate in self.results if candidate.failed and candidate.part.second_look]:
             assert result.part.second_look is not None
             again = replace(result.part, name=f"{result.part.name}, once more", command=result.part.second_look)
             code = self._run(replace(again, second_look=None)).code
@@ -304,12 +304,12 @@ class Run:
     def summary(self) -> str:
         """Return the table of parts with their times, and the tests that passed only at the second look."""
         lines = ["== time and CPU"]
-        lines += [f"{each.part.name:40} {each.wall:7.1f} s {each.cpu:8.1f} s CPU" for each in self.results]
+        lines += [f"{result.part.name:40} {result.wall:7.1f} s {result.cpu:8.1f} s CPU" for result in self.results]
         lines.append(f"{'all':40} {time.monotonic() - self._begin:7.1f} s {_cpu_of_children():8.1f} s CPU")
         if self.hidden:
             lines.append(f"== failed at first and passed at the second look: {len(self.hidden)}")
             lines += [f"   {test}" for test in self.hidden]
-        failed = [each.part.name for each in self.results if each.code != GOOD]
+        failed = [result.part.name for result in self.results if result.code != GOOD]
         if failed:
             lines.append(f"== failed: {', '.join(failed)}")
         return "\n".join(lines)
@@ -317,7 +317,7 @@ class Run:
     @property
     def good(self) -> bool:
         """Whether every part that ran has passed."""
-        return not self.interrupted and all(each.code == GOOD for each in self.results)
+        return not self.interrupted and all(result.code == GOOD for result in self.results)
 
     def end_children(self) -> None:
         """End every process that this run has started: SIGINT to each part, and SIGKILL to what is left."""
@@ -342,7 +342,7 @@ class Run:
         for part in parts:
             if self.interrupted:
                 return
-            if any(each.part.name == part.needs and each.code != GOOD for each in self.results):
+            if any(result.part.name == part.needs and result.code != GOOD for result in self.results):
                 self._report(Result(part, _NOT_RUN, 0.0, 0.0), f"not run: {part.needs!r} has failed")
             else:
                 self._run(part)

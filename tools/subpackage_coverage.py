@@ -31,12 +31,12 @@ def subpackage_of(path: str) -> str:
 def covered_by_subpackage(files: Mapping[str, Any]) -> dict[str, float]:
     """Return the percentage of lines and branches that were reached, by subpackage that has any."""
     counts: dict[str, Counter[str]] = {}
-    for path, each in files.items():
-        counts.setdefault(subpackage_of(path), Counter()).update({part: each["summary"][part] for part in _PARTS})
-    wholes = {subpackage: each["num_statements"] + each["num_branches"] for subpackage, each in counts.items()}
+    for path, file in files.items():
+        counts.setdefault(subpackage_of(path), Counter()).update({part: file["summary"][part] for part in _PARTS})
+    wholes = {subpackage: count["num_statements"] + count["num_branches"] for subpackage, count in counts.items()}
     return {
-        subpackage: 100 * (each["covered_lines"] + each["covered_branches"]) / wholes[subpackage]
-        for subpackage, each in sorted(counts.items())
+        subpackage: 100 * (counted["covered_lines"] + counted["covered_branches"]) / wholes[subpackage]
+        for subpackage, counted in sorted(counts.items())
         if wholes[subpackage]
     }
 

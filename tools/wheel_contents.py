@@ -36,7 +36,7 @@ def compiled_modules() -> list[str]:
     """Return the sources of the modules that are compiled, relative to the root."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     hook = project["tool"]["hatch"]["build"]["targets"]["wheel"]["hooks"]["custom"]
-    return [each.lstrip("/") for each in hook["include"]]
+    return [path.lstrip("/") for path in hook["include"]]
 
 
 def problems(wheel: Path) -> list[str]:
@@ -68,7 +68,7 @@ def _metadata(archive: zipfile.ZipFile, names: Sequence[str], tag: str, *, pure:
     told = message_from_string(archive.read(f"{folder}/WHEEL").decode())
     if told["Root-Is-Purelib"] != str(pure).lower():
         yield f"Root-Is-Purelib is {told['Root-Is-Purelib']}"
-    if not all(each.startswith(tag) for each in told.get_all("Tag", [])):
+    if not all(value.startswith(tag) for value in told.get_all("Tag", [])):
         yield f"WHEEL has the tags {told.get_all('Tag')}, the file's name {tag}"
     if "canopen-control = " not in archive.read(f"{folder}/entry_points.txt").decode():
         yield "the program canopen-control is no entry point"
@@ -79,7 +79,7 @@ def _metadata(archive: zipfile.ZipFile, names: Sequence[str], tag: str, *, pure:
 def _extensions(names: Sequence[str], python: str, *, pure: bool) -> Iterator[str]:
     """Compare the extension modules with those that the tags promise: `cp311` is `.cpython-311-`."""
     found = {str(PurePosixPath(name).with_name(PurePosixPath(name).name.split(".")[0])) for name in _libraries(names)}
-    wanted = set() if pure else {SHARED, *(each.removesuffix(".py") for each in compiled_modules())}
+    wanted = set() if pure else {SHARED, *(path.removesuffix(".py") for path in compiled_modules())}
     yield from (f"{name} is not compiled" for name in sorted(wanted - found))
     yield from (f"{name} is compiled, though pyproject.toml does not name it" for name in sorted(found - wanted))
     mark = f".cpython-{python.removeprefix('cp')}-"

@@ -350,7 +350,9 @@ def _link(entry: _Entry) -> CanInterface:
         error_counters=None if counters is None else (counters.get("tx", 0), counters.get("rx", 0)),
         counters=dict(info.get("info_xstats", {})),
         traffic={
-            f"{direction}_{name}": n for direction, each in entry.get("stats64", {}).items() for name, n in each.items()
+            f"{direction}_{name}": n
+            for direction, counters in entry.get("stats64", {}).items()
+            for name, n in counters.items()
         },
     )
 

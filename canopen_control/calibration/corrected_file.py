@@ -116,9 +116,9 @@ def _require_same(path: Path, node: Node, name: str) -> None:
 def _applied(lines: Sequence[str], edits: Sequence[_Edit]) -> list[str]:
     """Return the lines after all edits, applied from the last to the first."""
     changed = list(lines)
-    for each in sorted(edits, key=lambda edit: (edit.line, edit.column))[::-1]:
-        old = changed[each.line]
-        changed[each.line] = old[: each.column] + each.text + old[each.column + each.length :]
+    for later in sorted(edits, key=lambda edit: (edit.line, edit.column))[::-1]:
+        old = changed[later.line]
+        changed[later.line] = old[: later.column] + later.text + old[later.column + later.length :]
     return changed
 
 

@@ -94,7 +94,7 @@ def start_warnings(setup: RobotSetup) -> list[str]:
         findings += check_timing(config, control, description)
         for note in config.notes:  # those with a place are warnings
             notes = rules.findings_of(note, config.path, 0, Severity.WARNING)
-            findings += [each for each in notes if each.line]
+            findings += [remark for remark in notes if remark.line]
     warnings = [finding for finding in sorted_findings(findings) if finding.severity is Severity.WARNING]
     return [str(replace(warning, source="")) for warning in warnings]
 

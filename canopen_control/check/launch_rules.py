@@ -108,9 +108,9 @@ def _check_python(launch: _Launch, path: Path) -> None:
         launch.findings.append(Finding(launch.path, content.argument_lines[name], Severity.NOTE, text))
     for node in content.nodes:
         _python_node(launch, node)
-    for each in content.texts:
-        if each.text is not None:
-            _python_files(launch, file, each.text, each.line)
+    for place in content.texts:
+        if place.text is not None:
+            _python_files(launch, file, place.text, place.line)
     for line, expression in dict.fromkeys(content.computed):
         text = f"{expression} is computed, and not known without running the file"
         fix = "give it by --bus, --controllers or --description" if " file " in expression else _GIVE
@@ -214,7 +214,7 @@ def _spawned(words: Sequence[str], namespace: str) -> tuple[list[str], str]:
         if option in ("--namespace", "-n"):
             namespace = _joined("", f"/{value.strip('/')}")
         elif not word.startswith("-") and "$(" not in word:
-            names += [each.rpartition("/")[2] for each in word.split() if each not in ("spawn", "load", "start")]
+            names += [part.rpartition("/")[2] for part in word.split() if part not in ("spawn", "load", "start")]
     return names, namespace
 
 

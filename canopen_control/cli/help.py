@@ -58,8 +58,8 @@ def man_page(verb: str | None = None) -> str:
         lines += [".SH SYNOPSIS", r"canopen\-control VERB [OPTIONS]"]
         for group, verbs in GROUPS.items():
             lines.append(f".SH {group.upper()}")
-            for each, text in verbs.items():
-                lines += [".TP", rf"\fBcanopen\-control\-{_troff(each)}\fR(1)", _troff(text)]
+            for verb, text in verbs.items():
+                lines += [".TP", rf"\fBcanopen\-control\-{_troff(verb)}\fR(1)", _troff(text)]
         return "\n".join(lines) + "\n"
     parser = parser_of(verb)
     actions = list(actions_of(parser, verb))

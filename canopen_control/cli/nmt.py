@@ -98,11 +98,11 @@ def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCo
     timeout = args.wait or ROBOT_TIMEOUTS.get(command, TIMEOUT_S)
     waiting, nodes = command_robot(target, command, nodes_asked, timeout, everybody=args.node == ALL)
     outcomes = []
-    for each in nodes_asked:
-        node = nodes[each.name]
-        confirmed = each not in waiting
+    for requested in nodes_asked:
+        node = nodes[requested.name]
+        confirmed = requested not in waiting
         state = EXPECTED_STATE[command].name if confirmed else node.nmt_state
-        outcomes.append(NmtResult(each.node_id, str(each), state, confirmed, node.error))
+        outcomes.append(NmtResult(requested.node_id, str(requested), state, confirmed, node.error))
     return _report(args, outcomes, timeout)
 
 
@@ -118,7 +118,7 @@ def command_robot(
         time.sleep(POLL_S)
         nodes = target.robot.ask(GetStatus()).nodes
         elapsed = time.monotonic() - begin
-        waiting = [each for each in waiting if not _shows(nodes[each.name], command, elapsed)]
+        waiting = [requested for requested in waiting if not _shows(nodes[requested.name], command, elapsed)]
     return waiting, nodes
 
 
@@ -127,13 +127,13 @@ def _report(args: argparse.Namespace, outcomes: list[NmtResult], timeout: float)
     if args.json:
         keys = ("node_id", "state", "confirmed", "error")
         print(json_text([{key: getattr(outcome, key) for key in keys} for outcome in outcomes]))
-    for each in outcomes if not args.json else ():
-        if each.confirmed:
-            print(f"{each.who}: {_words(each.state or '')}")
-        elif each.confirmed is None:
-            print(f"{each.who}: {args.command} was sent; no heartbeat has confirmed it within {timeout:g} s")
+    for result in outcomes if not args.json else ():
+        if result.confirmed:
+            print(f"{result.who}: {_words(result.state or '')}")
+        elif result.confirmed is None:
+            print(f"{result.who}: {args.command} was sent; no heartbeat has confirmed it within {timeout:g} s")
         else:
-            _complain(each.who, each.state, args.command, timeout, each.error)
+            _complain(result.who, result.state, args.command, timeout, result.error)
     return 1 if any(outcome.confirmed is False for outcome in outcomes) else 0
 
 

@@ -123,7 +123,7 @@ def _against(buses: dict[str, BusConfig], chosen: list[tuple[str, NodePlan]], ar
                 f"end it first: canopen-control shutdown --name {owner[0]}"
             )
         with DirectBus.open(channel, label=LABEL) as bus:
-            for plan in (plan for each, plan in chosen if each == name):
+            for plan in (plan for node, plan in chosen if node == name):
                 writes, error = _differences(bus, plan)
                 silent = silent or error is not None
                 differs[plan.name] = ComparedPlan(plan.node_id, plan.source, _written(writes), error)

@@ -224,7 +224,7 @@ def _survey_robot(robot: RobotTarget, timeout: float) -> ScanResult:
         unused = [node_id for node_id in range(1, MAX_NODE_ID + 1) if node_id not in (*expected, survey.master_id)]
         with DirectBus.open(survey.channel, label=LABEL, timeout_s=timeout, retries=0) as direct:
             nodes = _ask(direct, unused)
-        survey.found.update((node_id, each) for node_id, each in nodes.items() if node_id in unused)
+        survey.found.update((node_id, identity) for node_id, identity in nodes.items() if node_id in unused)
     else:
         survey.notes.append(f"{survey.channel} can be opened once only: nodes that are not in the bus.yml stay unseen")
     survey.found = dict(sorted(survey.found.items()))
@@ -303,7 +303,7 @@ def known_lines(nodes: Iterable[FoundNode]) -> Iterator[str]:
 
 def _row(survey: ScanResult, node: FoundNode) -> tuple[str, ...]:
     identity = node.identity or DeviceIdentity()
-    numbers = [getattr(identity, each) for each in FIELDS]
+    numbers = [getattr(identity, key) for key in FIELDS]
     eds = "-" if node.eds is None else Path(node.eds).name + (f" ({node.remark})" if node.remark else "")
     row = (
         f"{node.node_id}",

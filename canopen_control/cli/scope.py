@@ -120,9 +120,9 @@ def shot_lines(shot: Shot, signals: Sequence[Signal], overlay: NamedShot | None 
         "" if shot.triggered is None else " of the trigger"
     )
     table = Table(("signal", "name", "unit", "min", "max", "mean", "RMS", "curve"))
-    for place, each in enumerate(signals):
-        table.add([each.name, each.label, each.unit, *_measured(shot, place)])
-        overlay_place = None if overlay is None else overlay.place(each.name)
+    for place, shown in enumerate(signals):
+        table.add([shown.name, shown.label, shown.unit, *_measured(shot, place)])
+        overlay_place = None if overlay is None else overlay.place(shown.name)
         if overlay is not None and overlay_place is not None:
             table.add(["", overlay.label, "", *_measured(overlay.shot, overlay_place)])
     yield from table.lines()
@@ -136,13 +136,13 @@ def _shot_document(
         "triggered": shot.triggered,
         "signals": [
             {
-                "name": each.name,
-                "label": each.label,
-                "unit": each.unit,
+                "name": other.name,
+                "label": other.label,
+                "unit": other.unit,
                 "measured": shot.measure(place),
                 "cursors": None if cursors is None else shot.cursors(place, *cursors),
             }
-            for place, each in enumerate(signals)
+            for place, other in enumerate(signals)
         ],
         "samples": [[time - shot.zero, *row[: len(signals)]] for time, row in shot.rows],
         "file": None if written is None else str(written),
@@ -152,7 +152,7 @@ def _shot_document(
 def _measured(shot: Shot, place: int) -> list[str]:
     measured, numbers = shot.measure(place), ["-"] * 4
     if measured is not None:
-        numbers = [f"{each:.6g}" for each in (measured.least, measured.most, measured.mean, measured.rms)]
+        numbers = [f"{value:.6g}" for value in (measured.least, measured.most, measured.mean, measured.rms)]
     return [*numbers, f"|{curve(shot, place)}|"]
 
 
@@ -163,10 +163,10 @@ def cursor_lines(shot: Shot, signals: Sequence[Signal], cursors: tuple[float, fl
     often = f" ({1 / abs(apart):.4g} Hz)" if apart else ""
     yield f"cursors at {first:g} s and {second:g} s: dt {apart:.6g} s{often}"
     table = Table(("signal", "unit", f"at {first:g} s", f"at {second:g} s", "dv", "RMS between"))
-    for place, each in enumerate(signals):
+    for place, other in enumerate(signals):
         read = shot.cursors(place, first, second)
         values = [] if read is None else [read.first, read.second, read.difference, read.rms]
-        table.add([each.name, each.unit, *([f"{value:.9g}" for value in values] or ["-"] * 4)])
+        table.add([other.name, other.unit, *([f"{value:.9g}" for value in values] or ["-"] * 4)])
     yield from table.lines()
 
 
@@ -370,7 +370,7 @@ class _Look:
             return
         self._shown = now
         pairs = zip(self._signals, row, strict=False)
-        values = ", ".join(f"{each.name} {'-' if value is None else f'{value:g}'}" for each, value in pairs)
+        values = ", ".join(f"{chosen.name} {'-' if value is None else f'{value:g}'}" for chosen, value in pairs)
         print(f"\r{self._capture.state.value}: {values}\x1b[K", end="", file=sys.stderr, flush=True)
 
     def _wipe(self) -> None:

@@ -277,7 +277,7 @@ def choose(controllers: Sequence[ControllerReading], name: str | None) -> Contro
         for controller in controllers
         if controller.active and controller.topic is not None and not controller.takes_outputs
     ]
-    bases = [each for each in active if each.is_base]
+    bases = [candidate for candidate in active if candidate.is_base]
     candidates = bases or active
     if len(candidates) > 1:
         raise ConfigError(f"several controllers are active: {_names(candidates)}; choose one with --controller")

@@ -92,7 +92,7 @@ def stream_rate(cycle: CycleTimes, rate: float = 0.0) -> float:
 def outpaced(controllers: Iterable[ControllerReading], rate: float) -> str | None:
     """Return the controllers that publish more often than the requested rate; None without one."""
     fast = [controller for controller in controllers if controller.publish_rate > rate * (1.0 + _NEARLY)]
-    names = ", ".join(f"{each.name} ({each.publish_rate:g} Hz)" for each in fast)
+    names = ", ".join(f"{broadcaster.name} ({broadcaster.publish_rate:g} Hz)" for broadcaster in fast)
     return (
         f"{names}: published more often than the state comes, {rate:g} Hz; what is between is left out"
         if fast

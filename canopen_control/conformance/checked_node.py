@@ -37,9 +37,9 @@ _UNBOOTED, _UNBOOTED_S = 2, 1.0  # resets without a boot-up message, and the tim
 class CheckFailed(Exception):
     """Violation of a clause by the device: what was received, and what was expected."""
 
-    def __init__(self, came: str, due: str) -> None:
-        self.came, self.due = came, due
-        super().__init__(f"{came}; due: {due}")
+    def __init__(self, observed: str, expected: str) -> None:
+        self.came, self.due = observed, expected
+        super().__init__(f"{observed}; due: {expected}")
 
 
 class NotApplicable(Exception):

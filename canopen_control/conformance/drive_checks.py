@@ -211,7 +211,7 @@ def _mode_at_once(node: CheckedNode) -> None:
 
 def _taken_modes(node: CheckedNode, modes: range) -> list[int]:
     """Return the modes that the drive takes."""
-    taken = []
+    accepted = []
     with node.operational(), node.kept(o.MODES_OF_OPERATION):
         for mode in modes:
             try:
@@ -219,16 +219,16 @@ def _taken_modes(node: CheckedNode, modes: range) -> list[int]:
             except SdoAbort:
                 continue
             if _shown_mode(node, mode, 0.1) == mode:
-                taken.append(mode)
-    return taken
+                accepted.append(mode)
+    return accepted
 
 
 @_add("D12", "402-2, objects 0x6060 and 0x6502", "a mode that 0x6502 does not list is not taken", touch=_CONFIGURE)
 def _unknown_mode(node: CheckedNode) -> None:
     is_drive(node)
     modes = node.number(o.SUPPORTED_DRIVE_MODES)
-    taken = [mode for mode in _taken_modes(node, range(1, 17)) if not modes >> (mode - 1) & 1]
-    expect(not taken, f"0x6061 shows {', '.join(map(str, taken))}", "abort 0x06090030, or 0x6061 as before")
+    accepted = [mode for mode in _taken_modes(node, range(1, 17)) if not modes >> (mode - 1) & 1]
+    expect(not accepted, f"0x6061 shows {', '.join(map(str, accepted))}", "abort 0x06090030, or 0x6061 as before")
 
 
 @_add(
@@ -238,8 +238,8 @@ def _own_modes(node: CheckedNode) -> None:
     is_drive(node)
     if node.number(o.SUPPORTED_DRIVE_MODES) >> 16:
         raise NotApplicable("0x6502 announces modes of the manufacturer")
-    taken = _taken_modes(node, range(-10, 0))
-    expect(not taken, f"mode {', '.join(map(str, taken))} is taken", "a bit of 16 to 31 in 0x6502")
+    accepted = _taken_modes(node, range(-10, 0))
+    expect(not accepted, f"mode {', '.join(map(str, accepted))} is taken", "a bit of 16 to 31 in 0x6502")
 
 
 # -- parameters

@@ -308,7 +308,7 @@ def _failures(failures: Iterable[CheckResult], does: Mapping[str, str]) -> str:
     parts = []
     for result in failures:
         frames = escape("\n".join(f"{line}   {frame_name(line)}" for line in result.frames))
-        known = "".join(
+        rows = "".join(
             f"<p>Known as the quirk {_code(one.quirk)}: {escape(does[one.quirk])}."
             + (f" Key of bus.yml: {_code(one.bus_key)}." if one.bus_key else "")
             + "</p>"
@@ -317,7 +317,7 @@ def _failures(failures: Iterable[CheckResult], does: Mapping[str, str]) -> str:
         parts.append(
             f'<h3 class="{_class(result)}">{escape(result.id)}: {escape(result.title)}</h3>'
             f"<p>{result.level}, CiA {result.group}, {escape(result.clause)}. Came: {escape(result.came)}."
-            f" Due: {escape(result.due)}.</p>{known}" + (f"<pre>{frames}</pre>" if frames else "")
+            f" Due: {escape(result.due)}.</p>{rows}" + (f"<pre>{frames}</pre>" if frames else "")
         )
     return _section("Failures", "\n".join(parts))
 
@@ -341,12 +341,12 @@ def frame_name(line: str) -> str:
 
 def _sdo_name(octets: bytes, *, answer: bool) -> str:
     index, command = f"0x{int.from_bytes(octets[1:3], 'little'):04X}:{octets[3]:02X}", octets[0] & 0xE0
-    who = "SDO answer" if answer else "SDO request"
+    prefix = "SDO answer" if answer else "SDO request"
     if octets[0] == 0x80:
         code = int.from_bytes(octets[4:], "little")
-        return f"{who}: abort of {index}, 0x{code:08X} ({abort_text(code)})"
+        return f"{prefix}: abort of {index}, 0x{code:08X} ({abort_text(code)})"
     if command == 0x40:
-        return f"{who}: upload of {index}"
+        return f"{prefix}: upload of {index}"
     if command == (0x60 if answer else 0x20):
-        return f"{who}: download to {index}"
-    return who
+        return f"{prefix}: download to {index}"
+    return prefix

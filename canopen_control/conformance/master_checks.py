@@ -151,7 +151,7 @@ class MasterFindings:
         seconds = self.now / 1e9
         self.log.append(f"{seconds:.6f} {direction} {frame.can_id & 0x1FFFFFFF:03X} {frame.data.hex(' ').upper()}")
 
-    def expect(self, good: bool, check_id: str, came: str) -> None:
+    def expect(self, good: bool, check_id: str, observed: str) -> None:
         """Count an occasion of a check, and a failure unless `good`; the first failure keeps its frames."""
         finding = self._by_id[check_id]
         finding.occasions += 1
@@ -159,7 +159,7 @@ class MasterFindings:
             return
         finding.failures += 1
         if finding.failures == 1:
-            finding.came, finding.seconds = came, (self.now - self.begin) / 1e9
+            finding.came, finding.seconds = observed, (self.now - self.begin) / 1e9
             finding.frames = list(self.log)
 
     def note(self, check_id: str, text: str) -> None:
@@ -179,9 +179,9 @@ class MasterFindings:
         if not finding.failures:
             return CheckResult(*of_check, PASSED, notes=finding.notes)
         more = f"; {finding.failures} times in all" if finding.failures > 1 else ""
-        came = f"{finding.came}, at {finding.seconds:.3f} s{more}"
+        observed = f"{finding.came}, at {finding.seconds:.3f} s{more}"
         return CheckResult(
-            *of_check, FAILED, came, check.due, finding.seconds, notes=finding.notes, frames=finding.frames
+            *of_check, FAILED, observed, check.due, finding.seconds, notes=finding.notes, frames=finding.frames
         )
 
 

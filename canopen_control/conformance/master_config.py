@@ -74,9 +74,9 @@ class ConfigurationObserver(MasterObserver):
 
     def _nmt(self, data: bytes, now: int) -> None:
         expect = self.findings.expect
-        known = len(data) == 2 and data[0] in tuple(NmtCommand) and data[1] <= MAX_NODE_ID
-        expect(known, "MN01", f"NMT {data.hex(' ').upper() or 'without data'}")
-        if not known or data[1] not in (0, self.node.node_id):
+        is_valid = len(data) == 2 and data[0] in tuple(NmtCommand) and data[1] <= MAX_NODE_ID
+        expect(is_valid, "MN01", f"NMT {data.hex(' ').upper() or 'without data'}")
+        if not is_valid or data[1] not in (0, self.node.node_id):
             return
         self.commands += 1
         self._times = [time for time in self._times if now - time < S]

@@ -316,22 +316,26 @@ class ReactionObserver(MasterObserver):
         """Judge whether a drive that was enabled is enabled again without a command."""
         if not stage.enabled:
             return
-        found = self._commands_enable(stage, stage.begun)
+        commanded = self._commands_enable(stage, stage.begun)
         text = (
             ""
-            if found is None
-            else f"controlword 0x{found[0]:04X} {(found[1] - stage.begun) / S:.1f} s after: {stage.title}"
+            if commanded is None
+            else f"controlword 0x{commanded[0]:04X} {(commanded[1] - stage.begun) / S:.1f} s after: {stage.title}"
         )
-        self.findings.expect(found is None, check_id, text)
+        self.findings.expect(commanded is None, check_id, text)
 
     def _fault(self, stage: Stage) -> None:
         late = [(word, time) for word, time in stage.words if stage.begun + _GRACE_NS < time < stage.healed]
         if late:
-            held = next(((w, t) for w, t in late if w & _ENABLE_BITS == _ENABLE_BITS and not w & FAULT_RESET_BIT), None)
-            text = (
-                "" if held is None else f"controlword 0x{held[0]:04X} {(held[1] - stage.begun) / S:.1f} s after FAULT"
+            early = next(
+                ((w, t) for w, t in late if w & _ENABLE_BITS == _ENABLE_BITS and not w & FAULT_RESET_BIT), None
             )
-            self.findings.expect(held is None, "MF01", text)
+            text = (
+                ""
+                if early is None
+                else f"controlword 0x{early[0]:04X} {(early[1] - stage.begun) / S:.1f} s after FAULT"
+            )
+            self.findings.expect(early is None, "MF01", text)
         for index, (low, high) in stage.set_points.items():
             moves = low != 0 or high != 0 if index in _RATES else high - low > window_of(self.node)
             self.findings.expect(not moves, "MF02", f"0x{index:04X} from {low} to {high}")

@@ -171,7 +171,7 @@ class SyncObserver(MasterObserver):
         pdos = self.node.pdos
         parameters = [rpdo.consumer.parameters for rpdo in pdos.rpdos.values()]
         parameters += [tpdo.producer.parameters for tpdo in pdos.tpdos.values()]
-        return any(each.enabled and each.transmission_type <= 240 for each in parameters)
+        return any(parameter.enabled and parameter.transmission_type <= 240 for parameter in parameters)
 
     def finish(self) -> None:
         """Judge period and jitter, and note them; a pause of the SYNCs is no jitter."""
@@ -235,9 +235,9 @@ class PdoObserver(MasterObserver):
         # A master that has not noticed yet that the device has reset itself, or has left OPERATIONAL, is not judged;
         # nor are controlwords by which it stops a drive that it has lost.
         boots, settled = self._boots, now - self._changed > _SETTLE_NS
-        known = boots.started is None and (boots.configured or boots.boots <= 1)
+        is_configured = boots.started is None and (boots.configured or boots.boots <= 1)
         self._operated = self._operated or operational
-        if operational or (settled and known and not (self._operated and _stops(rpdo, frame))):
+        if operational or (settled and is_configured and not (self._operated and _stops(rpdo, frame))):
             expect(operational, "MP01", f"{name} in {self._state.text}")
         if not operational:
             return

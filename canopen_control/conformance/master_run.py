@@ -196,9 +196,9 @@ class MasterRun:
     """Runs a judge on a port for `seconds`, or until its schedule is over; `say` takes the title of each stage."""
 
     def __init__(
-        self, reactor: Reactor, port: Port, node: VirtualNode, seconds: float, say: Callable[[str], object]
+        self, reactor: Reactor, port: Port, node: VirtualNode, seconds: float, report: Callable[[str], object]
     ) -> None:
-        self._reactor, self._port, self._say = reactor, port, say
+        self._reactor, self._port, self._say = reactor, port, report
         now = reactor.now()
         self.judge = MasterJudge(node, now)
         self._begin, self._end = now, now + round(seconds * S)

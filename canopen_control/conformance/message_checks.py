@@ -130,8 +130,8 @@ def _sync_length(node: CheckedNode) -> None:
             codes = emergencies(node, can_id, 0.1)
             node.send(sync, b"\2")
             node.listen(SYNC_PERIOD_S)
-    came = ", ".join(f"0x{code:04X}" for code in codes) or "no EMCY"
-    expect(0x8240 in codes, came, "EMCY 0x8240")
+    observed = ", ".join(f"0x{code:04X}" for code in codes) or "no EMCY"
+    expect(0x8240 in codes, observed, "EMCY 0x8240")
 
 
 # -- EMCY
@@ -212,8 +212,8 @@ def _history(node: CheckedNode) -> None:
 @_add("M07", "7.2.7", "a cause that is gone is reported with EMCY 0x0000", _SHOULD, _CONFIGURE)
 def _error_reset(node: CheckedNode) -> None:
     _, _, _, *after = _provoked(node)
-    came = "; ".join(data.hex(" ").upper() for data in after) or "no EMCY"
-    expect(any(data[:2] == b"\0\0" for data in after), came, "EMCY 0x0000")
+    observed = "; ".join(data.hex(" ").upper() for data in after) or "no EMCY"
+    expect(any(data[:2] == b"\0\0" for data in after), observed, "EMCY 0x0000")
 
 
 @_add("M09", "7.2.7", "bytes 3 to 7 of an EMCY are 0 where the manufacturer documents none", _SHOULD, _CONFIGURE)

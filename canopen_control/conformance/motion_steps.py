@@ -174,8 +174,8 @@ def until(
     while not holds(samples[-1]):
         last = samples[-1]
         if last.seconds - samples[0].seconds > seconds:
-            came = f"position {last.position}, velocity {last.velocity}, statusword 0x{last.word:04X}"
-            raise CheckFailed(f"{came} after {seconds:g} s", due)
+            observed = f"position {last.position}, velocity {last.velocity}, statusword 0x{last.word:04X}"
+            raise CheckFailed(f"{observed} after {seconds:g} s", due)
         node.listen(STEP_S)
         samples.append(sample(node, motion))
     return samples

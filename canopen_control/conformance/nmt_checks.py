@@ -314,8 +314,8 @@ def _heartbeat_lost(node: CheckedNode) -> None:
     with _watching(node) as other:
         _beat(node, other, 2)
         codes = emergencies(node, can_id, 0.5)
-    came = ", ".join(f"0x{code:04X}" for code in codes) or "no EMCY"
-    expect(HEARTBEAT_LOST in codes, came, f"EMCY 0x{HEARTBEAT_LOST:04X}")
+    observed = ", ".join(f"0x{code:04X}" for code in codes) or "no EMCY"
+    expect(HEARTBEAT_LOST in codes, observed, f"EMCY 0x{HEARTBEAT_LOST:04X}")
 
 
 @_add("H06", "7.2.8.2", "no heartbeat is missed before the first one came", touch=_CONFIGURE)
@@ -377,8 +377,8 @@ def _life_guarding(node: CheckedNode) -> None:
             _guard(node)
             node.listen(_LIFE_S / 2)
         codes = emergencies(node, can_id, 5 * _LIFE_S)
-    came = ", ".join(f"0x{code:04X}" for code in codes) or "no EMCY"
-    expect(HEARTBEAT_LOST in codes, came, f"EMCY 0x{HEARTBEAT_LOST:04X}")
+    observed = ", ".join(f"0x{code:04X}" for code in codes) or "no EMCY"
+    expect(HEARTBEAT_LOST in codes, observed, f"EMCY 0x{HEARTBEAT_LOST:04X}")
 
 
 @_add("H08", "7.2.8.2", "the heartbeat goes on while a master guards", touch=_CONFIGURE)  # T 7.201
@@ -428,8 +428,8 @@ def _selective(node: CheckedNode) -> None:
     _lss(node)
     answer = _select(node, _identity(node))
     try:
-        came = "no answer" if answer is None else answer.hex(" ").upper()
-        expect(answer is not None and answer[0] == LssCommand.SWITCHED, came, f"{LssCommand.SWITCHED:02X}")
+        observed = "no answer" if answer is None else answer.hex(" ").upper()
+        expect(answer is not None and answer[0] == LssCommand.SWITCHED, observed, f"{LssCommand.SWITCHED:02X}")
     finally:
         _wait_again(node)
 
@@ -451,11 +451,10 @@ def _inquiry(node: CheckedNode) -> None:
     try:
         for part, value in enumerate([*identity, node.node_id]):
             answer = _ask_lss(node, LssCommand.INQUIRE + part)
-            came = "no answer" if answer is None else answer.hex(" ").upper()
+            observed = "no answer" if answer is None else answer.hex(" ").upper()
             width = 4 if part < 4 else 1
-            expect(
-                answer is not None and int.from_bytes(answer[1 : 1 + width], "little") == value, came, f"0x{value:X}"
-            )
+            matches = answer is not None and int.from_bytes(answer[1 : 1 + width], "little") == value
+            expect(matches, observed, f"0x{value:X}")
     finally:
         _wait_again(node)
 

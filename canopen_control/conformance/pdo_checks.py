@@ -225,8 +225,8 @@ def _mapped_objects(node: CheckedNode) -> None:
             for entry in record.entries:
                 index, subindex, _ = parse_mapping_entry(entry)
                 od = None if node.eds is None else node.eds.od
-                known = index in DUMMY_TYPES or od is None or od.get(index, subindex) is not None
-                expect(known, f"0x{index:04X}:{subindex:02X} in 0x{record.mapping:04X}", "an object of the EDS")
+                mappable = index in DUMMY_TYPES or od is None or od.get(index, subindex) is not None
+                expect(mappable, f"0x{index:04X}:{subindex:02X} in 0x{record.mapping:04X}", "an object of the EDS")
 
 
 @_add("P02d", "7.5.2.36 and 7.5.2.38", "the mappings are the defaults of the EDS", _SHOULD)
@@ -625,7 +625,7 @@ def _other_values(node: CheckedNode, record: PdoRecord) -> tuple[bytes, int, int
     raise NotApplicable("no object of the first RPDO can have another value without an effect")
 
 
-def _expect_value(node: CheckedNode, frame: bytes, address: tuple[int, int], *, taken: bool) -> None:
+def _expect_value(node: CheckedNode, frame: bytes, address: tuple[int, int], *, applied: bool) -> None:
     """Send an RPDO, and expect that its value is taken or not; the old value is written back."""
     record = _first(node, RPDO)
     before = node.read(*address)
@@ -635,7 +635,9 @@ def _expect_value(node: CheckedNode, frame: bytes, address: tuple[int, int], *, 
     if after != before:
         node.write(*address, before)
     name = f"0x{address[0]:04X}:{address[1]:02X}"
-    expect((after != before) is taken, f"{name} is {after.hex(' ').upper()}", "the new value" if taken else "no change")
+    expect(
+        (after != before) is applied, f"{name} is {after.hex(' ').upper()}", "the new value" if applied else "no change"
+    )
 
 
 @_add("P17", "7.2.2.5", "an RPDO that is one byte short changes nothing", touch=_CONFIGURE)  # T 5.4
@@ -643,7 +645,7 @@ def _short_rpdo(node: CheckedNode) -> None:
     record = _first(node, RPDO)
     frame, *address = _other_values(node, record)
     with reconfigured(node, record, {2: 255}), node.operational():
-        _expect_value(node, frame[:-1], (address[0], address[1]), taken=False)
+        _expect_value(node, frame[:-1], (address[0], address[1]), applied=False)
 
 
 @_add("P17e", "7.2.7", "an RPDO that is too short raises EMCY 0x8210", _SHOULD, _CONFIGURE)  # T 5.4
@@ -666,7 +668,7 @@ def _long_rpdo(node: CheckedNode) -> None:
         raise NotApplicable("the first RPDO has 8 bytes already")
     frame, *address = _other_values(node, record)
     with reconfigured(node, record, {2: 255}), node.operational():
-        _expect_value(node, frame + b"\0", (address[0], address[1]), taken=True)
+        _expect_value(node, frame + b"\0", (address[0], address[1]), applied=True)
 
 
 @_add("P18n", "7.2.2", "an RPDO of the length that is mapped is taken in OPERATIONAL", touch=_CONFIGURE)
@@ -674,7 +676,7 @@ def _rpdo(node: CheckedNode) -> None:
     record = _first(node, RPDO)
     frame, *address = _other_values(node, record)
     with reconfigured(node, record, {2: 255}), node.operational():
-        _expect_value(node, frame, (address[0], address[1]), taken=True)
+        _expect_value(node, frame, (address[0], address[1]), applied=True)
 
 
 @_add("P19", "7.3.2.2.2", "an RPDO in PRE-OPERATIONAL is ignored", touch=_CONFIGURE)
@@ -682,7 +684,7 @@ def _rpdo_preop(node: CheckedNode) -> None:
     record = _first(node, RPDO)
     frame, *address = _other_values(node, record)
     with reconfigured(node, record, {2: 255}):
-        _expect_value(node, frame, (address[0], address[1]), taken=False)
+        _expect_value(node, frame, (address[0], address[1]), applied=False)
 
 
 @_add("P19s", "7.5.2.35", "an RPDO of transmission type 1 counts at the next SYNC", touch=_CONFIGURE)

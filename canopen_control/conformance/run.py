@@ -184,9 +184,9 @@ _LATE_S = 5.0  # time in which a device that answers late may answer
 def _reason_of_silence(node: CheckedNode, identity: Mapping[str, str]) -> str:
     """Return why the device does not answer: it is late, it has another node id, the bus is full, or it is gone."""
     node.listen(1.0)  # answers to earlier requests
-    asked = node.reactor.now()
+    begin = node.reactor.now()
     if node.exchange(REQUEST + node.node_id, _upload(0x1000, 0), ANSWER + node.node_id, _LATE_S) is not None:
-        seconds = (node.reactor.now() - asked) / 1e9
+        seconds = (node.reactor.now() - begin) / 1e9
         if seconds > node.timeout_s:
             more = f"give --timeout {2 * seconds:.1f}"
             return f"the device answers after {seconds:.1f} s, later than {node.timeout_s:g} s; {more}"

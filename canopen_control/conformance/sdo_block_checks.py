@@ -190,8 +190,8 @@ def _end_download(node: CheckedNode, value: bytes, crc: int) -> bytes | None:
 
 def _downloaded(node: CheckedNode, *, crc: bool) -> None:
     value = node.optional(_HEARTBEAT)
-    taken = _start_download(node, len(value), crc=crc)
-    if crc and not taken:
+    accepted = _start_download(node, len(value), crc=crc)
+    if crc and not accepted:
         _abort(node, _HEARTBEAT)
         raise NotApplicable("the server makes no CRC")
     ack = _segment(node, 1, value)

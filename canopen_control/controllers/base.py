@@ -71,10 +71,10 @@ class StateCopy:
 
     def by_joint(self) -> dict[str, Values]:
         """Return the copy; None for unknown values."""
-        found: dict[str, Values] = {joint: {} for joint in self._joints}
+        values_by_joint: dict[str, Values] = {joint: {} for joint in self._joints}
         for (joint, name), value in zip(self._places, self._values, strict=True):
-            found[joint][name] = finite(value)
-        return found
+            values_by_joint[joint][name] = finite(value)
+        return values_by_joint
 
 
 # The timeout of a controller's command: who gave it, when, and how long it counts.
@@ -135,14 +135,14 @@ class ControllerState(enum.Enum):
 
 def zero_targets(commands: Sequence[CommandInterface]) -> None:
     """Set every target that would keep something moving to 0.0; a position target holds by itself."""
-    for each in commands:
-        if each.quantity in MOVING:
-            each.value = 0.0
+    for command in commands:
+        if command.quantity in MOVING:
+            command.value = 0.0
 
 
 def is_moving(commands: Sequence[CommandInterface]) -> bool:
     """Return whether a target keeps something moving, or may be moving to a position."""
-    return any(each.value != 0.0 and math.isfinite(each.value) for each in commands)
+    return any(command.value != 0.0 and math.isfinite(command.value) for command in commands)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -167,7 +167,7 @@ class EnableStatus:
 
 def joint_names(interfaces: Sequence[CommandInterface]) -> str:
     """Return the joints of interfaces, each once, separated by commas."""
-    return ", ".join(dict.fromkeys(each.joint for each in interfaces))
+    return ", ".join(dict.fromkeys(interface.joint for interface in interfaces))
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,9 +284,9 @@ class Controller:
     def forget(self, now: int) -> None:
         """Clear the command: moving targets become 0.0, positions are held at the present position."""
         self.on_deactivate(now)
-        for each in self.commands:
-            if each.quantity == POSITION:
-                each.value = math.nan  # the hardware holds where it is, and does not go on to the old target
+        for command in self.commands:
+            if command.quantity == POSITION:
+                command.value = math.nan  # the hardware holds where it is, and does not go on to the old target
         self.on_activate(self.commands, self.states, now)
 
     def forget_some(self, commands: Sequence[CommandInterface], now: int) -> None:
@@ -321,7 +321,7 @@ class Controller:
 
     def is_standstill(self, values: Sequence[float]) -> bool:
         """Return whether a command of these values is standstill, which may outlive its client."""
-        return not any(values) and all(each.quantity in MOVING for each in self.commands)
+        return not any(values) and all(command.quantity in MOVING for command in self.commands)
 
     # ------------------------------------------------------------------------------------------------ for overrides
 
@@ -349,13 +349,13 @@ class Controller:
     @property
     def describe_stop(self) -> str:
         """State of its joints after the end of a command, as a clause."""
-        stands = all(each.quantity in MOVING for each in self.commands)
+        stands = all(command.quantity in MOVING for command in self.commands)
         return "its targets are 0" if stands else "what moves is stopped, positions are held where they are"
 
     def refuse_out_of_range(self, commands: Sequence[CommandInterface], value: float, now: int) -> None:
         """Refuse a value that does not fit an object behind these interfaces; it ends the previous command."""
-        for each in commands:
-            fits = each.range_error(value)
+        for command in commands:
+            fits = command.range_error(value)
             if fits is not None:
                 self.forget(now)
                 raise self.refusal(

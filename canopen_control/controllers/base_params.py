@@ -101,9 +101,9 @@ class PrefixedParams(BaseParams):
 
 def read_checked(params: Params, cls: type[P], renames: Mapping[str, str] | None = None) -> P:
     """Return the parameters of a base; RobotConfigError with every mistake. `renames` as in `Params.read`."""
-    given = params.read(cls, renames)
-    refuse(params.name, given.mistakes())
-    return given
+    settings = params.read(cls, renames)
+    refuse(params.name, settings.mistakes())
+    return settings
 
 
 def refuse(name: str, checks: Iterable[tuple[bool, str]]) -> None:

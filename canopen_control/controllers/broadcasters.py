@@ -106,8 +106,8 @@ class BatteryParams(CommonParams):
         if self.sensor_name:
             return [f"{battery}/voltage", *[""] * (len(QUANTITIES) - 1)]
         first, *others = QUANTITIES
-        wanted = [self.interfaces.get(f"{battery}.{each}", False) for each in others]
-        names = [f"{battery}/{each}" if is_wanted else "" for each, is_wanted in zip(others, wanted, strict=True)]
+        selected = [self.interfaces.get(f"{battery}.{other}", False) for other in others]
+        names = [f"{battery}/{other}" if is_wanted else "" for other, is_wanted in zip(others, selected, strict=True)]
         return [f"{battery}/{first}", *names]
 
     def mistakes(self) -> Iterator[str]:
@@ -117,27 +117,33 @@ class BatteryParams(CommonParams):
             yield f"{both}; give it under ros__parameters: batteries: [main_battery]"
         if len(set(self.batteries)) != len(self.batteries):
             yield f"batteries names one twice: {', '.join(self.batteries)}; name each once"
-        known = [f"{battery}.{each}" for battery in self.batteries for each in QUANTITIES[1:]]
-        yield from (f"interfaces.{each}{nearest(each, known)}" for each in self.interfaces if each not in known)
-        for name, each in zip(self.names, self.own, strict=True):
-            if each.minimum_voltage >= each.maximum_voltage:
-                yield f"{name}: minimum_voltage is {each.minimum_voltage:g}; give less than maximum_voltage"
+        interfaces = [f"{battery}.{quantity}" for battery in self.batteries for quantity in QUANTITIES[1:]]
+        yield from (
+            f"interfaces.{interface}{nearest(interface, interfaces)}"
+            for interface in self.interfaces
+            if interface not in interfaces
+        )
+        for name, battery in zip(self.names, self.own, strict=True):
+            if battery.minimum_voltage >= battery.maximum_voltage:
+                yield f"{name}: minimum_voltage is {battery.minimum_voltage:g}; give less than maximum_voltage"
 
 
 def read_params(params: Params, name: str) -> BatteryParams:
     """Return the parameters of controller `name`; RobotConfigError with all mistakes."""
     nodes = [params.flat.get(key) for key in ("batteries", "state_joints")]
-    batteries = tuple(dict.fromkeys(each.text for node in nodes if node is not None for each in node.elements()))
-    found = params.read(_with_batteries(batteries), _RENAMES)
-    own = tuple(getattr(found, f"battery_{batteries.index(each)}") for each in found.batteries)
-    if found.sensor_name:
+    batteries = tuple(dict.fromkeys(element.text for node in nodes if node is not None for element in node.elements()))
+    settings = params.read(_with_batteries(batteries), _RENAMES)
+    own = tuple(getattr(settings, f"battery_{batteries.index(battery)}") for battery in settings.batteries)
+    if settings.sensor_name:
         own = (
-            BatteryFacts(design_capacity=found.design_capacity, power_supply_technology=found.power_supply_technology),
+            BatteryFacts(
+                design_capacity=settings.design_capacity, power_supply_technology=settings.power_supply_technology
+            ),
         )
-    given = dataclasses.replace(found, own=own)
-    if mistakes := list(given.mistakes()):
+    result = dataclasses.replace(settings, own=own)
+    if mistakes := list(result.mistakes()):
         raise RobotConfigError(f"{name}: {'; '.join(mistakes)}")
-    return given
+    return result
 
 
 def _with_batteries(batteries: tuple[str, ...]) -> type[BatteryParams]:
@@ -200,10 +206,10 @@ class ImuParams(SensorParams):
     def mistakes(self) -> Iterator[str]:
         """Yield the mistakes in the parameters."""
         yield from super().mistakes()
-        for what in ("orientation", "angular_velocity", "linear_acceleration"):
-            given = getattr(self, f"static_covariance_{what}")
-            if len(given) != _COVARIANCE or not all(map(math.isfinite, given)):
-                yield f"static_covariance_{what} has {len(given)} numbers; give nine finite ones, row by row"
+        for quantity in ("orientation", "angular_velocity", "linear_acceleration"):
+            covariance = getattr(self, f"static_covariance_{quantity}")
+            if len(covariance) != _COVARIANCE or not all(map(math.isfinite, covariance)):
+                yield f"static_covariance_{quantity} has {len(covariance)} numbers; give nine finite ones, row by row"
 
 
 @dataclass(frozen=True)
@@ -253,15 +259,15 @@ class ForceTorqueParams(SensorParams):
             yield f"{both}; give sensor_name for all six, or some of interface_names.force.x to torque.z"
         if not self.frame_id:
             yield "no 'frame_id'; give it under ros__parameters: frame_id: tool0"
-        for key, given in (
+        for key, covariance in (
             ("interface_names", self.interface_names),
             ("offset", self.offset),
             ("multiplier", self.multiplier),
         ):
-            yield from (f"{key}.{each}{nearest(each, AXES)}" for each in given if each not in AXES)
+            yield from (f"{key}.{axis}{nearest(axis, AXES)}" for axis in covariance if axis not in AXES)
         for key, numbers in (("offset", self.offset), ("multiplier", self.multiplier)):
-            yield from (f"{key}.{axis} is {each}; give a finite number" for axis, each in numbers.items()
-                        if not math.isfinite(each))  # fmt: skip
+            yield from (f"{key}.{axis} is {number}; give a finite number" for axis, number in numbers.items()
+                        if not math.isfinite(number))  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -291,8 +297,8 @@ class PoseParams(CommonParams):
     def names(self) -> list[str]:
         """The seven state interfaces in the order of `POSE`."""
         if self.pose_name:
-            return [f"{self.pose_name}/{each}" for each in POSE]
-        return [self.interface_names[each] for each in POSE]
+            return [f"{self.pose_name}/{key}" for key in POSE]
+        return [self.interface_names[key] for key in POSE]
 
     @property
     def child_frame_id(self) -> str | None:
@@ -305,11 +311,11 @@ class PoseParams(CommonParams):
         if bool(self.pose_name) == named:
             both = "both 'pose_name' and interface_names" if named else "neither 'pose_name' nor interface_names"
             yield f"{both}; give pose_name for all seven, or interface_names.position.x to orientation.w"
-        elif named and (missing := [each for each in POSE if not self.interface_names.get(each)]):
+        elif named and (missing := [key for key in POSE if not self.interface_names.get(key)]):
             yield f"interface_names.{missing[0]} is missing; a pose has all of position.x to orientation.w"
         if not self.frame_id:
             yield "no 'frame_id'; give it under ros__parameters: frame_id: map"
-        yield from (f"interface_names.{each}{nearest(each, POSE)}" for each in self.interface_names if each not in POSE)
+        yield from (f"interface_names.{name}{nearest(name, POSE)}" for name in self.interface_names if name not in POSE)
 
     def check(self, name: str) -> None:
         """Raise RobotConfigError with all mistakes; `name` is the controller's."""
@@ -318,8 +324,8 @@ class PoseParams(CommonParams):
 
 def refuse_all(name: str, mistakes: Iterator[str]) -> None:
     """Raise RobotConfigError with all sentences, if there are any; `name` is the controller's."""
-    if found := list(mistakes):
-        raise RobotConfigError(f"{name}: {'; '.join(found)}")
+    if texts := list(mistakes):
+        raise RobotConfigError(f"{name}: {'; '.join(texts)}")
 
 
 # Broadcasters of sensors: IMU, range, force and torque, pose, over the state interfaces of a <sensor> of any hardware.
@@ -351,14 +357,14 @@ class SensorBroadcaster(Controller):
 
     def state_interface_names(self) -> list[str]:
         """Return the state interfaces to read."""
-        return [each for each in self._names if each]
+        return [name for name in self._names if name]
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         """Store the interfaces, and publish their values."""
         super().on_activate(commands, states, now)
-        by_name = {each.name: each for each in states}
+        by_name = {state.name: state for state in states}
         self._values = [math.nan] * len(self._names)
-        self._sources = [(place, by_name[each]) for place, each in enumerate(self._names) if each]
+        self._sources = [(place, by_name[name]) for place, name in enumerate(self._names) if name]
         self.update(now, 0.0)
 
     def update(self, now: int, period: float) -> ReturnType:
@@ -369,14 +375,14 @@ class SensorBroadcaster(Controller):
         self.stamp = now
         return OK
 
-    def _set_up(self, given: SensorParams | PoseParams, names: list[str]) -> None:
+    def _set_up(self, params: SensorParams | PoseParams, names: list[str]) -> None:
         """Store checked parameters."""
-        given.check(self.name)
-        self.update_rate, self.frame_id, self._names = given.update_rate, given.frame_id, names
+        params.check(self.name)
+        self.update_rate, self.frame_id, self._names = params.update_rate, params.frame_id, names
 
     def _known(self, first: int, last: int) -> tuple[float | None, ...]:
         """Return some of the values of the last update, None for unknown ones."""
-        return tuple(finite(each) for each in self._values[first:last])
+        return tuple(finite(value) for value in self._values[first:last])
 
 
 class IMUSensorBroadcaster(SensorBroadcaster):
@@ -391,20 +397,20 @@ class IMUSensorBroadcaster(SensorBroadcaster):
     def on_configure(self, params: Params) -> None:
         """Read the parameters; RobotConfigError with all mistakes."""
         self.params = params.read(ImuParams)
-        self._set_up(self.params, [f"{self.params.sensor_name}/{each}" for each in _IMU])
+        self._set_up(self.params, [f"{self.params.sensor_name}/{quantity}" for quantity in _IMU])
 
     def sample(self, wall_offset_ns: int) -> ImuSample:
         """Return the measurement of the last update."""
-        given = self.params
+        params = self.params
         return ImuSample(
             time=self.published(wall_offset_ns),
             frame_id=self.frame_id,
             orientation=self._known(0, 4),
             angular_velocity=self._known(4, 7),
             linear_acceleration=self._known(7, 10),
-            orientation_covariance=list(given.static_covariance_orientation),
-            angular_velocity_covariance=list(given.static_covariance_angular_velocity),
-            linear_acceleration_covariance=list(given.static_covariance_linear_acceleration),
+            orientation_covariance=list(params.static_covariance_orientation),
+            angular_velocity_covariance=list(params.static_covariance_angular_velocity),
+            linear_acceleration_covariance=list(params.static_covariance_linear_acceleration),
         )
 
 
@@ -424,16 +430,16 @@ class RangeSensorBroadcaster(SensorBroadcaster):
 
     def sample(self, wall_offset_ns: int) -> RangeSample:
         """Return the measurement of the last update."""
-        given = self.params
+        params = self.params
         return RangeSample(
             time=self.published(wall_offset_ns),
             frame_id=self.frame_id,
             range=finite(self._values[0]),
-            radiation_type=given.radiation_type,
-            field_of_view=given.field_of_view,
-            min_range=given.min_range,
-            max_range=given.max_range,
-            variance=given.variance,
+            radiation_type=params.radiation_type,
+            field_of_view=params.field_of_view,
+            min_range=params.min_range,
+            max_range=params.max_range,
+            variance=params.variance,
         )
 
 
@@ -448,9 +454,9 @@ class ForceTorqueSensorBroadcaster(SensorBroadcaster):
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; RobotConfigError with all mistakes."""
-        given = params.read(ForceTorqueParams)
-        self._set_up(given, given.names)
-        self._scales = [(given.offset.get(axis, 0.0), given.multiplier.get(axis, 1.0)) for axis in AXES]
+        settings = params.read(ForceTorqueParams)
+        self._set_up(settings, settings.names)
+        self._scales = [(settings.offset.get(axis, 0.0), settings.multiplier.get(axis, 1.0)) for axis in AXES]
 
     def update(self, now: int, period: float) -> ReturnType:
         """Copy the states, with offset and multiplier: a publication."""
@@ -481,10 +487,10 @@ class PoseBroadcaster(SensorBroadcaster):
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; RobotConfigError with all mistakes."""
-        self.params = given = params.read(PoseParams)
-        given.check(self.name)
-        self._set_up(given, given.names)
-        if given.tf.publish_rate:
+        self.params = settings = params.read(PoseParams)
+        settings.check(self.name)
+        self._set_up(settings, settings.names)
+        if settings.tf.publish_rate:
             self.report(
                 "parameter", "tf.publish_rate has no effect: a transform goes out at every update; set update_rate"
             )
@@ -520,9 +526,9 @@ class BatteryStateBroadcaster(SensorBroadcaster):
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; RobotConfigError with all mistakes."""
-        self.params = given = read_params(params, self.name)
-        self.update_rate = given.update_rate
-        self._names = [each for battery in given.names for each in given.measured(battery)]
+        self.params = settings = read_params(params, self.name)
+        self.update_rate = settings.update_rate
+        self._names = [name for battery in settings.names for name in settings.measured(battery)]
 
     def sample(self, wall_offset_ns: int) -> BatteriesSample:
         """Return the measurement of the last update."""
@@ -559,35 +565,35 @@ def _reading(name: str, own: BatteryFacts, values: Sequence[float | None]) -> Ba
 
 def _together(batteries: Sequence[BatteryReading]) -> BatteryReading:
     """Return all batteries combined."""
-    technologies = {each.power_supply_technology for each in batteries}
+    technologies = {battery.power_supply_technology for battery in batteries}
     return BatteryReading(
         name="",
-        voltage=_mean([each.voltage for each in batteries]),
-        temperature=_mean([each.temperature for each in batteries]),
-        current=_mean([each.current for each in batteries]),
-        charge=_sum([each.charge for each in batteries]),
-        capacity=_sum([each.capacity for each in batteries]),
-        design_capacity=_sum([each.design_capacity for each in batteries]),
-        percentage=_mean([each.percentage for each in batteries]),
-        power_supply_status=max(each.power_supply_status for each in batteries),
-        power_supply_health=max(each.power_supply_health for each in batteries),
+        voltage=_mean([battery.voltage for battery in batteries]),
+        temperature=_mean([battery.temperature for battery in batteries]),
+        current=_mean([battery.current for battery in batteries]),
+        charge=_sum([battery.charge for battery in batteries]),
+        capacity=_sum([battery.capacity for battery in batteries]),
+        design_capacity=_sum([battery.design_capacity for battery in batteries]),
+        percentage=_mean([battery.percentage for battery in batteries]),
+        power_supply_status=max(battery.power_supply_status for battery in batteries),
+        power_supply_health=max(battery.power_supply_health for battery in batteries),
         power_supply_technology=technologies.pop() if len(technologies) == 1 else 0,
-        present=any(each.present for each in batteries),
-        location=", ".join(each.location for each in batteries if each.location),
-        serial_number=", ".join(each.serial_number for each in batteries if each.serial_number),
+        present=any(battery.present for battery in batteries),
+        location=", ".join(battery.location for battery in batteries if battery.location),
+        serial_number=", ".join(battery.serial_number for battery in batteries if battery.serial_number),
     )
 
 
 def _sum(values: Sequence[float | None]) -> float | None:
     """Return the sum of the known values, None if there are none."""
-    known = [each for each in values if each is not None]
-    return math.fsum(known) if known else None
+    numbers = [value for value in values if value is not None]
+    return math.fsum(numbers) if numbers else None
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
     """Return the mean of the known values, None if there are none."""
-    known = [each for each in values if each is not None]
-    return math.fsum(known) / len(known) if known else None
+    numbers = [value for value in values if value is not None]
+    return math.fsum(numbers) / len(numbers) if numbers else None
 
 
 @dataclass(frozen=True)
@@ -619,18 +625,18 @@ class _StateBroadcaster(Controller):
     def state_interface_names(self) -> list[str]:
         """Return joints times interfaces if both are given, else everything, to choose from at activation."""
         if self.params.joints and self.params.interfaces:
-            return [f"{joint}/{each}" for joint in self.params.joints for each in self.params.interfaces]
+            return [f"{joint}/{interface}" for joint in self.params.joints for interface in self.params.interfaces]
         return [ALL_STATES]
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         """Create the layout of the published values; ControlError if it is empty."""
         super().on_activate(commands, states, now)
         layout: dict[str, dict[str, StateInterface | None]] = {}
-        for each in filter(self._wanted, states):
-            layout.setdefault(each.joint, {})[each.interface] = each
+        for state in filter(self._wanted, states):
+            layout.setdefault(state.joint, {})[state.interface] = state
         if not layout:
-            wanted = ", ".join(self.params.interfaces or self.chosen) or "any interface"
-            raise ControlError(f"{self.name}: no joint has a state of {wanted}; name others under `interfaces`")
+            kinds = ", ".join(self.params.interfaces or self.chosen) or "any interface"
+            raise ControlError(f"{self.name}: no joint has a state of {kinds}; name others under `interfaces`")
         self._copy, self.joints = StateCopy(layout), tuple(layout)
         self.stamp = now
 
@@ -668,13 +674,15 @@ class DiagnosticsBroadcaster(_StateBroadcaster):
 
     def sample(self, wall_offset_ns: int) -> DiagnosticsSample:
         """Return the health of every joint by its values of the last update."""
-        judged = [JointDiagnosis(joint, *self._judged(each), each) for joint, each in self._copy.by_joint().items()]
+        judged = [
+            JointDiagnosis(joint, *self._judged(values), values) for joint, values in self._copy.by_joint().items()
+        ]
         return DiagnosticsSample(time=self.published(wall_offset_ns), joints=judged)
 
     def _judged(self, values: Values) -> Verdict:
         age, code, nmt, word = (values.get(key) for key in ("age", "error_code", "nmt_state", "statusword"))
-        known = any(value is not None for value in values.values())
-        if (verdict := stale(age, self.params.stale_after, is_known=known)) is not None:
+        has_values = any(value is not None for value in values.values())
+        if (verdict := stale(age, self.params.stale_after, is_known=has_values)) is not None:
             return verdict
         state = None if word is None else decode_statusword(int(word))
         name = "FAULT" if code else "" if state is None else state.name

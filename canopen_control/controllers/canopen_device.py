@@ -36,10 +36,10 @@ class CanopenProxyController(Controller):
 
     def on_configure(self, params: Params) -> None:
         """Read the joint; RobotConfigError without one."""
-        given = params.read(DeviceParams)
-        if not given.joint:
+        settings = params.read(DeviceParams)
+        if not settings.joint:
             raise RobotConfigError(f"{self.name}: no 'joint'; give it under {self.name}: ros__parameters: joint: NAME")
-        self.joints, self.update_rate = (given.joint,), given.update_rate
+        self.joints, self.update_rate = (settings.joint,), settings.update_rate
 
 
 class Cia402DeviceController(CanopenProxyController):

@@ -157,9 +157,9 @@ def read_controllers(
     nav2's ReplaceString. An undefined one stays unchanged, with a warning.
     """
     text = read_text(path, RobotConfigError)
-    known = variables or {}
-    root = read_tree(_with_variables(text, known), str(path), error=RobotConfigError, strict=strict)
-    for name, line in _variables_in(_with_variables(text, known)):
+    values = variables or {}
+    root = read_tree(_with_variables(text, values), str(path), error=RobotConfigError, strict=strict)
+    for name, line in _variables_in(_with_variables(text, values)):
         at = Node("scalar", line, 1, "", root.problems)
         root.problems.warning(at, f"{name} has no value here; give it with --launch FILE NAME:=VALUE")
     if root.kind != "mapping":
@@ -175,9 +175,9 @@ def read_controllers(
     if not controllers:
         own.key.error("no controller has a type; name them under controller_manager: <name>: type: ...")
     root.problems.raise_if_any(RobotConfigError)
-    read = {id(root.problems): [str(each) for each in root.problems.warnings]}
-    for each in controllers.values():
-        read.update((id(one), [str(text) for text in one.warnings]) for one in each.params.files)
+    read = {id(root.problems): [str(warning) for warning in root.problems.warnings]}
+    for controller in controllers.values():
+        read.update((id(one), [str(text) for text in one.warnings]) for one in controller.params.files)
     warnings = [text for texts in read.values() for text in texts]
     lines = {name: key.line for name, key in flat.keys().items()}
     place = str(path), own.key.line, own.namespace, lines
@@ -188,10 +188,10 @@ _VARIABLE: Final = re.compile(r"\$\(var +([\w.-]+)\)|<((?:robot_)?namespace)>")
 
 
 def _with_variables(text: str, variables: Mapping[str, str]) -> str:
-    def value(found: re.Match[str]) -> str:
-        name = found[1] or "namespace"
-        given = variables.get(name)
-        return found[0] if given is None else given.strip("/") if found[2] else given
+    def value(match: re.Match[str]) -> str:
+        name = match[1] or "namespace"
+        replacement = variables.get(name)
+        return match[0] if replacement is None else replacement.strip("/") if match[2] else replacement
 
     return _VARIABLE.sub(value, text)
 
@@ -199,8 +199,8 @@ def _with_variables(text: str, variables: Mapping[str, str]) -> str:
 def _variables_in(text: str) -> list[tuple[str, int]]:
     """Return the remaining variables, each once, with its first line."""
     lines = enumerate(LINE_END.split(text), 1)
-    found = [(each[0], number) for number, line in lines for each in _VARIABLE.finditer(line.partition("#")[0])]
-    return list({name: (name, number) for name, number in reversed(found)}.values())[::-1]
+    uses = [(match[0], number) for number, line in lines for match in _VARIABLE.finditer(line.partition("#")[0])]
+    return list({name: (name, number) for name, number in reversed(uses)}.values())[::-1]
 
 
 def _common(everywhere: Node) -> Node:
@@ -248,13 +248,13 @@ def is_within(pattern: str, namespace: str) -> bool:
 
 def _is_namespace(name: str, value: Node) -> bool:
     """Return whether a block contains only blocks: mappings, and neither a type nor the manager's name."""
-    below = {each.kind for _, each in value.items()}
+    below = {node.kind for _, node in value.items()}
     return value.kind == "mapping" and value.get("type") is None and below == {"mapping"} and name != MANAGER_SECTION
 
 
 def _add(blocks: dict[str, _Block], name: str, block: _Block) -> None:
-    known = blocks.get(name)
-    blocks[name] = dataclasses.replace(block, value=block.value.over(known.value)) if known else block
+    previous = blocks.get(name)
+    blocks[name] = dataclasses.replace(block, value=block.value.over(previous.value)) if previous else block
 
 
 def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParams]:
@@ -267,16 +267,16 @@ def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParam
         if name and last == "type":
             files, fallbacks = _texts(pairs, f"{name}.params_file"), _texts(pairs, f"{name}.fallback_controllers")
             further = _below(flat, pairs, name)
-            told = tuple(text for _, text in fallbacks)
+            fallback_names = tuple(text for _, text in fallbacks)
             options = _node_options(_texts(pairs, f"{name}.node_options_args"))
-            declared[name] = _Declared(key, convert(value, str, ""), further, files, told, options)
+            declared[name] = _Declared(key, convert(value, str, ""), further, files, fallback_names, options)
     for dotted, pair in pairs.items():
         foreign = dotted.startswith((*_IGNORED, *(f"{name}." for name in declared)))
         if dotted in _INITIAL_STATES or not foreign:
             own[dotted] = pair
-    given = Node.mapping(like(root), own)
-    manager = convert(given, ManagerParams, ManagerParams())
-    tell_ineffective(given, manager)
+    params = Node.mapping(like(root), own)
+    manager = convert(params, ManagerParams, ManagerParams())
+    tell_ineffective(params, manager)
     return declared, manager
 
 
@@ -289,16 +289,16 @@ def _texts(pairs: Mapping[str, tuple[Node, Node]], name: str) -> tuple[tuple[Nod
     return tuple((place, text) for place in places if (text := convert(place, str, "")))
 
 
-def _node_options(given: tuple[tuple[Node, str], ...]) -> tuple[str, ...]:
-    texts = tuple(text for _, text in given)
+def _node_options(entries: tuple[tuple[Node, str], ...]) -> tuple[str, ...]:
+    texts = tuple(text for _, text in entries)
     if (mistake := node_options_mistake(texts)) is not None:
-        given[0][0].error(f"node_options_args: {mistake}")
+        entries[0][0].error(f"node_options_args: {mistake}")
     return texts
 
 
 def node_options_mistake(arguments: Sequence[str]) -> str | None:
     """Return the mistake in the arguments of a controller's ROS node, None if all are remappings."""
-    words = [each for each in arguments if each != "--ros-args"]
+    words = [argument for argument in arguments if argument != "--ros-args"]
     for option, rule in zip(words[::2], [*words[1::2], ""], strict=False):
         if option not in ("-r", "--remap"):
             return f"{option!r} is no remapping; give -r FROM:=TO here, and parameters in params_file"
@@ -322,33 +322,35 @@ def _controllers(
 ) -> dict[str, ControllerConfig]:
     """Combine the parameters of each controller; one without a block of its own is in the manager's namespace."""
     shared = set(flattened(everywhere).keys())
-    found: dict[str, ControllerConfig] = {}
-    for name, each in declared.items():
-        block = blocks.get(name, _Block(each.key, like(each.further), namespace))
-        values = block.value.over(each.further).over(everywhere)
-        for place, text in each.files:
+    controllers: dict[str, ControllerConfig] = {}
+    for name, entry in declared.items():
+        block = blocks.get(name, _Block(entry.key, like(entry.further), namespace))
+        values = block.value.over(entry.further).over(everywhere)
+        for place, text in entry.files:
             values = from_file(place, text, name).over(values)
-        config = _config(name, each.type, each.key, Params(flattened(values), name, shared), block, each.fallbacks)
-        found[name] = dataclasses.replace(config, node_options=each.node_options)
+        config = _config(name, entry.type, entry.key, Params(flattened(values), name, shared), block, entry.fallbacks)
+        controllers[name] = dataclasses.replace(config, node_options=entry.node_options)
     for name, block in blocks.items():
         type_node = block.value.get("type")
-        if name in found:
+        if name in controllers:
             continue
         if type_node is not None:
             params = Params(flattened(block.value.over(everywhere)), name, shared)
-            found[name] = _config(name, convert(type_node, str, ""), block.key, params, block)
+            controllers[name] = _config(name, convert(type_node, str, ""), block.key, params, block)
         else:
             hint = nearest(name, declared)
             block.key.problems.suspect(block.key, f"{name!r} has parameters but no type, so it is not loaded{hint}")
-    _check_fallbacks(declared, found)
-    return found
+    _check_fallbacks(declared, controllers)
+    return controllers
 
 
-def _check_fallbacks(declared: dict[str, _Declared], found: dict[str, ControllerConfig]) -> None:
-    for name, each in declared.items():
-        for fallback in each.fallbacks:
-            if fallback not in found or fallback == name:
-                each.key.error(f"fallback_controllers of {name}: no controller {fallback!r}{nearest(fallback, found)}")
+def _check_fallbacks(declared: dict[str, _Declared], controllers: dict[str, ControllerConfig]) -> None:
+    for name, entry in declared.items():
+        for fallback in entry.fallbacks:
+            if fallback not in controllers or fallback == name:
+                entry.key.error(
+                    f"fallback_controllers of {name}: no controller {fallback!r}{nearest(fallback, controllers)}"
+                )
 
 
 def from_file(place: Node, text: str, name: str) -> Node:
@@ -360,7 +362,7 @@ def from_file(place: Node, text: str, name: str) -> Node:
     except RobotConfigError as error:
         place.error(f"params_file: {error}")
         return like(place)
-    own, everywhere = (blocks.get(each) for each in (name, EVERYWHERE))
+    own, everywhere = (blocks.get(key) for key in (name, EVERYWHERE))
     if own is None and everywhere is None:
         place.error(f"{path} has no parameters for {name}{nearest(name, blocks)}")
         return like(place)
@@ -417,49 +419,55 @@ class SpawnedControllers:
         self._of_file = dict(control.controllers)
         self.given: dict[str, SpawnerArguments] = {}
 
-    def set(self, wanted: Sequence[ParameterValue]) -> None:
+    def set(self, parameters: Sequence[ParameterValue]) -> None:
         """Apply parameters whose names are `CONTROLLER.KEY`: all, or none with a ControlError or RobotConfigError."""
-        given = dict(self.given)
-        for each in wanted:
-            name, _, key = each.name.rpartition(".")
-            given[name] = given.get(name, SpawnerArguments()).changed(key, _spawner_texts(each, key))
-        changed = {name: self._config(name, each) for name, each in given.items() if each != self.given.get(name)}
-        self.given = given
+        arguments_by_name = dict(self.given)
+        for parameter in parameters:
+            name, _, key = parameter.name.rpartition(".")
+            arguments_by_name[name] = arguments_by_name.get(name, SpawnerArguments()).changed(
+                key, _spawner_texts(parameter, key)
+            )
+        changed = {
+            name: self._config(name, arguments)
+            for name, arguments in arguments_by_name.items()
+            if arguments != self.given.get(name)
+        }
+        self.given = arguments_by_name
         self._control.controllers.update(changed)
 
-    def _config(self, name: str, given: SpawnerArguments) -> ControllerConfig:
+    def _config(self, name: str, arguments: SpawnerArguments) -> ControllerConfig:
         before = self._of_file.get(name) or ControllerConfig(name, "", Params.of({}, name))
         problems = Problems(self._control.path or f"params_file of {name}", strict=False)
         place, values = Node("scalar", 0, 0, f"{name}.params_file", problems), before.params.flat
-        for path in given.params_file:
+        for path in arguments.params_file:
             values = flattened(from_file(place, path, name)).over(values)
         problems.raise_if_any(RobotConfigError)
-        for fallback in given.fallback_controllers:
-            known = self._control.controllers
-            if fallback not in known or fallback == name:
+        for fallback in arguments.fallback_controllers:
+            controllers = self._control.controllers
+            if fallback not in controllers or fallback == name:
                 raise ControlError(
-                    f"fallback_controllers of {name}: no controller {fallback!r}{nearest(fallback, known)}"
+                    f"fallback_controllers of {name}: no controller {fallback!r}{nearest(fallback, controllers)}"
                 )
-        if (mistake := node_options_mistake(given.node_options_args)) is not None:
+        if (mistake := node_options_mistake(arguments.node_options_args)) is not None:
             raise ControlError(f"node_options_args of {name}: {mistake}")
         kind = values.get("type")
         return dataclasses.replace(
             before,
-            type=given.type or (str(kind.value) if kind is not None else before.type),
+            type=arguments.type or (str(kind.value) if kind is not None else before.type),
             params=Params(values, name),
-            fallbacks=given.fallback_controllers or before.fallbacks,
-            node_options=given.node_options_args or before.node_options,
+            fallbacks=arguments.fallback_controllers or before.fallbacks,
+            node_options=arguments.node_options_args or before.node_options,
         )
 
 
-def _spawner_texts(wanted: ParameterValue, key: str) -> tuple[str, ...]:
+def _spawner_texts(parameter: ParameterValue, key: str) -> tuple[str, ...]:
     """Return the value of a parameter; ControlError for an unknown one, or another type."""
     if key not in _KEYS:
-        there = ", ".join(_KEYS)
-        raise ControlError(f"{MANAGER}: parameter '{wanted.name}' cannot be set; of a controller there are: {there}")
-    if wanted.kind not in _KEYS[key]:
+        keys = ", ".join(_KEYS)
+        raise ControlError(f"{MANAGER}: parameter '{parameter.name}' cannot be set; of a controller there are: {keys}")
+    if parameter.kind not in _KEYS[key]:
         raise ControlError(
-            f"{MANAGER}: wrong parameter type, parameter '{wanted.name}' is of type {_KEYS[key][-1]}, "
-            f"setting it to {wanted.kind} is not allowed"
+            f"{MANAGER}: wrong parameter type, parameter '{parameter.name}' is of type {_KEYS[key][-1]}, "
+            f"setting it to {parameter.kind} is not allowed"
         )
-    return tuple(map(str, wanted.value)) if isinstance(wanted.value, list) else (str(wanted.value),)
+    return tuple(map(str, parameter.value)) if isinstance(parameter.value, list) else (str(parameter.value),)

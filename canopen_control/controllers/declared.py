@@ -28,13 +28,13 @@ _HIDDEN: Final = frozenset({"type"})  # the manager's parameter of a controller
 _NO_METADATA: Final[Mapping[str, Any]] = types.MappingProxyType({})
 
 
-def declared_by(taken: object, settable: Iterable[str] = (), **effective: PlainValue) -> tuple[ParameterReading, ...]:
+def declared_by(params: object, settable: Iterable[str] = (), **effective: PlainValue) -> tuple[ParameterReading, ...]:
     """Return the parameters of a dataclass, sorted by name; `settable` are patterns of names.
 
     `effective` are values that differ from the file: the `update_rate` that a controller has from the manager.
     """
     patterns = tuple(settable)
-    rows = sorted(_rows(taken, ""), key=lambda row: row.name)
+    rows = sorted(_rows(params, ""), key=lambda row: row.name)
     return tuple(_reading(row, effective.get(row.name, row.value), patterns) for row in rows if row.name not in _HIDDEN)
 
 
@@ -46,7 +46,7 @@ def _reading(row: _Row, value: object, patterns: Iterable[str]) -> ParameterRead
         name=name,
         kind=kind,
         value=plain_value([plain] if kind.endswith("_array") and isinstance(plain, str) else plain),
-        read_only=not any(fnmatchcase(name, each) for each in patterns),
+        read_only=not any(fnmatchcase(name, pattern) for pattern in patterns),
         low=low,
         high=high,
         choices=tuple(map(str, metadata.get("choices") or ())),
@@ -64,29 +64,31 @@ def given_in(params: Params) -> tuple[ParameterReading, ...]:
     )
 
 
-def checked(owner: str, known: Sequence[ParameterReading], wanted: Sequence[ParameterValue]) -> dict[str, PlainValue]:
+def checked(
+    owner: str, declared: Sequence[ParameterReading], parameters: Sequence[ParameterValue]
+) -> dict[str, PlainValue]:
     """Return the values to set, by name; ControlError, with the text of rclcpp, for invalid ones."""
-    rows = {each.name: each for each in known}
+    rows = {reading.name: reading for reading in declared}
     values: dict[str, PlainValue] = {}
-    for each in wanted:
-        row = rows.get(each.name)
+    for parameter in parameters:
+        row = rows.get(parameter.name)
         if row is None:
-            hint = near if "mean" in (near := nearest(each.name, rows)) else ""
-            raise ControlError(f"{owner}: parameter '{each.name}' cannot be set because it was not declared{hint}")
+            hint = near if "mean" in (near := nearest(parameter.name, rows)) else ""
+            raise ControlError(f"{owner}: parameter '{parameter.name}' cannot be set because it was not declared{hint}")
         if row.read_only:
             raise ControlError(
-                f"{owner}: parameter '{each.name}' cannot be set because it is read-only; "
+                f"{owner}: parameter '{parameter.name}' cannot be set because it is read-only; "
                 f"change it in ros2_controllers.yaml, and load the controller again"
             )
-        if row.kind not in (each.kind, "not_set"):
+        if row.kind not in (parameter.kind, "not_set"):
             raise ControlError(
-                f"{owner}: wrong parameter type, parameter '{each.name}' is of type {row.kind}, "
-                f"setting it to {each.kind} is not allowed"
+                f"{owner}: wrong parameter type, parameter '{parameter.name}' is of type {row.kind}, "
+                f"setting it to {parameter.kind} is not allowed"
             )
         try:
-            values[each.name] = each.plain
+            values[parameter.name] = parameter.plain
         except ValueError as error:
-            raise ControlError(f"{owner}: parameter '{each.name}': {error}") from None
+            raise ControlError(f"{owner}: parameter '{parameter.name}': {error}") from None
     return values
 
 
@@ -100,40 +102,40 @@ class _Row(NamedTuple):
     help: str
 
 
-def _rows(taken: Any, prefix: str) -> Iterator[_Row]:  # noqa: ANN401 - a dataclass
-    owner = type(taken)
-    for entry, wanted in fields_of(owner):
-        value, metadata, key = getattr(taken, entry.name), entry.metadata or _NO_METADATA, key_of(entry)
+def _rows(params: Any, prefix: str) -> Iterator[_Row]:  # noqa: ANN401 - a dataclass
+    owner = type(params)
+    for entry, annotation in fields_of(owner):
+        value, metadata, key = getattr(params, entry.name), entry.metadata or _NO_METADATA, key_of(entry)
         help_text = help_of(owner, entry)
         if metadata.get("here") or metadata.get("derived"):
             continue
         if metadata.get("part"):
             yield from _rows(value, prefix)
         elif metadata.get("section") and isinstance(value, dict):  # whose names the file gives
-            inner = typing.get_args(wanted)[-1]
-            yield from (_Row(f"{prefix}{key}.{each}", inner, one, metadata, help_text) for each, one in value.items())
+            inner = typing.get_args(annotation)[-1]
+            yield from (_Row(f"{prefix}{key}.{name}", inner, one, metadata, help_text) for name, one in value.items())
         elif metadata.get("section"):
             yield from _rows(value, f"{prefix}{key}.")
         else:
-            yield _Row(f"{prefix}{key}", wanted, value, metadata, help_text)
+            yield _Row(f"{prefix}{key}", annotation, value, metadata, help_text)
 
 
-def _kind(wanted: Any, value: object) -> str:  # noqa: ANN401 - a type, of which there is no common one
+def _kind(annotation: Any, value: object) -> str:  # noqa: ANN401 - a type, of which there is no common one
     """Return the type of a parameter: that of its annotation if it is unique, else that of its value."""
-    origin, inner = typing.get_origin(wanted), typing.get_args(wanted)
+    origin, inner = typing.get_origin(annotation), typing.get_args(annotation)
     if origin in (typing.Union, types.UnionType):
-        kinds = [_kind(each, value) for each in inner if each is not type(None)]
-        return next((each for each in kinds if each.endswith("_array")), kinds[0])
+        kinds = [_kind(member, value) for member in inner if member is not type(None)]
+        return next((kind for kind in kinds if kind.endswith("_array")), kinds[0])
     if origin in (tuple, list) and inner:
         return f"{SCALARS.get(inner[0], 'string')}_array"
-    if origin is typing.Literal or (isinstance(wanted, type) and issubclass(wanted, enum.Enum)):
+    if origin is typing.Literal or (isinstance(annotation, type) and issubclass(annotation, enum.Enum)):
         return "string"
-    return SCALARS.get(wanted) or _kind_of(value)
+    return SCALARS.get(annotation) or _kind_of(value)
 
 
 def _kind_of(value: object) -> str:
     if isinstance(value, list | tuple):
-        kinds = {_kind_of(each) for each in value}
+        kinds = {_kind_of(element) for element in value}
         first = "double" if kinds == {"integer", "double"} else min(kinds, default="string")
         return f"{first}_array" if first in SCALARS.values() else "string_array"
     return SCALARS.get(type(value), "not_set")

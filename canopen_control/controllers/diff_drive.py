@@ -166,9 +166,9 @@ class DiffDriveController(MobileBase):
 
     def wheel_base(self) -> DriveGeometry:
         """Return the wheel geometry in its parameters, before the multipliers, which are calibration."""
-        given, (odom, base) = self.params, self.frame_ids()
-        sizes = (given.wheel_separation, given.wheel_radius)
-        return DriveGeometry(given.left, given.right, *sizes, odom, base, given.enable_odom_tf, given.frozen)
+        params, (odom, base) = self.params, self.frame_ids()
+        sizes = (params.wheel_separation, params.wheel_radius)
+        return DriveGeometry(params.left, params.right, *sizes, odom, base, params.enable_odom_tf, params.frozen)
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
         """Return the odometry as last published."""
@@ -176,24 +176,26 @@ class DiffDriveController(MobileBase):
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; the pose becomes 0."""
-        given = read_params(params, self.geometry, lambda text: self.report("parameter", text))
-        self.params = given
-        self._wheels = (given.separation, given.left_radius, given.right_radius)
-        self.odometry = Odometry(*self._wheels, given.velocity_rolling_window_size)
+        settings = read_params(params, self.geometry, lambda text: self.report("parameter", text))
+        self.params = settings
+        self._wheels = (settings.separation, settings.left_radius, settings.right_radius)
+        self.odometry = Odometry(*self._wheels, settings.velocity_rolling_window_size)
         self.pose = self.odometry
-        self.joints, self.interface = (*given.left, *given.right), VELOCITY
-        self._side = len(given.left)
-        limits = (given.linear, given.angular)
-        self.set_up(given, given.cmd_vel_timeout, len(self.joints), limits, given.publish_rate, given.open_loop)
+        self.joints, self.interface = (*settings.left, *settings.right), VELOCITY
+        self._side = len(settings.left)
+        limits = (settings.linear, settings.angular)
+        self.set_up(
+            settings, settings.cmd_vel_timeout, len(self.joints), limits, settings.publish_rate, settings.open_loop
+        )
 
     def on_set(self, params: Params) -> None:
         """Apply other limits, timeouts and publications from the next update on; wheel sizes only at rest."""
-        given = read_params(params, self.geometry)
-        wheels = (given.separation, given.left_radius, given.right_radius)
+        settings = read_params(params, self.geometry)
+        wheels = (settings.separation, settings.left_radius, settings.right_radius)
         if wheels != self._wheels and self.state is ControllerState.ACTIVE and any(self.limited):
             raise RobotConfigError(f"{self.name} moves; the multipliers of its wheels are set while it stands")
-        self.take(given, given.cmd_vel_timeout, (given.linear, given.angular))
-        self.params, self._wheels = given, wheels
+        self.take(settings, settings.cmd_vel_timeout, (settings.linear, settings.angular))
+        self.params, self._wheels = settings, wheels
         self.odometry.resize(*wheels)
 
     def command_interface_names(self) -> list[str]:
@@ -246,6 +248,6 @@ class DiffDriveController(MobileBase):
 
 def _mean(states: Sequence[StateInterface]) -> float:
     total = 0.0
-    for each in states:
-        total += each.value
+    for state in states:
+        total += state.value
     return total / len(states)

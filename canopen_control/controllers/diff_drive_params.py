@@ -41,18 +41,18 @@ class SwitchedLimits(TwistAxisLimits):
 
     def limits(self) -> VelocityLimits:
         """Return the limits for the limiter."""
-        found = super().limits()
+        limits = super().limits()
         if not self.has_velocity_limits:
-            found = replace(found, min_velocity=NAN, max_velocity=NAN)
+            limits = replace(limits, min_velocity=NAN, max_velocity=NAN)
         if not self.has_acceleration_limits:
-            found = replace(
-                found,
+            limits = replace(
+                limits,
                 max_acceleration_reverse=NAN,
                 max_acceleration=NAN,
                 max_deceleration=NAN,
                 max_deceleration_reverse=NAN,
             )
-        return found if self.has_jerk_limits else replace(found, min_jerk=NAN, max_jerk=NAN)
+        return limits if self.has_jerk_limits else replace(limits, min_jerk=NAN, max_jerk=NAN)
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class DiffDriveParams(PrefixedParams):
     def frozen(self) -> tuple[str, ...]:
         """The axes that a jerk limit of 0 keeps from ever changing their speed."""
         axes = {"linear.x": self.linear, "angular.z": self.angular}
-        return tuple(name for name, each in axes.items() if each.freezes)
+        return tuple(name for name, axis in axes.items() if axis.freezes)
 
 
 RENAMES: Final = {
@@ -138,33 +138,33 @@ def read_params(
 
     Wheel sizes that are not given are those of the description's `geometry` (as noetic does); `report` is told of each.
     """
-    given = _completed(params.read(DiffDriveParams, RENAMES), geometry, report)
-    if not math.isnan(given.wheel_radius_multiplier):  # noetic: it overrides the sides' own
-        both = given.wheel_radius_multiplier
-        given = replace(given, left_wheel_radius_multiplier=both, right_wheel_radius_multiplier=both)
-    refuse(params.name, _checks(given))
-    params.taken = given
-    return given
+    settings = _completed(params.read(DiffDriveParams, RENAMES), geometry, report)
+    if not math.isnan(settings.wheel_radius_multiplier):  # noetic: it overrides the sides' own
+        both = settings.wheel_radius_multiplier
+        settings = replace(settings, left_wheel_radius_multiplier=both, right_wheel_radius_multiplier=both)
+    refuse(params.name, _checks(settings))
+    params.taken = settings
+    return settings
 
 
 def _completed(
-    given: DiffDriveParams, geometry: WheelGeometrySource | None, report: Callable[[str], None]
+    params: DiffDriveParams, geometry: WheelGeometrySource | None, report: Callable[[str], None]
 ) -> DiffDriveParams:
     if geometry is None:
-        return given
-    if given.wheel_separation <= 0.0 and (separation := geometry.separation(given.left, given.right)):
+        return params
+    if params.wheel_separation <= 0.0 and (separation := geometry.separation(params.left, params.right)):
         report(f"wheel_separation is not given, the description's is taken: {separation:g} m")
-        given = replace(given, wheel_separation=separation)
-    if given.wheel_radius <= 0.0 and (radius := geometry.radius((*given.left, *given.right))):
+        params = replace(params, wheel_separation=separation)
+    if params.wheel_radius <= 0.0 and (radius := geometry.radius((*params.left, *params.right))):
         report(f"wheel_radius is not given, the description's is taken: {radius:g} m")
-        given = replace(given, wheel_radius=radius)
-    return given
+        params = replace(params, wheel_radius=radius)
+    return params
 
 
-def _checks(given: DiffDriveParams) -> list[tuple[bool, str]]:
-    left, right = given.left, given.right
+def _checks(params: DiffDriveParams) -> list[tuple[bool, str]]:
+    left, right = params.left, params.right
     both = sorted({*left} & {*right})
-    positive = (given.separation > 0.0, given.left_radius > 0.0, given.right_radius > 0.0)
+    positive = (params.separation > 0.0, params.left_radius > 0.0, params.right_radius > 0.0)
     return [
         (not left, "no left_wheel_names; give the joints of the left wheels"),
         (not right, "no right_wheel_names; give the joints of the right wheels"),
@@ -173,10 +173,10 @@ def _checks(given: DiffDriveParams) -> list[tuple[bool, str]]:
             f"{len(left)} left wheels and {len(right)} right ones; give as many of each",
         ),
         (bool(both), f"{', '.join(both)} is a wheel of both sides"),
-        (given.wheel_separation <= 0.0, "wheel_separation is missing or 0; give the distance of the wheels in m"),
-        (given.wheel_radius <= 0.0, "wheel_radius is missing or 0; give it in m"),
+        (params.wheel_separation <= 0.0, "wheel_separation is missing or 0; give the distance of the wheels in m"),
+        (params.wheel_radius <= 0.0, "wheel_radius is missing or 0; give it in m"),
         (
-            given.wheel_separation > 0.0 and given.wheel_radius > 0.0 and not all(positive),
+            params.wheel_separation > 0.0 and params.wheel_radius > 0.0 and not all(positive),
             "a multiplier of wheel_separation or wheel_radius is not above 0",
         ),
     ]

@@ -48,10 +48,10 @@ class ForwardCommandController(Controller):
 
     def on_configure(self, params: Params) -> None:
         """Read joints, interface_name and command_timeout; a list that is empty or names one twice is an error."""
-        given = params.read(ForwardParams)
-        if not given.interface_name:
+        settings = params.read(ForwardParams)
+        if not settings.interface_name:
             raise RobotConfigError(_missing(self.name, "interface_name", "velocity"))
-        self._set_up(given, given.joints, given.interface_name, given.command_timeout)
+        self._set_up(settings, settings.joints, settings.interface_name, settings.command_timeout)
 
     def on_set(self, params: Params) -> None:
         """Apply another command_timeout, also to the present command."""
@@ -100,8 +100,8 @@ class ForwardCommandController(Controller):
             self._stop(now)
             return OK
         index, values = 0, self._values
-        for each in self.commands:
-            each.value = values[index]
+        for command in self.commands:
+            command.value = values[index]
             index += 1  # noqa: SIM113 - enumerate makes a tuple per joint in the cycle
         return OK
 
@@ -112,9 +112,9 @@ class ForwardCommandController(Controller):
     def _stop(self, now: int) -> None:
         self._timed_out = True
         zero_targets(self.commands)
-        held = "position targets are held" if self.interface == POSITION else "targets are 0"
+        outcome = "position targets are held" if self.interface == POSITION else "targets are 0"
         self.report(
-            "command_timeout", f"no command for {(now - self.life.given) / 1e9:.2f} s, {held} until the next one"
+            "command_timeout", f"no command for {(now - self.life.given) / 1e9:.2f} s, {outcome} until the next one"
         )
 
     def _set_up(
@@ -146,13 +146,13 @@ class MultiInterfaceForwardCommandController(ForwardCommandController):
 
     def on_configure(self, params: Params) -> None:
         """Read joint, interface_names and command_timeout."""
-        given = params.read(MultiParams)
-        if not given.joint:
+        settings = params.read(MultiParams)
+        if not settings.joint:
             raise RobotConfigError(_missing(self.name, "joint", "left_wheel_joint"))
-        self._set_up(given, given.interface_names, "", given.command_timeout, "interface_names")
-        self._set_life(given.command_timeout, given.interface_names)
-        self.joints, self.interface = (given.joint,), ", ".join(given.interface_names)
-        self._names = tuple(f"{given.joint}/{interface}" for interface in given.interface_names)
+        self._set_up(settings, settings.interface_names, "", settings.command_timeout, "interface_names")
+        self._set_life(settings.command_timeout, settings.interface_names)
+        self.joints, self.interface = (settings.joint,), ", ".join(settings.interface_names)
+        self._names = tuple(f"{settings.joint}/{interface}" for interface in settings.interface_names)
 
 
 class _JointGroupController(ForwardCommandController):
@@ -163,8 +163,8 @@ class _JointGroupController(ForwardCommandController):
 
     def on_configure(self, params: Params) -> None:
         """Read joints and command_timeout."""
-        given = params.read(GroupParams)
-        self._set_up(given, given.joints, self.fixed_interface, given.command_timeout)
+        settings = params.read(GroupParams)
+        self._set_up(settings, settings.joints, self.fixed_interface, settings.command_timeout)
 
 
 class JointGroupVelocityController(_JointGroupController):
@@ -195,10 +195,10 @@ class _JointController(ForwardCommandController):
 
     def on_configure(self, params: Params) -> None:
         """Read joint and command_timeout."""
-        given = params.read(SingleParams, self.renames)
-        if not given.joint:
+        settings = params.read(SingleParams, self.renames)
+        if not settings.joint:
             raise RobotConfigError(_missing(self.name, "joint", "left_wheel_joint"))
-        self._set_up(given, (given.joint,), self.fixed_interface, given.command_timeout)
+        self._set_up(settings, (settings.joint,), self.fixed_interface, settings.command_timeout)
 
 
 class JointVelocityController(_JointController):
@@ -244,11 +244,11 @@ class TargetController(ForwardCommandController):
 
     def on_configure(self, params: Params) -> None:
         """Read joint and command_timeout."""
-        given = params.read(SingleParams)
-        if not given.joint:
+        settings = params.read(SingleParams)
+        if not settings.joint:
             raise RobotConfigError(f"{self.name}: no 'joint'; give it under {self.name}: ros__parameters: joint: NAME")
-        self._set_up(given, (given.joint,), TARGET, None)
-        self._set_life(given.command_timeout, tuple(MOVING))
+        self._set_up(settings, (settings.joint,), TARGET, None)
+        self._set_life(settings.command_timeout, tuple(MOVING))
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
         """Store one finite number, if the drive's mode has a target; `now` in ns restarts the timeout."""

@@ -77,12 +77,16 @@ class GpioParams(CommonParams):
     @property
     def outputs(self) -> list[str]:
         """The command interfaces, as "gpio/interface", in the order of the parameters."""
-        return [f"{gpio}/{each}" for gpio in self.gpios for each in self.command_interfaces.get(gpio + _LIST, ())]
+        return [
+            f"{gpio}/{interface}" for gpio in self.gpios for interface in self.command_interfaces.get(gpio + _LIST, ())
+        ]
 
     @property
     def inputs(self) -> list[str]:
         """The state interfaces that are named, in the same way."""
-        return [f"{gpio}/{each}" for gpio in self.gpios for each in self.state_interfaces.get(gpio + _LIST, ())]
+        return [
+            f"{gpio}/{interface}" for gpio in self.gpios for interface in self.state_interfaces.get(gpio + _LIST, ())
+        ]
 
     @property
     def told_whole(self) -> list[str]:
@@ -100,43 +104,43 @@ def read_params(params: Params, name: str, joints: Sequence[str]) -> GpioParams:
 
     `joints` are those of the description that move: no output moves one.
     """
-    given = params.read(GpioParams)
-    mistakes = [*_of_names(given), *_of_safe_values(given), *_of_joints(given, joints)]
+    settings = params.read(GpioParams)
+    mistakes = [*_of_names(settings), *_of_safe_values(settings), *_of_joints(settings, joints)]
     if mistakes:
         raise RobotConfigError(f"{name}: {'; '.join(mistakes)}")
-    return given
+    return settings
 
 
-def _of_names(given: GpioParams) -> Iterator[str]:
-    if not given.gpios:
+def _of_names(params: GpioParams) -> Iterator[str]:
+    if not params.gpios:
         yield "no 'gpios'; give it under ros__parameters: gpios: [io]"
-    yield from _doubles("gpios", given.gpios)
+    yield from _doubles("gpios", params.gpios)
     for key, lists in (
-        ("command_interfaces", given.command_interfaces),
-        ("state_interfaces", given.state_interfaces),
+        ("command_interfaces", params.command_interfaces),
+        ("state_interfaces", params.state_interfaces),
     ):
         for name, interfaces in lists.items():
             gpio = name.removesuffix(_LIST)
-            if gpio not in given.gpios or gpio == name:
-                yield f"{key}.{name} is no GPIO{_LIST} of one of gpios{nearest(gpio, given.gpios)}"
+            if gpio not in params.gpios or gpio == name:
+                yield f"{key}.{name} is no GPIO{_LIST} of one of gpios{nearest(gpio, params.gpios)}"
             yield from _doubles(f"{key}.{name}", interfaces)
 
 
-def _of_safe_values(given: GpioParams) -> Iterator[str]:
-    outputs = given.outputs
-    dotted = [_dotted(each) for each in outputs]
-    for name, value in given.safe_values.items():
+def _of_safe_values(params: GpioParams) -> Iterator[str]:
+    outputs = params.outputs
+    dotted = [_dotted(output) for output in outputs]
+    for name, value in params.safe_values.items():
         if name not in dotted:
             yield f"safe_values.{name} is none of command_interfaces{nearest(name, dotted)}"
         if not math.isfinite(value):
             yield f"safe_values.{name} is {value}; give a finite number"
-    for name in given.kept_outputs:
+    for name in params.kept_outputs:
         if name not in outputs:
             yield f"kept_outputs: {name!r} is none of command_interfaces{nearest(name, outputs)}"
 
 
-def _of_joints(given: GpioParams, joints: Sequence[str]) -> Iterator[str]:
-    for name in given.outputs:
+def _of_joints(params: GpioParams, joints: Sequence[str]) -> Iterator[str]:
+    for name in params.outputs:
         joint, _, interface = name.rpartition("/")
         if joint in joints and interface in (POSITION, *MOVING):
             yield f"{name} moves a joint and is no output; command it by a forward command controller"
@@ -169,12 +173,12 @@ class GpioCommandController(Controller):
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; RobotConfigError with everything that is wrong in them."""
-        given = read_params(params, self.name, self.description_joints or ())
-        self.params, self.update_rate, self.joints = given, given.update_rate, given.gpios
-        self._names = given.outputs
-        kinds = [each.rpartition("/")[2] for each in self._names]
-        self.life.limit_ns = timeout_ns(given.command_timeout, kinds)
-        if (text := unlimited_warning("command_timeout", given.command_timeout, kinds)) is not None:
+        settings = read_params(params, self.name, self.description_joints or ())
+        self.params, self.update_rate, self.joints = settings, settings.update_rate, settings.gpios
+        self._names = settings.outputs
+        kinds = [name.rpartition("/")[2] for name in self._names]
+        self.life.limit_ns = timeout_ns(settings.command_timeout, kinds)
+        if (text := unlimited_warning("command_timeout", settings.command_timeout, kinds)) is not None:
             self.report(ENDLESS, text)
 
     def command_interface_names(self) -> list[str]:
@@ -188,26 +192,26 @@ class GpioCommandController(Controller):
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         """Prepare the published values; nothing is written before the first command."""
         super().on_activate(commands, states, now)
-        wanted, whole = self.params.inputs, self.params.told_whole
-        found = {each.name: each for each in states if each.name in wanted or each.joint in whole}
-        if missing := [each for each in wanted if each not in found]:
-            raise ControlError(f"{self.name}: there is no state interface {missing[0]}{nearest(missing[0], found)}")
-        commanded = {each.joint for each in commands}
-        told = {each.joint for each in found.values()}
-        if strange := [gpio for gpio in whole if gpio not in commanded and gpio not in told]:
+        input_names, whole_gpios = self.params.inputs, self.params.told_whole
+        inputs = {state.name: state for state in states if state.name in input_names or state.joint in whole_gpios}
+        if missing := [name for name in input_names if name not in inputs]:
+            raise ControlError(f"{self.name}: there is no state interface {missing[0]}{nearest(missing[0], inputs)}")
+        commanded = {command.joint for command in commands}
+        input_gpios = {state.joint for state in inputs.values()}
+        if strange := [gpio for gpio in whole_gpios if gpio not in commanded and gpio not in input_gpios]:
             raise ControlError(f"{self.name}: there is no <gpio> {strange[0]!r} with interfaces; remove it")
         layout: dict[str, dict[str, StateInterface | None]] = {gpio: {} for gpio in self.params.gpios}
-        for each in found.values():
-            layout[each.joint][each.interface] = each
+        for state in inputs.values():
+            layout[state.joint][state.interface] = state
         self._copy, self.stamp = StateCopy(layout), now
         self._values = [math.nan] * len(commands)
-        self._safe = [self.params.safe_value(each.name, each.safe) for each in commands]
+        self._safe = [self.params.safe_value(command.name, command.safe) for command in commands]
         self.life.end()
 
     def on_deactivate(self, now: int) -> None:
         """Set the outputs to their safe values."""
-        for each, safe in zip(self.commands, self._safe, strict=True):
-            each.release_value = safe
+        for command, safe in zip(self.commands, self._safe, strict=True):
+            command.release_value = safe
         self.forget(now)
 
     def forget(self, now: int) -> None:
@@ -219,10 +223,10 @@ class GpioCommandController(Controller):
         """End the commands of some outputs; those without a command are unchanged."""
         del now
         index = 0
-        for each in self.commands:
-            if each in commands and not math.isnan(self._values[index]):
+        for command in self.commands:
+            if command in commands and not math.isnan(self._values[index]):
                 if not math.isnan(self._safe[index]):
-                    each.value = self._safe[index]
+                    command.value = self._safe[index]
                 self._values[index] = math.nan
             index += 1  # noqa: SIM113 - enumerate makes a tuple per output in the cycle
 
@@ -254,8 +258,8 @@ class GpioCommandController(Controller):
     def is_standstill(self, values: Sequence[float]) -> bool:
         """Whether every output already has its safe value."""
         del values
-        held = zip(self._values, self._safe, strict=True)
-        return all(math.isnan(value) or math.isnan(safe) or value == safe for value, safe in held)
+        pairs = zip(self._values, self._safe, strict=True)
+        return all(math.isnan(value) or math.isnan(safe) or value == safe for value, safe in pairs)
 
     @property
     def describe_stop(self) -> str:
@@ -271,9 +275,9 @@ class GpioCommandController(Controller):
             )
             self.forget(now)
         index = 0
-        for each in self.commands:
+        for command in self.commands:
             if not math.isnan(self._values[index]):
-                each.value = self._values[index]
+                command.value = self._values[index]
             index += 1  # noqa: SIM113 - as above
         self._copy.take()
         self.stamp = now

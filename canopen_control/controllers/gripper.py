@@ -65,13 +65,13 @@ class GripperParams(CommonParams):
     @property
     def limits(self) -> list[str]:
         """The command interfaces of the most effort and velocity that are given."""
-        return [each for each in (self.max_effort_interface, self.max_velocity_interface) if each]
+        return [name for name in (self.max_effort_interface, self.max_velocity_interface) if name]
 
     def mistake(self) -> str | None:
         """Return the error in the parameters, None without one."""
         if not self.joint:
             return "no 'joint'; give it under ros__parameters: joint: finger_joint"
-        if missing := [each for each in (POSITION, VELOCITY) if each not in self.state_interfaces]:
+        if missing := [kind for kind in (POSITION, VELOCITY) if kind not in self.state_interfaces]:
             return f"state_interfaces lacks {missing[0]}; a goal is judged by position and velocity"
         if len(set(self.state_interfaces)) != len(self.state_interfaces) or len(set(self.limits)) != len(self.limits):
             return "state_interfaces, or the interfaces of the limits, name one twice; name each once"
@@ -96,12 +96,12 @@ def read_params(params: Params, name: str, cls: type[P]) -> P:
     """Return the parameters of controller `name`; RobotConfigError with every error."""
     node = params.flat.get("joint")
     joint = "" if node is None else node.text
-    found = params.read(_with_gains(cls, joint))
-    if isinstance(found, EffortGripperParams):
-        found = dataclasses.replace(found, gains=getattr(found, "loop"))  # noqa: B009 - of the class that is made
-    if (mistake := found.mistake()) is not None:
+    settings = params.read(_with_gains(cls, joint))
+    if isinstance(settings, EffortGripperParams):
+        settings = dataclasses.replace(settings, gains=getattr(settings, "loop"))  # noqa: B009 - of the class that is made
+    if (mistake := settings.mistake()) is not None:
         raise RobotConfigError(f"{name}: {mistake}")
-    return found
+    return settings
 
 
 def _with_gains(cls: type[P], joint: str) -> type[P]:
@@ -132,10 +132,12 @@ class PositionGripperActionController(Controller):
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters."""
-        self.params = given = read_params(params, self.name, self.reads)
-        self.update_rate, self.joints, self.interface = given.update_rate, (given.joint,), self.commanded
-        self._is_limited = self.commanded == EFFORT or bool(given.max_effort_interface)
-        self._progress = StallDetector(given.goal_tolerance, given.stall_velocity_threshold, given.stall_timeout)
+        self.params = settings = read_params(params, self.name, self.reads)
+        self.update_rate, self.joints, self.interface = settings.update_rate, (settings.joint,), self.commanded
+        self._is_limited = self.commanded == EFFORT or bool(settings.max_effort_interface)
+        self._progress = StallDetector(
+            settings.goal_tolerance, settings.stall_velocity_threshold, settings.stall_timeout
+        )
 
     def command_interface_names(self) -> list[str]:
         """Return the interface of the joint and those of its limits."""
@@ -143,7 +145,7 @@ class PositionGripperActionController(Controller):
 
     def state_interface_names(self) -> list[str]:
         """Return the state interfaces of the joint."""
-        return [f"{self.params.joint}/{each}" for each in self.params.state_interfaces]
+        return [f"{self.params.joint}/{interface}" for interface in self.params.state_interfaces]
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         """Store the interfaces; nothing is written before the first goal."""
@@ -162,8 +164,8 @@ class PositionGripperActionController(Controller):
     def forget(self, now: int) -> None:
         """End the goal and hold the joint."""
         del now
-        why, who = self.life.ended_by or "it was to stop", self.life.source or "who sent it"
-        self._end(GoalState.ABORTED, f"{why}, so the goal of {who} was taken back; send it again once that is over")
+        why, client = self.life.ended_by or "it was to stop", self.life.source or "who sent it"
+        self._end(GoalState.ABORTED, f"{why}, so the goal of {client} was taken back; send it again once that is over")
         self.life.end()
         self._hold()
 
@@ -171,13 +173,13 @@ class PositionGripperActionController(Controller):
 
     def grip(self, goal: GripperGoal, now: int) -> None:
         """Start a goal in the next cycle, replacing the previous one; ControlError if it is refused."""
-        given = self.params
-        effort = given.max_effort if not goal.max_effort else goal.max_effort
-        velocity = given.max_velocity if not goal.max_velocity else goal.max_velocity
+        params = self.params
+        effort = params.max_effort if not goal.max_effort else goal.max_effort
+        velocity = params.max_velocity if not goal.max_velocity else goal.max_velocity
         self._check(goal.position, effort, velocity)
         self._tell_unlimited(goal)
         self._end(GoalState.ABORTED, "another goal has taken its place")
-        goal.feedback_rate = given.action_monitor_rate
+        goal.feedback_rate = params.action_monitor_rate
         self.goal, self._target, self._limits, self._way = goal, goal.position, (effort, velocity), GripStatus.MOVING
         self._progress.begin(now)
         self.life.give(now)
@@ -199,9 +201,9 @@ class PositionGripperActionController(Controller):
         joint = self.params.joint
         if not math.isfinite(position):
             raise self.refusal(f"cannot move {joint} to {position:g}; give a finite number")
-        for what, value in (("max_effort", effort), ("max_velocity", velocity)):
+        for key, value in (("max_effort", effort), ("max_velocity", velocity)):
             if not 0.0 <= value < math.inf:
-                raise self.refusal(f"cannot move {joint} with a {what} of {value:g}; give a finite number of 0 or more")
+                raise self.refusal(f"cannot move {joint} with a {key} of {value:g}; give a finite number of 0 or more")
         low, high = self.description[joint].range_of(POSITION) if joint in self.description else (-math.inf, math.inf)
         if not low <= position <= high:
             raise self.refusal(
@@ -336,9 +338,9 @@ class EffortGripperActionController(PositionGripperActionController):
             self.commands[0].value = 0.0
             self._loop.reset()
             return
-        wanted = self._loop.compute_with_rate(self._target - self._at, -self._velocity, period)
+        demand = self._loop.compute_with_rate(self._target - self._at, -self._velocity, period)
         most = self._limits[0]
-        effort = 0.0 if math.isnan(wanted) else min(max(wanted, -most), most)
+        effort = 0.0 if math.isnan(demand) else min(max(demand, -most), most)
         self.commands[0].value = effort
         if EFFORT not in self.params.state_interfaces:
             self._effort = effort

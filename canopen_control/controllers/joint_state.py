@@ -52,7 +52,7 @@ class JointStateBroadcaster(Controller):
     def _topics(self) -> tuple[str, ...]:
         prefix = f"{self.name}/" if self.params.use_local_topics else ""
         dynamic = ("dynamic_joint_states",) if self.params.publish_dynamic_joint_states else ()
-        return tuple(f"{prefix}{each}" for each in ("joint_states", *dynamic))
+        return tuple(f"{prefix}{topic}" for topic in ("joint_states", *dynamic))
 
     def state_interface_names(self) -> list[str]:
         """Return joints times interfaces if both are given, else everything."""
@@ -76,19 +76,19 @@ class JointStateBroadcaster(Controller):
 
     def _layout(self, states: list[StateInterface], columns: dict[str, str]) -> Layout:
         layout: Layout = {}
-        for each in states:
-            names = layout.setdefault(each.joint, {})
-            if each.interface in columns or each.interface not in _KINDS:  # else another one is told by this name
-                names[columns.get(each.interface, each.interface)] = each
+        for state in states:
+            names = layout.setdefault(state.joint, {})
+            if state.interface in columns or state.interface not in _KINDS:  # else another one is told by this name
+                names[columns.get(state.interface, state.interface)] = state
         for extra in self.params.extra_joints:
             layout.setdefault(extra, dict.fromkeys(_KINDS))
         return layout
 
     def _order(self, states: list[StateInterface], columns: dict[str, str], layout: Layout) -> tuple[str, ...]:
-        joints = list(dict.fromkeys(each.joint for each in states if each.interface in columns))
+        joints = list(dict.fromkeys(state.joint for state in states if state.interface in columns))
         if self.params.use_urdf_to_filter and self.description_joints is not None:
             joints = sorted(set(joints) & set(self.description_joints))
-        extras = [each for each in dict.fromkeys(self.params.extra_joints) if None in layout[each].values()]
+        extras = [joint for joint in dict.fromkeys(self.params.extra_joints) if None in layout[joint].values()]
         return (*joints, *extras)
 
     def update(self, now: int, period: float) -> ReturnType:

@@ -42,14 +42,15 @@ class RateLimiter:
     """Limits one number; raises ValueError if a minimum is above its maximum."""
 
     def __init__(self, limits: VelocityLimits) -> None:
-        given = limits
-        self._min_v, self._max_v = _or(given.min_velocity, -given.max_velocity), given.max_velocity
-        self._acc = given.max_acceleration
-        self._acc_reverse = _or(given.max_acceleration_reverse, -self._acc)
-        self._dec = _or(given.max_deceleration, self._acc_reverse)
-        self._dec_reverse = _or(given.max_deceleration_reverse, self._acc)
-        self._min_j, self._max_j = _or(given.min_jerk, -given.max_jerk), given.max_jerk
-        self._has_v, self._has_a, self._has_j = (not math.isnan(each) for each in (self._max_v, self._acc, self._max_j))
+        self._min_v, self._max_v = _or(limits.min_velocity, -limits.max_velocity), limits.max_velocity
+        self._acc = limits.max_acceleration
+        self._acc_reverse = _or(limits.max_acceleration_reverse, -self._acc)
+        self._dec = _or(limits.max_deceleration, self._acc_reverse)
+        self._dec_reverse = _or(limits.max_deceleration_reverse, self._acc)
+        self._min_j, self._max_j = _or(limits.min_jerk, -limits.max_jerk), limits.max_jerk
+        self._has_v, self._has_a, self._has_j = (
+            not math.isnan(limit) for limit in (self._max_v, self._acc, self._max_j)
+        )
         self._check()
 
     def _check(self) -> None:

@@ -169,11 +169,11 @@ class ControllerManager:
             raise ControlError(f"controller {name} is active; deactivate it before configuring it")
         self._withdraw(controller)
         controller.state = ControllerState.UNCONFIGURED
-        self._params[name] = given = params or self._params[name]
-        known = set(given.warnings)
-        controller.on_configure(given)
-        for text in given.warnings:
-            if text not in known:
+        self._params[name] = applied = params or self._params[name]
+        previous = set(applied.warnings)
+        controller.on_configure(applied)
+        for text in applied.warnings:
+            if text not in previous:
                 self._report("parameter", name, text)
         if controller.update_rate > self.update_rate:
             rates = f"{controller.update_rate} Hz is above the controller_manager's {self.update_rate} Hz"
@@ -213,11 +213,11 @@ class ControllerManager:
             raise ControlError(f"{name} has no odometry; it is no base controller")
         return controller
 
-    def loops(self, name: str, what: str) -> ClosesLoops:
-        """Return a controller with control loops; ControlError, with `what` in its sentence, for another type."""
+    def loops(self, name: str, action: str) -> ClosesLoops:
+        """Return a controller with control loops; ControlError, with `action` in its sentence, for another type."""
         controller = self.get(name)
         if not isinstance(controller, ClosesLoops):
-            raise ControlError(f"{name} {what}; it is no PID controller")
+            raise ControlError(f"{name} {action}; it is no PID controller")
         return controller
 
     def observe(self, observer: SwitchObserver) -> None:
@@ -226,23 +226,23 @@ class ControllerManager:
 
     def list(self) -> list[ControllerReading]:
         """Return all controllers in the order they were loaded."""
-        return [self._info(each) for each in self._controllers.values()]
+        return [self._info(controller) for controller in self._controllers.values()]
 
     @property
     def states(self) -> dict[str, str]:
         """The states of all controllers by name, in the order they were loaded."""
-        return {name: each.state.value for name, each in self._controllers.items()}
+        return {name: controller.state.value for name, controller in self._controllers.items()}
 
     @property
     def active(self) -> tuple[str, ...]:
         """The names of the active controllers in the order they run."""
-        return tuple(each.name for each in self.running.controllers)
+        return tuple(controller.name for controller in self.running.controllers)
 
     @property
     def bases(self) -> Bases:
         """The joints of each active controller that moves a base, by its name."""
         running = self.running.controllers
-        return {each.name: tuple(joints_of(each, running)) for each in running if each.is_base}
+        return {controller.name: tuple(joints_of(controller, running)) for controller in running if controller.is_base}
 
     def events(self) -> Events:
         """Return the events since the last call, in order."""
@@ -261,13 +261,13 @@ class ControllerManager:
             return given_in(params)
         return declared_by(params.taken, controller.settable, update_rate=controller.update_rate or self.update_rate)
 
-    def set_parameters(self, name: str, wanted: Sequence[ParameterValue]) -> None:
+    def set_parameters(self, name: str, parameters: Sequence[ParameterValue]) -> None:
         """Set parameters while a controller is configured: all or none. Raises ControlError, ConfigError, UnknownName.
 
         They are its own until it is unloaded, also when it is configured again.
         """
         controller = self.get(name)
-        values = checked(name, self.parameters(name), wanted)
+        values = checked(name, self.parameters(name), parameters)
         changed = self._params[name].changed(values)
         controller.on_set(changed)
         self._params[name] = changed
@@ -302,7 +302,7 @@ class ControllerManager:
 
         Broadcasters keep telling what is known of the others.
         """
-        owned = {each.owner for each in component.command_interfaces if each.owner is not None}
+        owned = {interface.owner for interface in component.command_interfaces if interface.owner is not None}
         using = [self._controllers[name] for name in owned if name in self._controllers]
         return self._switcher.drop(using, reason, self.running.now if now is None else now)
 
@@ -385,15 +385,15 @@ class ControllerManager:
         for controller, reason in failed:
             again = f"canopen-control controller switch --activate {controller.name}"
             dropped = self._switcher.drop([controller], f"{reason}; to go on, once that is repaired: {again}", now)
-            fallbacks = dict.fromkeys(name for each in dropped for name in self._fallbacks.get(each, ()))
+            fallbacks = dict.fromkeys(name for controller in dropped for name in self._fallbacks.get(controller, ()))
             if fallbacks:
                 self._fall_back(list(fallbacks), controller.name, now)
 
     def _fall_back(self, names: Sequence[str], failed: str, now: int) -> None:
         """Activate the fallback controllers of a failed one."""
-        wanted = [name for name in names if name not in self.active]
+        fallbacks = [name for name in names if name not in self.active]
         try:
-            self.switch(wanted, now=now)
+            self.switch(fallbacks, now=now)
         except CanopenError as error:
             self._report("error", failed, f"{failed}: its fallbacks cannot take over: {error}")
         else:
@@ -411,11 +411,13 @@ class ControllerManager:
             state=controller.state.value,
             joints=controller.joints,
             interface=controller.interface,
-            claims=tuple(each.name for each in controller.commands),
+            claims=tuple(command.name for command in controller.commands),
             required_command_interfaces=tuple(controller.command_interface_names()) if configured else (),
             required_state_interfaces=tuple(controller.state_interface_names()) if configured else (),
-            reference_interfaces=tuple(each.name for each in controller.reference_interfaces()) if configured else (),
-            exported_state_interfaces=tuple(each.name for each in controller.exported_states()) if configured else (),
+            reference_interfaces=tuple(interface.name for interface in controller.reference_interfaces())
+            if configured
+            else (),
+            exported_state_interfaces=tuple(state.name for state in controller.exported_states()) if configured else (),
             topic=controller.topic,
             twist_axes=twist_axes_of(controller),
             publishes=controller.publishes,

@@ -76,27 +76,27 @@ class MecanumDriveController(HolonomicBase):
 
     def wheel_base(self) -> DriveGeometry:
         """Return the drive geometry of the parameters."""
-        given, (odom, base) = self.params, self.frame_ids()
-        front_left, front_right, rear_right, rear_left = given.commanded
-        frozen = tuple(axis for axis, each in zip(HOLONOMIC, given.limits, strict=True) if each.freezes)
+        params, (odom, base) = self.params, self.frame_ids()
+        front_left, front_right, rear_right, rear_left = params.commanded
+        frozen = tuple(axis for axis, limit in zip(HOLONOMIC, params.limits, strict=True) if limit.freezes)
         sides = ((front_left, rear_left), (front_right, rear_right))
         return DriveGeometry(
-            *sides, 0.0, given.radius, odom, base, given.enable_odom_tf, frozen, "kinematics.wheels_radius"
+            *sides, 0.0, params.radius, odom, base, params.enable_odom_tf, frozen, "kinematics.wheels_radius"
         )
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; the pose becomes 0."""
-        self.params = given = read_checked(params, MecanumParams)
-        self.kinematics = MecanumKinematics(given.radius, given.reach, given.offset)
+        self.params = settings = read_checked(params, MecanumParams)
+        self.kinematics = MecanumKinematics(settings.radius, settings.reach, settings.offset)
         self.move_by(self.kinematics)
-        self.joints, self.interface = given.commanded, VELOCITY
-        self.set_up(given, given.reference_timeout, len(self.joints), given.limits)
+        self.joints, self.interface = settings.commanded, VELOCITY
+        self.set_up(settings, settings.reference_timeout, len(self.joints), settings.limits)
 
     def on_set(self, params: Params) -> None:
         """Apply other limits and another timeout from the next update on."""
-        given = read_checked(params, MecanumParams)
-        self.take(given, given.reference_timeout, given.limits)
-        self.params = given
+        settings = read_checked(params, MecanumParams)
+        self.take(settings, settings.reference_timeout, settings.limits)
+        self.params = settings
 
     def state_interface_names(self) -> list[str]:
         """Return the velocity of every wheel, in the same order."""
@@ -121,6 +121,6 @@ class MecanumDriveController(HolonomicBase):
         odometry = self.odometry_sample(wall_offset_ns)
         if odometry is None:
             return None
-        front_left, front_right, rear_right, rear_left = (finite(each) for each in self._reading)
+        front_left, front_right, rear_right, rear_left = (finite(value) for value in self._reading)
         wheels = [front_left, rear_left, rear_right, front_right]
-        return grown(MecanumSample, odometry, wheels=wheels, reference=[finite(each) for each in self._reference])
+        return grown(MecanumSample, odometry, wheels=wheels, reference=[finite(value) for value in self._reference])

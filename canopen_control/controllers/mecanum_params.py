@@ -53,12 +53,12 @@ class MecanumParams(PrefixedParams):
     @property
     def commanded(self) -> tuple[str, ...]:
         """The joints that are commanded, in the order of `WHEELS`."""
-        return tuple(getattr(self, each) for each in COMMANDED)
+        return tuple(getattr(self, key) for key in COMMANDED)
 
     @property
     def measured(self) -> tuple[str, ...]:
         """The joints that are measured, those that are commanded unless they have other names."""
-        names = (getattr(self, f"{each}_wheel_state_joint_name") for each in WHEELS)
+        names = (getattr(self, f"{wheel}_wheel_state_joint_name") for wheel in WHEELS)
         return tuple(name or joint for name, joint in zip(names, self.commanded, strict=True))
 
     @property
@@ -75,8 +75,8 @@ class MecanumParams(PrefixedParams):
         """Return the checks with their results."""
         for wheel, joint in zip(WHEELS, self.commanded, strict=True):
             yield not joint, f"no {wheel}_wheel_command_joint_name; give the joint of this wheel"
-        known = [each for each in self.commanded if each]
-        both = sorted({each for each in known if known.count(each) > 1})
+        joints = [joint for joint in self.commanded if joint]
+        both = sorted({joint for joint in joints if joints.count(joint) > 1})
         yield bool(both), f"{', '.join(both)} is the joint of several wheels; give each its own"
         yield self.radius <= 0.0, f"{_RADIUS} is missing or 0; give it in m"
         yield self.reach <= 0.0, f"{_REACH} is missing or 0; give the distances of a wheel along x and y, added, in m"

@@ -57,7 +57,7 @@ class LimitedTwist:
     def set_limits(self, controller: str, limits: Sequence[TwistAxisLimits]) -> None:
         """Set the limits of each axis; RobotConfigError, and no change, for a minimum above its maximum."""
         axes = zip(self._axes, limits, strict=True)
-        self._limiters = [_limiter(controller, axis, each.limits()) for axis, each in axes]
+        self._limiters = [_limiter(controller, axis, params.limits()) for axis, params in axes]
         self._quiet = 0
 
     @property
@@ -77,9 +77,9 @@ class LimitedTwist:
 
     def limit(self, period: float) -> None:
         """Limit the requested twist against the last two steps; `period` in s."""
-        limited, wanted, previous, before = self.limited, self.wanted, self._previous, self._before
+        limited, requested, previous, before = self.limited, self.wanted, self._previous, self._before
         for index, limiter in enumerate(self._limiters):
-            limited[index] = limiter.limit(wanted[index], previous[index], before[index], period)
+            limited[index] = limiter.limit(requested[index], previous[index], before[index], period)
 
     def step(self) -> None:
         """Shift the limited twist into the history."""
@@ -147,11 +147,11 @@ class OdometryPublication:
         for index in range(len(limited)):
             self._limited[index] = limited[index]
 
-    def sample(self, time: float, given: BaseParams, limited: bool) -> OdometrySample | None:
+    def sample(self, time: float, params: BaseParams, limited: bool) -> OdometrySample | None:
         """Return it, stamped with `time` in Unix seconds and in the frames of the parameters; None before the first."""
         if not self.count:
             return None
-        frame, child = given.frame_ids()
+        frame, child = params.frame_ids()
         return OdometrySample(
             time=time,
             x=self._x,
@@ -162,9 +162,9 @@ class OdometryPublication:
             angular=self._angular,
             frame_id=frame,
             child_frame_id=child,
-            pose_covariance=list(given.pose_covariance_diagonal),
-            twist_covariance=list(given.twist_covariance_diagonal),
-            enable_odom_tf=given.enable_odom_tf,
+            pose_covariance=list(params.pose_covariance_diagonal),
+            twist_covariance=list(params.twist_covariance_diagonal),
+            enable_odom_tf=params.enable_odom_tf,
             limited=(self._limited[0], self._limited[-1]) if limited else None,
         )
 
@@ -210,7 +210,7 @@ class MobileBase(Controller):
         self.targets: list[float] = []
         self.braking = False
         self._publication = OdometryPublication(len(self.twist_axes))
-        self._references = tuple(CommandInterface(f"{name}/{each}", VELOCITY) for each in self.references)
+        self._references = tuple(CommandInterface(f"{name}/{reference}", VELOCITY) for reference in self.references)
         self._odometry_params = BaseParams()
         self._followed = _NEVER
         self._once = self._fresh = self._open_loop = False
@@ -228,7 +228,7 @@ class MobileBase(Controller):
 
     def set_up(
         self,
-        given: BaseParams,
+        params: BaseParams,
         timeout: float,
         commands: int,
         limits: Sequence[TwistAxisLimits] = (),
@@ -237,18 +237,18 @@ class MobileBase(Controller):
     ) -> None:
         """Apply the parameters of every base: number of `commands`, limits, odometry."""
         self._open_loop = open_loop
-        self.take(given, timeout, limits)
-        self.update_rate, self.publish_rate = given.update_rate, publish_rate
+        self.take(params, timeout, limits)
+        self.update_rate, self.publish_rate = params.update_rate, publish_rate
         self._publication.set_rate(publish_rate)
         self.targets = [0.0] * commands
 
-    def take(self, given: BaseParams, timeout: float, limits: Sequence[TwistAxisLimits] = ()) -> None:
+    def take(self, params: BaseParams, timeout: float, limits: Sequence[TwistAxisLimits] = ()) -> None:
         """Apply parameters that may change at run time: `timeout` in s, limits of each axis, odometry."""
         if limits:
             self._twist.set_limits(self.name, limits)
-        self._odometry_params = given
-        for axis, each in zip(self.twist_axes, limits, strict=False):
-            if each.freezes:
+        self._odometry_params = params
+        for axis, limit in zip(self.twist_axes, limits, strict=False):
+            if limit.freezes:
                 self.report("parameter", f"{axis}.max_jerk: 0 keeps it from ever changing speed; remove it")
         self.life.limit_ns, self._once = round(timeout * NS), timeout == 0.0 and not self.zero_is_never
         if self._once:
@@ -312,8 +312,8 @@ class MobileBase(Controller):
     def states_known(self) -> bool:
         """Whether all feedback is a number."""
         total = 0.0
-        for each in self.states:
-            total += each.value
+        for state in self.states:
+            total += state.value
         return math.isfinite(total)
 
     def wheel_states(self, position_feedback: bool) -> list[str]:
@@ -331,7 +331,7 @@ class MobileBase(Controller):
     @property
     def chained(self) -> bool:
         """Whether another controller commands it."""
-        return any(each.owner is not None for each in self._references)
+        return any(reference.owner is not None for reference in self._references)
 
     def frame_ids(self, namespace: str = "") -> tuple[str, str]:
         """Return the names of the odometry and the base frame, with their prefix."""
@@ -383,9 +383,9 @@ class MobileBase(Controller):
     def forget(self, now: int) -> None:
         """Stop the wheels at once; the next twist starts at standstill."""
         zero_targets(self.commands)
-        for each in self.commands:
-            if each.interface == POSITION:
-                each.value = math.nan  # the hardware holds where it is, and does not go on to the old target
+        for command in self.commands:
+            if command.interface == POSITION:
+                command.value = math.nan  # the hardware holds where it is, and does not go on to the old target
         self._begin_anew(now)
         self._brake()
         self._writing = True
@@ -408,12 +408,12 @@ class MobileBase(Controller):
         A stamp from the future, of a clock that is ahead, is now: it must not put the timeout off.
         """
         self.checked(values, self.twist_axes)
-        owner = next((each.owner for each in self._references if each.owner is not None), None)
+        owner = next((reference.owner for reference in self._references if reference.owner is not None), None)
         if owner is not None:
             raise self.refusal(f"is commanded by {owner}; deactivate that controller first")
-        made, limit = min(stamp or now, now), self.life.limit_ns
-        if limit and now - made >= limit:
-            age, timeout = (now - made) / NS, limit / NS
+        sent, limit = min(stamp or now, now), self.life.limit_ns
+        if limit and now - sent >= limit:
+            age, timeout = (now - sent) / NS, limit / NS
             raise self.refusal(
                 f"got a twist that is {age:.3f} s old, {self.timeout_key} is {timeout:g} s; check the clocks"
             )
@@ -423,7 +423,7 @@ class MobileBase(Controller):
         for index, value in enumerate(values):
             self.wanted[index] = float(value)
         self.braking, self._fresh = False, True
-        self.life.give(made)
+        self.life.give(sent)
 
     # --------------------------------------------------------------------------------------------------------- cycle
 
@@ -498,8 +498,8 @@ class MobileBase(Controller):
 
     def _without_feedback(self) -> ReturnType:
         """Stand, and wait for the next sample, while a drive is off; drives that run with no feedback are an ERROR."""
-        if all(each.enabled for each in self.commands):
-            unknown = [each.name for each in self.states if not math.isfinite(each.value)]
+        if all(command.enabled for command in self.commands):
+            unknown = [state.name for state in self.states if not math.isfinite(state.value)]
             self.report("feedback", f"{', '.join(unknown)} is not a number")
             return ERROR
         zero_targets(self.commands)

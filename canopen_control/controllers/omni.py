@@ -37,7 +37,7 @@ class OmniKinematics(HolonomicKinematics):
         if count < LEAST_WHEELS:
             raise ValueError(f"{count} wheels do not determine three velocities; there are {LEAST_WHEELS} or more")
         angles = [math.tau * index / count + offset for index in range(count)]
-        super().__init__([(math.sin(each), -math.cos(each), -robot_radius) for each in angles], wheel_radius)
+        super().__init__([(math.sin(angle), -math.cos(angle), -robot_radius) for angle in angles], wheel_radius)
         self._positions = [0.0] * count
         self._speeds = [0.0] * count
 
@@ -80,24 +80,26 @@ class OmniWheelDriveController(HolonomicBase):
 
     def wheel_base(self) -> DriveGeometry:
         """Return frames and wheel radius of the base."""
-        given, (odom, base) = self.params, self.frame_ids()
-        return DriveGeometry((), (), 0.0, given.wheel_radius, odom, base, given.enable_odom_tf)
+        params, (odom, base) = self.params, self.frame_ids()
+        return DriveGeometry((), (), 0.0, params.wheel_radius, odom, base, params.enable_odom_tf)
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; the pose becomes 0."""
-        self.params = given = read_checked(params, OmniParams)
-        count = len(given.wheel_names)
-        self.kinematics = OmniKinematics(count, given.robot_radius, given.wheel_radius, given.wheel_offset or 0.0)
+        self.params = settings = read_checked(params, OmniParams)
+        count = len(settings.wheel_names)
+        self.kinematics = OmniKinematics(
+            count, settings.robot_radius, settings.wheel_radius, settings.wheel_offset or 0.0
+        )
         self.move_by(self.kinematics)
-        self.joints, self.interface = given.wheel_names, VELOCITY
+        self.joints, self.interface = settings.wheel_names, VELOCITY
         self._reading = [0.0] * count
-        self.set_up(given, given.cmd_vel_timeout, count, open_loop=given.open_loop)
+        self.set_up(settings, settings.cmd_vel_timeout, count, open_loop=settings.open_loop)
 
     def on_set(self, params: Params) -> None:
         """Apply another timeout and odometry options from the next update on."""
-        given = read_checked(params, OmniParams)
-        self.take(given, given.cmd_vel_timeout)
-        self.params = given
+        settings = read_checked(params, OmniParams)
+        self.take(settings, settings.cmd_vel_timeout)
+        self.params = settings
 
     def state_interface_names(self) -> list[str]:
         """Return position or velocity of every wheel; nothing if the loop is open."""

@@ -41,7 +41,7 @@ class OmniParams(PrefixedParams):
             len(names) < LEAST_WHEELS,
             f"wheel_names has {len(names)} joints; give {LEAST_WHEELS} or more, around the base against the clock",
         )
-        both = sorted({each for each in names if names.count(each) > 1})
+        both = sorted({name for name in names if names.count(name) > 1})
         yield bool(both), f"wheel_names names one twice: {', '.join(both)}; name each once"
         missing = "wheel_offset is missing; give the angle of the first wheel, seen from the middle, in rad"
         yield self.wheel_offset is None, missing

@@ -63,8 +63,8 @@ class Params:
         `judge` tells what cannot be together, by parameter; a name in front of its sentence is left out.
         """
         with contextlib.ExitStack() as stack:
-            for each in self.files:
-                stack.enter_context(each.raising(RobotConfigError))
+            for file in self.files:
+                stack.enter_context(file.raising(RobotConfigError))
             value = convert(_gathered(self._renamed(renames or {}), cls), cls, None, ignored=self.shared)
             tell_ineffective(self.flat, value)
             for name, text in () if value is None else judge(value):
@@ -74,13 +74,13 @@ class Params:
 
     def changed(self, values: Mapping[str, PlainValue]) -> Params:
         """Return these with other values by their dotted names; the file keeps its own."""
-        made = Params.of(values, self.name)
-        return Params(made.flat.over(self.flat), self.name, self.shared)
+        changes = Params.of(values, self.name)
+        return Params(changes.flat.over(self.flat), self.name, self.shared)
 
     @property
     def warnings(self) -> list[str]:
         """Warnings about the files so far."""
-        return [str(each) for problems in self.files for each in problems.warnings]
+        return [str(warning) for problems in self.files for warning in problems.warnings]
 
     def line(self, name: str) -> int:
         """Return the line of a parameter by its dotted name, 0 if it is not given."""
@@ -90,9 +90,9 @@ class Params:
     @property
     def files(self) -> list[Problems]:
         """Return the files of the parameters: that of the block, and every `params_file`."""
-        found = {id(self.flat.problems): self.flat.problems}
-        found.update((id(key.problems), key.problems) for key, _ in self.flat.pairs())
-        return list(found.values())
+        files = {id(self.flat.problems): self.flat.problems}
+        files.update((id(key.problems), key.problems) for key, _ in self.flat.pairs())
+        return list(files.values())
 
     def _renamed(self, renames: Mapping[str, str]) -> Node:
         pairs: dict[str, tuple[Node, Node]] = {}
@@ -107,9 +107,9 @@ class Params:
         return Node.mapping(like(self.flat), pairs)
 
 
-def tell_ineffective(given: Node, value: object) -> None:
+def tell_ineffective(params: Node, value: object) -> None:
     """Warn of parameters that are known and have no effect, see `INEFFECTIVE`."""
-    keys, cls = given.keys(), type(value)
+    keys, cls = params.keys(), type(value)
     for name, why in getattr(cls, "INEFFECTIVE", {}).items():
         if name in keys and getattr(value, name) != getattr(cls, name):
             keys[name].warning(f"{name} has no effect: {why}")
@@ -117,7 +117,7 @@ def tell_ineffective(given: Node, value: object) -> None:
 
 def _gathered(flat: Node, cls: type[Any]) -> Node:
     """Return the parameters with those of each section below the section's key."""
-    names = [str(each.metadata["key"]) for each in dataclasses.fields(cls) if each.metadata.get("section")]
+    names = [str(field.metadata["key"]) for field in dataclasses.fields(cls) if field.metadata.get("section")]
     pairs = {key.text: (key, value) for key, value in flat.pairs()}
     for name in names:
         inner = {key[len(name) + 1 :]: pairs.pop(key) for key in list(pairs) if key.startswith(f"{name}.")}
@@ -142,13 +142,13 @@ def _made(value: Any, where: str, problems: Problems) -> Node:  # noqa: ANN401 -
     """Return a node, standing in no file, of a plain value."""
     if isinstance(value, dict):
         below = f"{where}." if where else ""
-        keys = {str(key): (key, each) for key, each in value.items()}
+        keys = {str(key): (key, element) for key, element in value.items()}
         place = Node("mapping", 0, 0, where, problems)
-        children = {name: _made(each, below + name, problems) for name, (_, each) in keys.items()}
+        children = {name: _made(element, below + name, problems) for name, (_, element) in keys.items()}
         return Node.mapping(place, {name: (scalar_node(name, child), child) for name, child in children.items()})
     if isinstance(value, list | tuple):
         place = Node("sequence", 0, 0, where, problems)
-        return Node.sequence(place, [_made(each, f"{where}[{at}]", problems) for at, each in enumerate(value)])
+        return Node.sequence(place, [_made(element, f"{where}[{at}]", problems) for at, element in enumerate(value)])
     place = Node("null" if value is None else "scalar", 0, 0, where, problems)
     return Node.scalar(place, str(value), value, quoted=isinstance(value, str))
 
@@ -274,7 +274,7 @@ class LoopGains:
     u_clamp_min: float = setting(-math.inf, help="lower limit of the output")
     antiwindup_strategy: str = setting(
         "legacy",
-        choices=tuple(each.value for each in AntiWindup),
+        choices=tuple(strategy.value for strategy in AntiWindup),
         help="what the integral does at a limit of the output",
     )
     tracking_time_constant: float = setting(0.0, help="s of back_calculation; 0: from the gains")
@@ -284,8 +284,8 @@ class LoopGains:
         for key, value in (("p", self.p), ("i", self.i), ("d", self.d)):
             if not math.isfinite(value):
                 raise ValueError(f"{key} is {value}; give a finite number")
-        given = self.pid()
-        if given.anti_windup is AntiWindup.BACK_CALCULATION and given.i and not given.tracking_time_used > 0.0:
+        gains = self.pid()
+        if gains.anti_windup is AntiWindup.BACK_CALCULATION and gains.i and not gains.tracking_time_used > 0.0:
             raise ValueError(
                 f"back_calculation has no time constant with p {self.p:g}, i {self.i:g}, d {self.d:g}; "
                 f"give tracking_time_constant"

@@ -124,21 +124,21 @@ class Pid:
             if self._clamp_integral:
                 self.integral = self._within(self.integral)
         integral = self._within(self.integral) if legacy and not self._clamp_integral else self.integral
-        wanted = self._p * error + integral + self._d * rate
-        command = min(max(wanted, self._u_min), self._u_max) if self._limited else wanted
+        unlimited = self._p * error + integral + self._d * rate
+        command = min(max(unlimited, self._u_min), self._u_max) if self._limited else unlimited
         if not (resting or legacy):
-            self._integrate(error, dt, wanted, command)
+            self._integrate(error, dt, unlimited, command)
         self.integral = self._within(self.integral)
         self.command = command
         return command
 
-    def _integrate(self, error: float, dt: float, wanted: float, command: float) -> None:
+    def _integrate(self, error: float, dt: float, unlimited: float, command: float) -> None:
         """Integrate the error within the anti-windup."""
         if self._anti_windup is AntiWindup.BACK_CALCULATION:
             if self._i:
-                self.integral += dt * (self._i * error + _quotient(command - wanted, self._tracking))
+                self.integral += dt * (self._i * error + _quotient(command - unlimited, self._tracking))
         elif self._anti_windup is AntiWindup.CONDITIONAL_INTEGRATION:
-            if abs(command - wanted) <= _EPSILON or error * wanted <= 0.0:
+            if abs(command - unlimited) <= _EPSILON or error * unlimited <= 0.0:
                 self.integral += dt * self._i * error
         else:
             self.integral += dt * self._i * error

@@ -70,13 +70,13 @@ class _Dof:
         self.error_rate = rate - (math.nan if self.state_rate is None else self.state_rate.value)
         if not (math.isfinite(reference) and math.isfinite(measured)):
             return math.nan
-        wanted = 0.0
+        command = 0.0
         if feed_forward:
             led = reference if self.reference_rate is None else rate
-            wanted = self.forward * led if math.isfinite(led) else 0.0
+            command = self.forward * led if math.isfinite(led) else 0.0
         if math.isfinite(self.error_rate):
-            return wanted + self.pid.compute_with_rate(self.error, self.error_rate, period)
-        return wanted + self.pid.compute(self.error, period)
+            return command + self.pid.compute_with_rate(self.error, self.error_rate, period)
+        return command + self.pid.compute(self.error, period)
 
 
 class PidController(Controller):
@@ -101,42 +101,49 @@ class PidController(Controller):
     @property
     def chained(self) -> bool:
         """Whether another controller commands it."""
-        return any(each.owner is not None for each in self._references)
+        return any(reference.owner is not None for reference in self._references)
 
     # ------------------------------------------------------------------------------------------------- lifecycle
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters."""
-        self.params = given = read_params(params, self.name)
-        if given.command_interface not in MOVING:
+        self.params = settings = read_params(params, self.name)
+        if settings.command_interface not in MOVING:
             raise RobotConfigError(
-                f"{self.name}: command_interface: {given.command_interface} keeps its target when the loop stops; "
+                f"{self.name}: command_interface: {settings.command_interface} keeps its target when the loop stops; "
                 f"give velocity, acceleration or effort"
             )
-        self.update_rate, self.joints, self.interface = given.update_rate, given.dof_names, given.command_interface
-        self.feed_forward = given.enable_feedforward
-        self.life.limit_ns = timeout_ns(given.command_timeout, given.reference_and_state_interfaces[:1])
-        kind = given.reference_and_state_interfaces[:1]
-        if (text := unlimited_warning("command_timeout", given.command_timeout, kind)) is not None:
+        self.update_rate, self.joints, self.interface = (
+            settings.update_rate,
+            settings.dof_names,
+            settings.command_interface,
+        )
+        self.feed_forward = settings.enable_feedforward
+        self.life.limit_ns = timeout_ns(settings.command_timeout, settings.reference_and_state_interfaces[:1])
+        kind = settings.reference_and_state_interfaces[:1]
+        if (text := unlimited_warning("command_timeout", settings.command_timeout, kind)) is not None:
             self.report(ENDLESS, text)
         self._references = [
             self._reference(dof, interface)
-            for interface in given.reference_and_state_interfaces
-            for dof in given.measured
+            for interface in settings.reference_and_state_interfaces
+            for dof in settings.measured
         ]
-        self._exported = [StateInterface(each.joint, each.interface) for each in self._references]
-        external = given.use_external_measured_states
-        self._measured = [StateInterface(each.joint, each.interface) for each in self._exported if external]
-        count = len(given.dof_names)
+        self._exported = [StateInterface(reference.joint, reference.interface) for reference in self._references]
+        external = settings.use_external_measured_states
+        self._measured = [
+            StateInterface(interface.joint, interface.interface) for interface in self._exported if external
+        ]
+        count = len(settings.dof_names)
         self._follows = [False] * count
         self._dofs = [
-            _Dof(dof, given.gains[index], self._references[index::count]) for index, dof in enumerate(given.measured)
+            _Dof(dof, settings.gains[index], self._references[index::count])
+            for index, dof in enumerate(settings.measured)
         ]
 
     def on_set(self, params: Params) -> None:
         """Set other gains; the integrals are kept."""
-        self.params = given = read_params(params, self.name)
-        for dof, gains in zip(self._dofs, given.gains, strict=False):
+        self.params = settings = read_params(params, self.name)
+        for dof, gains in zip(self._dofs, settings.gains, strict=False):
             dof.take(gains)
 
     def _reference(self, dof: str, interface: str) -> CommandInterface:
@@ -156,7 +163,11 @@ class PidController(Controller):
         """
         if self.params.use_external_measured_states:
             return []
-        return [f"{dof}/{each}" for each in self.params.reference_and_state_interfaces for dof in self.params.measured]
+        return [
+            f"{dof}/{interface}"
+            for interface in self.params.reference_and_state_interfaces
+            for dof in self.params.measured
+        ]
 
     def reference_interfaces(self) -> Sequence[CommandInterface]:
         """Return the interfaces for another controller: references, then their derivatives."""
@@ -185,8 +196,8 @@ class PidController(Controller):
         super().on_deactivate(now)
         self.life.end()
         self._clear()
-        for each in self._exported:
-            each.value = math.nan
+        for state in self._exported:
+            state.value = math.nan
 
     def forget(self, now: int) -> None:
         """Clear the references; joints with enabled drives are held."""
@@ -210,7 +221,7 @@ class PidController(Controller):
         """Store the measured state of each degree of freedom, optionally with derivatives (~/measured_state)."""
         if not self._measured:
             raise self.refusal("measures by its state interfaces; set use_external_measured_states for messages")
-        names = [each.name for each in self._measured]
+        names = [state.name for state in self._measured]
         self.checked(values, names if len(values) > len(self._dofs) else names[: len(self._dofs)])
         for index, state in enumerate(self._measured):
             state.value = float(values[index]) if index < len(values) else math.nan
@@ -218,23 +229,25 @@ class PidController(Controller):
 
     def _lose_states(self) -> None:
         self._measured_at = 0
-        for each in self._measured:
-            each.value = math.nan
+        for state in self._measured:
+            state.value = math.nan
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
         """Store a reference for each degree of freedom, optionally with derivatives; `now` in ns."""
         del stamp  # MultiDOFCommand has none
-        names = [f"{each.joint.removeprefix(f'{self.name}/')}/{each.interface}" for each in self._references]
+        names = [
+            f"{interface.joint.removeprefix(f'{self.name}/')}/{interface.interface}" for interface in self._references
+        ]
         count = len(self._dofs)
         self.checked(values, names if len(values) > count else names[:count])
         if self._measured and not self._measured_at:
             raise self.refusal("knows no measured states; send them first, to its measured_state")
         if self.chained:
-            owner = next(each.owner for each in self._references if each.owner is not None)
+            owner = next(interface.owner for interface in self._references if interface.owner is not None)
             raise self.refusal(f"is commanded by {owner}; deactivate that controller first")
-        for each, name, value in zip(self._references, names, values, strict=False):
-            if not each.minimum <= value <= each.maximum:
-                limits = f"{each.minimum:g} to {each.maximum:g}, the limits of the joint"
+        for interface, name, value in zip(self._references, names, values, strict=False):
+            if not interface.minimum <= value <= interface.maximum:
+                limits = f"{interface.minimum:g} to {interface.maximum:g}, the limits of the joint"
                 raise self.refusal(f"takes {limits}, for {name}, got {value:g}; nothing was applied")
         for index, reference in enumerate(self._references):
             reference.value = float(values[index]) if index < len(values) else math.nan
@@ -256,16 +269,16 @@ class PidController(Controller):
             time=self.published(wall_offset_ns),
             dofs=[
                 DofReading(
-                    name=each.name,
-                    reference=finite(each.reference.value),
-                    feedback=None if each.state is None else finite(each.state.value),
-                    feedback_dot=None if each.state_rate is None else finite(each.state_rate.value),
-                    error=finite(each.error),
-                    error_dot=finite(each.error_rate),
+                    name=dof.name,
+                    reference=finite(dof.reference.value),
+                    feedback=None if dof.state is None else finite(dof.state.value),
+                    feedback_dot=None if dof.state_rate is None else finite(dof.state_rate.value),
+                    error=finite(dof.error),
+                    error_dot=finite(dof.error_rate),
                     time_step=self._period,
-                    output=finite(each.command.value),
+                    output=finite(dof.command.value),
                 )
-                for each in self._dofs
+                for dof in self._dofs
             ],
         )
 

@@ -89,8 +89,8 @@ class PidParams(CommonParams):
         if not self.command_interface:
             return "no 'command_interface'; give it: command_interface: effort"
         if len(self.reference_and_state_interfaces) not in (1, 2):
-            given = len(self.reference_and_state_interfaces)
-            return f"reference_and_state_interfaces has {given}; give one, and its derivative: [position, velocity]"
+            length = len(self.reference_and_state_interfaces)
+            return f"reference_and_state_interfaces has {length}; give one, and its derivative: [position, velocity]"
         if len(set(self.reference_and_state_interfaces)) != len(self.reference_and_state_interfaces):
             return "reference_and_state_interfaces names one twice; give its derivative: [position, velocity]"
         return None
@@ -99,12 +99,14 @@ class PidParams(CommonParams):
 def read_params(params: Params, name: str) -> PidParams:
     """Return the parameters of controller `name`; RobotConfigError with every error."""
     node = params.flat.get("dof_names")
-    dofs = tuple(dict.fromkeys(each.text for each in node.elements())) if node is not None else ()
-    found = params.read(_with_gains(dofs))
-    given = dataclasses.replace(found, gains=tuple(getattr(found, f"gains_{index}") for index in range(len(dofs))))
-    if (mistake := given.mistake()) is not None:
+    dofs = tuple(dict.fromkeys(element.text for element in node.elements())) if node is not None else ()
+    settings = params.read(_with_gains(dofs))
+    result = dataclasses.replace(
+        settings, gains=tuple(getattr(settings, f"gains_{index}") for index in range(len(dofs)))
+    )
+    if (mistake := result.mistake()) is not None:
         raise RobotConfigError(f"{name}: {mistake}")
-    return given
+    return result
 
 
 def _with_gains(dofs: tuple[str, ...]) -> type[PidParams]:

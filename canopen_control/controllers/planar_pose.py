@@ -116,7 +116,7 @@ class HolonomicKinematics(PlanarPose):
         # by the normal equations, which are exact where columns are orthogonal, as those of upstream's bases
         inverse: list[list[float]] = linalg.solve(matrix.T @ matrix, matrix.T).tolist()
         self._fit_forward, self._fit_left, around_fit = inverse
-        self._fit_angular = [each / reach for each in around_fit]
+        self._fit_angular = [weight / reach for weight in around_fit]
 
     def command(self, forward: float, left: float, angular: float) -> None:
         """Compute the commands of `wheels` from a twist."""

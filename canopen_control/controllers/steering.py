@@ -57,22 +57,22 @@ class SteeringController(MobileBase):
 
     def wheel_base(self) -> DriveGeometry:
         """Return the drive geometry of the parameters; the right wheel is first."""
-        given, (odom, base) = self.params, self.frame_ids()
-        right, left = given.traction_joints_names[:1], given.traction_joints_names[1:]
-        keys = (given.radius_key, "traction_track_width")
-        separation = given.tracks[0]
-        return DriveGeometry(left, right, separation, given.radius, odom, base, given.enable_odom_tf, (), *keys)
+        params, (odom, base) = self.params, self.frame_ids()
+        right, left = params.traction_joints_names[:1], params.traction_joints_names[1:]
+        keys = (params.radius_key, "traction_track_width")
+        separation = params.tracks[0]
+        return DriveGeometry(left, right, separation, params.radius, odom, base, params.enable_odom_tf, (), *keys)
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; the pose becomes 0."""
-        self.params = given = self.read(params)
-        self.kinematics = given.made()
+        self.params = settings = self.read(params)
+        self.kinematics = settings.made()
         self.pose = self.kinematics
-        self.joints = (*given.traction_joints_names, *given.steering_joints_names)
+        self.joints = (*settings.traction_joints_names, *settings.steering_joints_names)
         count = len(self.joints)
         self._traction, self._steering = [0.0] * self.kinematics.traction_count, [0.0] * self.kinematics.steering_count
         self._reading, self._driven = [0.0] * count, [0.0] * count
-        self.set_up(given, given.reference_timeout, count, given.limits, open_loop=given.open_loop)
+        self.set_up(settings, settings.reference_timeout, count, settings.limits, open_loop=settings.open_loop)
 
     def read(self, params: Params) -> SteeringParams:
         """Return checked parameters; RobotConfigError with every mistake."""
@@ -80,22 +80,22 @@ class SteeringController(MobileBase):
 
     def on_set(self, params: Params) -> None:
         """Apply another timeout from the next update on."""
-        given = self.read(params)
-        self.take(given, given.reference_timeout, given.limits)
-        self.params = given
+        settings = self.read(params)
+        self.take(settings, settings.reference_timeout, settings.limits)
+        self.params = settings
 
     def command_interface_names(self) -> list[str]:
         """Return the velocities of traction, then the positions of steering."""
-        given = self.params
-        traction = [f"{joint}/{VELOCITY}" for joint in given.traction_joints_names]
-        return traction + [f"{joint}/{POSITION}" for joint in given.steering_joints_names]
+        params = self.params
+        traction = [f"{joint}/{VELOCITY}" for joint in params.traction_joints_names]
+        return traction + [f"{joint}/{POSITION}" for joint in params.steering_joints_names]
 
     def state_interface_names(self) -> list[str]:
         """Return position or velocity of traction, then the positions of steering."""
-        given = self.params
-        feedback = POSITION if given.position_feedback else VELOCITY
-        traction = [f"{joint}/{feedback}" for joint in given.traction_states]
-        return traction + [f"{joint}/{POSITION}" for joint in given.steering_states]
+        params = self.params
+        feedback = POSITION if params.position_feedback else VELOCITY
+        traction = [f"{joint}/{feedback}" for joint in params.traction_states]
+        return traction + [f"{joint}/{POSITION}" for joint in params.steering_states]
 
     def velocities(self) -> tuple[float, float, float]:
         """Return the means of its odometry."""
@@ -103,8 +103,8 @@ class SteeringController(MobileBase):
 
     def compute_commands(self, twist: Sequence[float]) -> None:
         """Share a twist out to traction and steering."""
-        wheels, given = self.kinematics, self.params
-        wheels.command(twist[0], twist[1], given.open_loop, given.reduce_wheel_speed_until_steering_reached)
+        wheels, params = self.kinematics, self.params
+        wheels.command(twist[0], twist[1], params.open_loop, params.reduce_wheel_speed_until_steering_reached)
         wheels.bound(twist[0], twist[1])
         count = wheels.traction_count
         for index in range(count):
@@ -150,7 +150,7 @@ class SteeringController(MobileBase):
         if odometry is None:
             return None
         count = self.kinematics.traction_count
-        reading, driven = [finite(each) for each in self._reading], [finite(each) for each in self._driven]
+        reading, driven = [finite(value) for value in self._reading], [finite(value) for value in self._driven]
         measured = "traction_positions" if self.params.position_feedback else "traction_velocities"
         return grown(
             SteeringSample,
@@ -183,9 +183,9 @@ class AckermannSteeringController(SteeringController):
         """Return checked parameters of ROS 2's controller, or of ROS 1's."""
         if not is_ros1(params):
             return super().read(params)
-        given = read_ros1(params, self.geometry, self._tell_size)
-        refuse(self.name, given.mistakes())
-        return given
+        settings = read_ros1(params, self.geometry, self._tell_size)
+        refuse(self.name, settings.mistakes())
+        return settings
 
     def _tell_size(self, text: str) -> None:
         """Report once at configuration which size is that of the description."""

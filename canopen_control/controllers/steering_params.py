@@ -96,9 +96,9 @@ class SteeringParams(BaseParams):
 
     def made(self) -> SteeringKinematics:
         """Return the kinematics of these sizes, at the origin; speeds are fitted."""
-        made = self.kinematics(self.radius, self.wheelbase, *self.tracks, self.velocity_rolling_window_size)
-        made.fits = True
-        return made
+        kinematics = self.kinematics(self.radius, self.wheelbase, *self.tracks, self.velocity_rolling_window_size)
+        kinematics.fits = True
+        return kinematics
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
         """Return the checks with their results."""
@@ -107,8 +107,8 @@ class SteeringParams(BaseParams):
             for key in (f"{part}_joints_names", f"{part}_joints_state_names"):
                 names: tuple[str, ...] = getattr(self, key)
                 optional = key.endswith("state_names")
-                wanted = f"give {count}{' or none' if optional else ''}, from right to left"
-                yield len(names) != count and not (optional and not names), f"{key} has {len(names)} joints; {wanted}"
+                advice = f"give {count}{' or none' if optional else ''}, from right to left"
+                yield len(names) != count and not (optional and not names), f"{key} has {len(names)} joints; {advice}"
                 yield len(set(names)) < len(names), f"{key} names one twice: {', '.join(names)}; name each once"
         yield self.wheelbase <= 0.0, "wheelbase is missing or 0; give the distance of front and rear axle in m"
         yield self.radius <= 0.0, f"{self.radius_key} is missing or 0; give it in m"
@@ -182,15 +182,15 @@ def _renames(params: Params, cls: type[SteeringParams]) -> dict[str, str]:
     """Return the new names of keys for front and rear wheels by `front_steering`; "" for keys without effect."""
     node = params.flat.get("front_steering")
     by_front = node is None or node.text.lower() != "false"
-    known = cls.__dataclass_fields__
-    found = {}
+    fields = cls.__dataclass_fields__
+    renames = {}
     for end, part in (
         ("front", "steering" if by_front else "traction"),
         ("rear", "traction" if by_front else "steering"),
     ):
         for old, new in _RENAMED.items():
-            found[f"{end}_{old}"] = f"{part}_{new}" if f"{part}_{new}" in known else ""
-    return found | {key: name if name in known else "" for key, name in _ALWAYS.items()}
+            renames[f"{end}_{old}"] = f"{part}_{new}" if f"{part}_{new}" in fields else ""
+    return renames | {key: name if name in fields else "" for key, name in _ALWAYS.items()}
 
 
 # The parameters of ROS 1's Ackermann steering controller: those of a bicycle, one rear wheel and one front steer.
@@ -272,26 +272,23 @@ def read_ros1(
 
     Sizes that are not given are those of the description's `geometry`; `report` is told of each.
     """
-    key = (
-        params.flat.keys().get("front_steer")
-        or params.flat.keys()[next(each for each in _OWN if params.flat.get(each))]
-    )
+    key = params.flat.keys().get("front_steer") or params.flat.keys()[next(key for key in _OWN if params.flat.get(key))]
     key.warning(_ANGLE)
-    given = _completed(params.read(Ros1AckermannParams, _RENAMES), geometry, report).as_bicycle()
-    params.taken = given
-    return given
+    settings = _completed(params.read(Ros1AckermannParams, _RENAMES), geometry, report).as_bicycle()
+    params.taken = settings
+    return settings
 
 
 def _completed(
-    given: Ros1AckermannParams, geometry: WheelGeometrySource | None, report: Callable[[str], object]
+    params: Ros1AckermannParams, geometry: WheelGeometrySource | None, report: Callable[[str], object]
 ) -> Ros1AckermannParams:
     if geometry is None:
-        return given
-    wheel, steer = (given.rear_wheel,), (given.front_steer,)
-    if given.wheelbase <= 0.0 and (base := geometry.separation(wheel, steer)):
+        return params
+    wheel, steer = (params.rear_wheel,), (params.front_steer,)
+    if params.wheelbase <= 0.0 and (base := geometry.separation(wheel, steer)):
         report(f"wheel_separation_h is not given, the description's is taken: {base:g} m")
-        given = replace(given, wheelbase=base)
-    if given.traction_wheel_radius <= 0.0 and (radius := geometry.radius(wheel)):
+        params = replace(params, wheelbase=base)
+    if params.traction_wheel_radius <= 0.0 and (radius := geometry.radius(wheel)):
         report(f"wheel_radius is not given, the description's is taken: {radius:g} m")
-        given = replace(given, traction_wheel_radius=radius)
-    return given
+        params = replace(params, traction_wheel_radius=radius)
+    return params

@@ -84,10 +84,10 @@ class InterfaceGroup:
     def follows(self) -> bool:
         """Whether all follow commands now, except those that a user has set aside."""
         following = not self.ends
-        for each in self.ends:
-            if each.enabled:
+        for interface in self.ends:
+            if interface.enabled:
                 following = True
-            elif not each.excluded:
+            elif not interface.excluded:
                 return False
         return following
 
@@ -99,7 +99,7 @@ class ActiveController:
 
     def __init__(self, controller: Controller, hz: int, parts: Sequence[Ends]) -> None:
         self.controller, self.rate = controller, Rate(hz)
-        self.parts = [InterfaceGroup(each) for each in parts]
+        self.parts = [InterfaceGroup(part) for part in parts]
 
     @property
     def only_tells(self) -> bool:
@@ -114,7 +114,7 @@ class ActiveController:
     @property
     def disabled(self) -> list[CommandInterface]:
         """Claimed interfaces whose drive is not enabled."""
-        return [each for part in self.parts for each in part.ends if not each.enabled]
+        return [interface for part in self.parts for interface in part.ends if not interface.enabled]
 
     def take_over(self, before: ActiveController, were_enabled: set[CommandInterface]) -> None:
         """Keep rate and enabled groups of the last cycle over a switch of others."""
@@ -140,23 +140,23 @@ class ActiveController:
 def _followers(controller: Controller, among: Sequence[Controller]) -> list[Controller]:
     """Return the controllers whose references a controller claims."""
     names = set(controller.command_interface_names())
-    return [each for each in among if any(reference.name in names for reference in each.reference_interfaces())]
+    return [other for other in among if any(reference.name in names for reference in other.reference_interfaces())]
 
 
 def _below(controller: Controller, among: Sequence[Controller]) -> list[Controller]:
     """Return the controllers whose references or exported states a controller uses."""
     read = set(controller.state_interface_names())
     commanded = _followers(controller, among)
-    return [each for each in among if each in commanded or any(one.name in read for one in each.exported_states())]
+    return [other for other in among if other in commanded or any(one.name in read for one in other.exported_states())]
 
 
 def joints_of(controller: Controller, among: Sequence[Controller]) -> list[str]:
     """Return the joints that a controller commands, directly or through controllers in `among`."""
     chain = [controller]
-    for each in chain:  # grows
-        chain += [further for further in _followers(each, among) if further not in chain]
-    references = {reference.name for each in chain for reference in each.reference_interfaces()}
-    names = [name for each in chain for name in each.command_interface_names() if name not in references]
+    for member in chain:  # grows
+        chain += [further for further in _followers(member, among) if further not in chain]
+    references = {reference.name for member in chain for reference in member.reference_interfaces()}
+    names = [name for member in chain for name in member.command_interface_names() if name not in references]
     return list(dict.fromkeys(name.rpartition("/")[0] for name in names))
 
 
@@ -165,9 +165,9 @@ def in_order(controllers: Sequence[Controller]) -> list[Controller]:
     done: list[Controller] = []
 
     def add(controller: Controller, on_the_way: tuple[Controller, ...]) -> None:
-        for each in controllers:
-            if each not in on_the_way and controller in _below(each, controllers):
-                add(each, (*on_the_way, controller))
+        for upper in controllers:
+            if upper not in on_the_way and controller in _below(upper, controllers):
+                add(upper, (*on_the_way, controller))
         if controller not in done:
             done.append(controller)
 
@@ -178,7 +178,7 @@ def in_order(controllers: Sequence[Controller]) -> list[Controller]:
 
 def ends_of(controller: Controller, among: Iterable[Controller]) -> tuple[CommandInterface, ...]:
     """Return the hardware's command interfaces that an active controller moves, itself or through a chain."""
-    below = {reference.name: each for each in among for reference in each.reference_interfaces()}
+    below = {reference.name: lower for lower in among for reference in lower.reference_interfaces()}
     interfaces: dict[str, CommandInterface] = {}
     visited: list[Controller] = []
     todo = [controller]
@@ -195,13 +195,14 @@ def ends_of(controller: Controller, among: Iterable[Controller]) -> tuple[Comman
 
 def users_of(failed: Sequence[Controller], active: Sequence[Controller]) -> list[Controller]:
     """Return the failed controllers and all active ones chained to them, above or below, in update order."""
-    group = [each for each in failed if each in active]
+    group = [controller for controller in failed if controller in active]
     grew = True
     while grew:
         further = [
-            each
-            for each in active
-            if each not in group and any(each in _below(one, active) or one in _below(each, active) for one in group)
+            controller
+            for controller in active
+            if controller not in group
+            and any(controller in _below(one, active) or one in _below(controller, active) for one in group)
         ]
         group += further
         grew = bool(further)
@@ -277,17 +278,21 @@ def _check_chains(
     entering: list[Controller],
     leaving: list[Controller],
 ) -> None:
-    stay = [each for each in controllers.values() if each.state is ControllerState.ACTIVE and each not in leaving]
+    stay = [
+        running
+        for running in controllers.values()
+        if running.state is ControllerState.ACTIVE and running not in leaving
+    ]
     then = [*stay, *entering]
-    available = {reference.name for each in then for reference in each.reference_interfaces()}
-    known = {state.name for each in then for state in each.exported_states()}
+    available = {reference.name for member in then for reference in member.reference_interfaces()}
+    exported = {state.name for member in then for state in member.exported_states()}
     for controller in then:
         verb = "deactivate" if controller in stay else "activate"
         for name in controller.command_interface_names():
             if registry.component_of(name) is None and name not in available:
                 raise _broken_chain(controller.name, "commands", name, verb)
         for name in controller.state_interface_names():
-            if registry.is_exported_state(name) and name not in known:
+            if registry.is_exported_state(name) and name not in exported:
                 raise _broken_chain(controller.name, "reads", name, verb)
 
 
@@ -297,7 +302,7 @@ def _broken_chain(controller: str, uses: str, name: str, verb: str) -> ControlEr
 
 
 def _check_claims(registry: InterfaceRegistry, entering: list[Controller], leaving: list[Controller]) -> None:
-    free = {each.name for each in leaving}
+    free = {member.name for member in leaving}
     claimed: dict[str, str] = {}
     for controller in entering:
         for name in controller.command_interface_names():
@@ -326,9 +331,9 @@ def _switches(
 ) -> tuple[tuple[HardwareComponent, tuple[str, ...], tuple[str, ...]], ...]:
     result = []
     for component in registry.components:
-        own = {each.name for each in component.command_interfaces}
-        start = tuple(name for each in entering for name in each.command_interface_names() if name in own)
-        stop = tuple(name for each in leaving for name in each.command_interface_names() if name in own)
+        own = {interface.name for interface in component.command_interfaces}
+        start = tuple(name for controller in entering for name in controller.command_interface_names() if name in own)
+        stop = tuple(name for controller in leaving for name in controller.command_interface_names() if name in own)
         if start or stop:
             result.append((component, start, stop))
     return tuple(result)
@@ -370,7 +375,9 @@ class UpdateLoop:
     def arrange(self, controllers: Collection[Controller], active: Sequence[Controller]) -> None:
         """Rebuild the update order after a switch; the state of controllers that stay active is kept."""
         before = {slot.controller.name: slot for slot in self._order}
-        were_enabled = {each for slot in self._order for part in slot.parts if part.enabled for each in part.ends}
+        were_enabled = {
+            interface for slot in self._order for part in slot.parts if part.enabled for interface in part.ends
+        }
         self._order = []
         for controller in in_order(active):
             rate = controller.update_rate if controller.update_rate < self.update_rate else 0
@@ -446,7 +453,7 @@ class UpdateLoop:
     def _power_changed(self, slot: ActiveController, part: InterfaceGroup, now: int) -> None:
         """Clear a command in the cycle in which one of its drives is no longer enabled."""
         if part.enabled:
-            off = [each for each in part.ends if not each.enabled]
+            off = [interface for interface in part.ends if not interface.enabled]
             self._forget(slot, now, part.ends if len(slot.parts) > 1 else None, self._enable_status.reason(off))
         part.enabled = not part.enabled
 
@@ -479,10 +486,10 @@ class UpdateLoop:
         """
         names = frozenset(joints)
         for slot in self._commanding:
-            ends = tuple(each for part in slot.parts for each in part.ends if each.joint in names)
+            ends = tuple(interface for part in slot.parts for interface in part.ends if interface.joint in names)
             if ends and slot.controller.independent:
-                for each in ends:
-                    each.excluded = True
+                for interface in ends:
+                    interface.excluded = True
                 self._forget(slot, now, ends)
 
     def forget(self, now: int, why: str) -> None:
@@ -497,7 +504,7 @@ class UpdateLoop:
             self.failed.append((slot.controller, f"forget raised {type(error).__name__}: {error}"))
 
     def _fail_once(self, controller: Controller, reason: str) -> None:
-        if all(each is not controller for each, _ in self.failed):
+        if all(other is not controller for other, _ in self.failed):
             self.failed.append((controller, reason))
 
 
@@ -540,7 +547,10 @@ class Switcher:
             component.perform_command_mode_switch(start, stop)
         self._start_all(plan, now)
         self._arrange()
-        return Switched(tuple(each.name for each in plan.activate), tuple(each.name for each in plan.deactivate))
+        return Switched(
+            tuple(controller.name for controller in plan.activate),
+            tuple(controller.name for controller in plan.deactivate),
+        )
 
     def drop(self, controllers: Sequence[Controller], reason: str, now: int) -> list[str]:
         """Deactivate these and all chained to them, unchecked; return their names."""
@@ -549,12 +559,12 @@ class Switcher:
             self._stop(controller, now, "error", reason)
         self._release_hardware(group)
         self._arrange()
-        return [each.name for each in group]
+        return [member.name for member in group]
 
     def _release_hardware(self, group: Sequence[Controller]) -> None:
         for component in self._registry.components:
-            names = {each.name for each in component.command_interfaces}
-            stop = [name for each in group for name in each.command_interface_names() if name in names]
+            names = {interface.name for interface in component.command_interfaces}
+            stop = [name for controller in group for name in controller.command_interface_names() if name in names]
             if stop:
                 component.perform_command_mode_switch((), stop)
 
@@ -573,8 +583,8 @@ class Switcher:
 
     def _start(self, controller: Controller, now: int) -> None:
         commands = self._registry.claim(controller.command_interface_names(), controller.name)
-        for each in commands:
-            each.value = math.nan
+        for command in commands:
+            command.value = math.nan
         controller.on_activate(commands, self._states_of(controller), now)
         controller.state = ControllerState.ACTIVE
         self._report("activated", controller.name, f"{controller.name} is active")
@@ -601,7 +611,7 @@ class Switcher:
         return [self._registry.state(name) for name in names]
 
     def _arrange(self) -> None:
-        active = [each for each in self._controllers.values() if each.state is ControllerState.ACTIVE]
+        active = [controller for controller in self._controllers.values() if controller.state is ControllerState.ACTIVE]
         self._running.arrange(self._controllers.values(), active)
         if self.observer is not None:
             self.observer.controllers_switched()

@@ -36,8 +36,8 @@ _SLOWEST: Final = 0.01  # of the speed, from a quarter turn off on
 _PER_MS: Final = 1000.0
 _RENAMES: Final = {
     "use_stamped_vel": "",
-    **{f"traction.min_{each}": "" for each in ("velocity", "acceleration", "deceleration", "jerk")},
-    **{f"steering.min_{each}": "" for each in ("velocity", "acceleration")},
+    **{f"traction.min_{quantity}": "" for quantity in ("velocity", "acceleration", "deceleration", "jerk")},
+    **{f"steering.min_{quantity}": "" for quantity in ("velocity", "acceleration")},
 }
 
 
@@ -165,23 +165,25 @@ class TricycleController(MobileBase):
 
     def wheel_base(self) -> DriveGeometry:
         """Return frames and wheel radius of the base."""
-        given = self.params
-        return DriveGeometry((), (), 0.0, given.wheel_radius, *given.frame_ids(), given.enable_odom_tf)
+        params = self.params
+        return DriveGeometry((), (), 0.0, params.wheel_radius, *params.frame_ids(), params.enable_odom_tf)
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; the pose becomes 0."""
-        self.params = given = read_checked(params, DrivenWheelParams, _RENAMES)
-        self.kinematics = DrivenWheelPose(given.wheel_radius, given.wheelbase, given.velocity_rolling_window_size)
+        self.params = settings = read_checked(params, DrivenWheelParams, _RENAMES)
+        self.kinematics = DrivenWheelPose(
+            settings.wheel_radius, settings.wheelbase, settings.velocity_rolling_window_size
+        )
         self.pose = self.kinematics
-        self.joints = (given.traction_joint_name, given.steering_joint_name)
+        self.joints = (settings.traction_joint_name, settings.steering_joint_name)
         self._take_limits()
-        self.set_up(given, given.cmd_vel_timeout / _PER_MS, len(self.joints), open_loop=given.open_loop)
+        self.set_up(settings, settings.cmd_vel_timeout / _PER_MS, len(self.joints), open_loop=settings.open_loop)
 
     def on_set(self, params: Params) -> None:
         """Apply other limits and another timeout from the next update on."""
-        given = read_checked(params, DrivenWheelParams, _RENAMES)
-        self.take(given, given.cmd_vel_timeout / _PER_MS)
-        self.params = given
+        settings = read_checked(params, DrivenWheelParams, _RENAMES)
+        self.take(settings, settings.cmd_vel_timeout / _PER_MS)
+        self.params = settings
         self._take_limits()
 
     def _take_limits(self) -> None:
@@ -237,7 +239,7 @@ class TricycleController(MobileBase):
     def update(self, now: int, period: float) -> ReturnType:
         """Execute one step, then limit both commands against their last two; `period` in s."""
         result = super().update(now, period)
-        if result is OK and all(each.enabled for each in self.commands):
+        if result is OK and all(command.enabled for command in self.commands):
             traction, steering = self.commands
             (speed, angle), (speed_before, angle_before) = self._previous, self._before
             if math.isfinite(traction.value):

@@ -64,8 +64,8 @@ def is_broadcaster(type_name: str) -> bool:
 
 def moves_joints(type_name: str) -> bool:
     """Whether controllers of this type move joints; True for unknown types."""
-    found = _class_of(type_name)
-    return not is_broadcaster(type_name) and bool(getattr(found, "moves_joints", True))
+    controller_class = _class_of(type_name)
+    return not is_broadcaster(type_name) and bool(getattr(controller_class, "moves_joints", True))
 
 
 def roller_wheels(type_name: str) -> tuple[str, ...]:
@@ -103,5 +103,5 @@ def _class_of(type_name: str) -> object:
 def _entry_point(type_name: str) -> str | None:
     from importlib.metadata import entry_points  # seldom needed, and it loads half of the library
 
-    found = entry_points(group=GROUP, name=type_name)
-    return next((each.value for each in found), None)
+    entries = entry_points(group=GROUP, name=type_name)
+    return next((entry.value for entry in entries), None)

@@ -591,9 +591,9 @@ class CommandLimits:
     def _add(self, joint: Joint, part: ControlJoint, commands: Commands, states: States) -> None:
         limitable = [command for command in commands if command.interface in QUANTITIES]
         bounded = (command for command in commands if command.interface not in QUANTITIES and _is_bounded(command))
-        self._limited += [PlainCommand(each) for each in bounded]
+        self._limited += [PlainCommand(command) for command in bounded]
         if limitable:
-            speeds = VELOCITY in {state.interface for state in states} | {each.interface for each in limitable}
+            speeds = VELOCITY in {state.interface for state in states} | {command.interface for command in limitable}
             limits = hard_limits(joint, part, speeds=speeds)
             if joint.soft is not None or limits != HardLimits() or any(map(_is_bounded, limitable)):
                 self._limited.append(limited_joint(joint, limits, limitable, states))

@@ -422,7 +422,7 @@ def device_of(part: ControlJoint, nodes: Mapping[str, int]) -> str | None:
     if name is not None:
         return name if name in nodes else ""
     if node_id is not None:
-        return next((each for each, number in nodes.items() if str(number) == node_id.strip()), "")
+        return next((name for name, number in nodes.items() if str(number) == node_id.strip()), "")
     return part.name if part.name in nodes else None
 
 

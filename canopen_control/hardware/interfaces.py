@@ -311,9 +311,9 @@ class InterfaceRegistry:
     def release(self, owner: str) -> list[str]:
         """Release all interfaces of an owner; return their names."""
         released = [command for command in self._commands.values() if command.owner == owner]
-        for each in released:
-            each.owner = None
-        return [each.name for each in released]
+        for interface in released:
+            interface.owner = None
+        return [interface.name for interface in released]
 
 
 def _found(name: str, among: Mapping[str, Interface]) -> Interface:

@@ -227,4 +227,4 @@ def _joint(joint: ControlJoint, plans: Mapping[str, NodePlan]) -> ControlJoint:
         for interface in MOTION_INTERFACES
         if any((axis_index(index, int(axis)), subindex) in mapped for index, subindex in serving_objects(interface))
     ]
-    return replace(joint, command_interfaces={each: InterfaceInfo(each) for each in carried}) if carried else joint
+    return replace(joint, command_interfaces={name: InterfaceInfo(name) for name in carried}) if carried else joint

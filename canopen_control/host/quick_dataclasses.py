@@ -26,10 +26,10 @@ class _Method:
 
     def __get__(self, instance: object, owner: type) -> object:
         function = self._make()
-        for each in owner.__mro__:
-            if each.__dict__.get(self.__name__) is self:
-                function.__qualname__ = f"{each.__qualname__}.{self.__name__}"
-                setattr(each, self.__name__, function)
+        for base in owner.__mro__:
+            if base.__dict__.get(self.__name__) is self:
+                function.__qualname__ = f"{base.__qualname__}.{self.__name__}"
+                setattr(base, self.__name__, function)
         return function if instance is None else function.__get__(instance, owner)
 
     def __call__(self, *arguments: object) -> object:

@@ -460,10 +460,10 @@ def read_signals(plan: NodePlan, transfers: BootTransfers) -> Generator[Request,
     reads = [read for read in plan.reads if _address(read) not in transfers.presets]
     if reads:
         yield NextStep("inputs")
-    for each in reads:
-        value = yield from _read_value(plan, each, "a signal", transfers)
+    for request in reads:
+        value = yield from _read_value(plan, request, "a signal", transfers)
         if value is not None:
-            transfers.presets[_address(each)] = value
+            transfers.presets[_address(request)] = value
 
 
 def _read_value(

@@ -174,7 +174,7 @@ def _plan_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
     outputs = [safe_output for safe_output in safe_outputs(signals, builder.od) if safe_output.output in live]
     keeping = [output for output in outputs if not _plan_safe(builder, output)]
     if keeping:
-        places = ", ".join(f"0x{each.output[0]:04X}:{each.output[1]:02X}" for each in keeping)
+        places = ", ".join(f"0x{kept.output[0]:04X}:{kept.output[1]:02X}" for kept in keeping)
         builder.warn("dcf", f"the outputs {places} keep their values when the master dies: nothing switches them off")
 
 
@@ -570,7 +570,7 @@ def _mapped(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig | None)
         mapping = [(entry.index, entry.sub_index, 0) for entry in pdo.mapping]
         for slot, entry in enumerate(pdo.mapping):
             _check_bits(builder, f"{key}[{slot}].bits", entry)
-    found = [_map_one(builder, kind, f"{key}[{slot}]", *each) for slot, each in enumerate(mapping)]
+    found = [_map_one(builder, kind, f"{key}[{slot}]", *fields) for slot, fields in enumerate(mapping)]
     objects = tuple(mapped for mapped in found if mapped is not None)
     if (bits := sum(mapped.bits for mapped in objects)) > MAX_BITS:
         builder.complain(key, f"{bits} bits, a PDO holds {MAX_BITS}")

@@ -198,7 +198,7 @@ def _check_code(od: ObjectDictionary, info: ObjectInfo, subindices: list[int], r
         base = _PROFILE_START + (base - _PROFILE_START) % AXIS_STEP
     expected = next((code for code, indices in _CODES_OF.items() if any(base in index for index in indices)), None)
     if info.code is ObjectCode.ARRAY and len(types) > 1:
-        named = ", ".join(sorted(each.name for each in types))
+        named = ", ".join(sorted(type_.name for type_ in types))
         report.warning(info.line, "object-code", f"{place} is an ARRAY with entries of {named}; it is a RECORD")
     elif expected is not None and info.code in (ObjectCode.ARRAY, ObjectCode.RECORD) and info.code is not expected:
         report.note(info.line, "object-code", f"{place} is {info.code.name}; the standard has {expected.name} there")

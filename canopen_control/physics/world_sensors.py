@@ -77,19 +77,19 @@ def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  
     """Add sensors to a specification; PhysicsError for a missing link."""
     existing = {sensor.name: sensor for sensor in spec.sensors if sensor.name}
     links = [body.name for body in spec.bodies if body.name != "world"]
-    for each in sensors:
-        if _stands(each, existing, path):
+    for placed in sensors:
+        if _stands(placed, existing, path):
             continue
-        body = spec.body(each.link) if each.link in links else None
+        body = spec.body(placed.link) if placed.link in links else None
         if body is None:
-            raise PhysicsError(f"{path}: sensor {each.name}: no link {each.link!r}{nearest(each.link, links)}")
-        looks = list(_Z_TO_X) if each.kind == RANGE else [1.0, 0.0, 0.0, 0.0]
-        site = body.add_site(name=f"{_SITE}{each.name}", quat=looks)
-        for number, kind in enumerate(_PARTS[each.kind]):
-            sensor = spec.add_sensor(name=f"{each.name} {number}", type=kind)
+            raise PhysicsError(f"{path}: sensor {placed.name}: no link {placed.link!r}{nearest(placed.link, links)}")
+        looks = list(_Z_TO_X) if placed.kind == RANGE else [1.0, 0.0, 0.0, 0.0]
+        site = body.add_site(name=f"{_SITE}{placed.name}", quat=looks)
+        for number, kind in enumerate(_PARTS[placed.kind]):
+            sensor = spec.add_sensor(name=f"{placed.name} {number}", type=kind)
             sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_SITE, site.name
-            if each.kind == RANGE:
-                sensor.cutoff = each.reach
+            if placed.kind == RANGE:
+                sensor.cutoff = placed.reach
                 sensor.intprm[0] = 1 << int(mujoco.mjtRayDataField.mjRAYDATA_DIST)
 
 

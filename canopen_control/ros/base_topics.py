@@ -227,7 +227,7 @@ class SharedTwist(Endpoint):
         if len(active) == 1:
             send_twist(self._ros, active[0], message)
             return
-        names = ", ".join(each.name for each in active)
+        names = ", ".join(base.name for base in active)
         text = (
             f"several base controllers ({names}): publish to the one that is meant" if names else "no base controller"
         )

@@ -226,7 +226,9 @@ class ParameterServices(Endpoint):
             return str(folder / text) if folder is not None and (folder / text).is_file() else text
 
         if isinstance(value, list):
-            return ParameterValue(name=parameter.name, kind=parameter.kind, value=[whole(str(each)) for each in value])
+            return ParameterValue(
+                name=parameter.name, kind=parameter.kind, value=[whole(str(element)) for element in value]
+            )
         return ParameterValue(name=parameter.name, kind=parameter.kind, value=whole(str(value)))
 
     def _report(self, parameters: list[RosMessage]) -> None:

@@ -144,12 +144,12 @@ class LifecycleServices(Endpoint):
         transition = interface("lifecycle_msgs/msg/Transition")
         response.available_transitions = [
             make(
-                transition=transition(id=each.number, label=each.label),
+                transition=transition(id=entry.number, label=entry.label),
                 start_state=self._message(self.state),
-                goal_state=self._message(each.target),
+                goal_state=self._message(entry.target),
             )
-            for each in TRANSITIONS
-            if self.state in each.sources
+            for entry in TRANSITIONS
+            if self.state in entry.sources
         ]
         reply(response)
 

@@ -295,14 +295,14 @@ def _put(messages: Messages, part: Any, field: str, value: Any, time: float) -> 
             _put(messages, target, name, getattr(value, name), time)
     elif field in ELEMENTS:
         of = value.values() if isinstance(value, dict) else value
-        setattr(part, field, [_element(messages, ELEMENTS[field], each, time) for each in of])
+        setattr(part, field, [_element(messages, ELEMENTS[field], element, time) for element in of])
     elif hasattr(target, "nanosec"):
         target.sec, target.nanosec = stamp_of(value)
     elif hasattr(target, "x"):
-        for axis, each in zip("xyzw"[: len(value)], value, strict=True):
-            setattr(target, axis, unknown_as_nan(each))
+        for axis, component in zip("xyzw"[: len(value)], value, strict=True):
+            setattr(target, axis, unknown_as_nan(component))
     elif isinstance(value, list | tuple | dict):
-        words = any(isinstance(each, str) for each in value)
+        words = any(isinstance(element, str) for element in value)
         setattr(part, field, list(value) if words else messages.floats(map(unknown_as_nan, value)))
     else:
         setattr(part, field, unknown_as_nan(value))
@@ -334,11 +334,11 @@ def _named(sample: Sample, source: str) -> Iterator[tuple[str, float | None]]:
     field, _, part = source.partition(".")
     value = getattr(sample, field)
     if isinstance(value, dict):
-        yield from ((f"{group}/{name}", each) for group, values in value.items() for name, each in values.items())
+        yield from ((f"{group}/{name}", number) for group, values in value.items() for name, number in values.items())
     elif isinstance(value, list):
-        yield from ((f"{each.name} {part}", getattr(each, part)) for each in value)
+        yield from ((f"{element.name} {part}", getattr(element, part)) for element in value)
     elif isinstance(value, tuple):
-        yield from ((f"{field}.{axis}", each) for axis, each in zip("xyzw", value, strict=False))
+        yield from ((f"{field}.{axis}", component) for axis, component in zip("xyzw", value, strict=False))
     else:
         joint = getattr(sample, "joint", "")
         yield f"{joint} {field}".lstrip(), value

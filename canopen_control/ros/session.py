@@ -550,7 +550,7 @@ class RosSession:
         """Create and remove topics after controllers were loaded, switched or unloaded."""
         if states == self._told:
             return
-        controllers = {each.name: each for each in self._client.ask(ListControllers())}
+        controllers = {controller.name: controller for controller in self._client.ask(ListControllers())}
         for name in [name for name in self._endpoints if name not in controllers]:
             self._forget(name)
             self._nodes.forget(name)

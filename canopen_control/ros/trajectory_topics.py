@@ -103,7 +103,7 @@ def pieces_of(trajectory: RosMessage) -> Iterator[list[TrajectoryPoint]]:
         raise ValueError(f"it has {len(points)} points, and a trajectory has {MAX_POINTS} at most; send fewer")
     rest, at, count = iter(points), 0, _points_in_a_piece(trajectory)
     while chunk := list(islice(rest, count)):
-        piece = [point_of(each) for each in chunk]
+        piece = [point_of(element) for element in chunk]
         for index, point in enumerate(piece):
             _demand_numbers(point, at + index, trajectory.joint_names)
         at += len(chunk)

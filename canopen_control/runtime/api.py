@@ -134,7 +134,7 @@ def _component(robot: RobotCore, component: HardwareComponent) -> HardwareReadin
 
     Its interfaces are available while it is active.
     """
-    tags = {each.name: each for each in robot.setup.description.hardware}
+    tags = {tag.name: tag for tag in robot.setup.description.hardware}
     tag = tags.get(component.name)
     commands, states = component.state is LifecycleState.ACTIVE, component.state in _COMMUNICATING
     return HardwareReading(
@@ -447,7 +447,9 @@ class ApiServer(RobotObserver):
         """Send new data to subscribers, between this cycle and the next, after received data were read."""
         del now
         robot, watched = self._robot, self._subscriptions
-        if robot.events.waiting or (watched and any(each.is_due(robot.pacer.count) for each in watched.values())):
+        if robot.events.waiting or (
+            watched and any(subscription.is_due(robot.pacer.count) for subscription in watched.values())
+        ):
             robot.reactor.call_soon(self._push)
 
     def _push(self) -> None:
@@ -455,7 +457,7 @@ class ApiServer(RobotObserver):
         if self._robot.events.waiting:
             self._flush_events()
         count = self._robot.pacer.count
-        watched = [each for each, subscription in self._subscriptions.items() if subscription.wants_state(count)]
+        watched = [client for client, subscription in self._subscriptions.items() if subscription.wants_state(count)]
         if watched:
             self._server.push(state_sample(self._robot), watched)
         if any(subscription.pdos for subscription in self._subscriptions.values()):
@@ -464,7 +466,7 @@ class ApiServer(RobotObserver):
     def _push_process_data(self) -> None:
         changes = self._process_data.changes()
         if changes:
-            watchers = [each for each, subscription in self._subscriptions.items() if subscription.pdos]
+            watchers = [client for client, subscription in self._subscriptions.items() if subscription.pdos]
             self._server.push(messages.ProcessData(self._unix_time(), changes), watchers)
 
     def done(self, method: str, params: Raw) -> None:

@@ -93,7 +93,9 @@ def _read(start: RobotStart, world: Path) -> SharedRobot:
     can = [f"{name}={channel}" for name, channel in buses.items()]
     setup = read_robot(files, name=start.name, can=can, controllers=start.controllers, physics=True, drives=True)
     check_physics(setup)
-    options = [f"--can={each}" for each in can] + [f"--controller={controller}" for controller in start.controllers]
+    options = [f"--can={channel}" for channel in can] + [
+        f"--controller={controller}" for controller in start.controllers
+    ]
     return SharedRobot(setup, ("run", config, *words, "--as", start.name, "--no-drives", *options))
 
 

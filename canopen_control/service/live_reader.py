@@ -159,9 +159,12 @@ class LiveReader:
             again = self._clock() + _LOST_S
             with self._lock:
                 watched = [
-                    each for other_node, entries in self._wanted.values() if other_node is node for each in entries
+                    watched_entry
+                    for other_node, entries in self._wanted.values()
+                    if other_node is node
+                    for watched_entry in entries
                 ]
-            self._due |= {(name, each.address): again for each in watched}
+            self._due |= {(name, entry.address): again for entry in watched}
             return
         why = refused[0].why if refused else ""
         node.lost = ""

@@ -115,10 +115,10 @@ Cell = tuple[str, str, str]  # machine, state, kind of fault
 
 BOOT: Final = "boot"
 STATES: Final[Mapping[str, tuple[str, ...]]] = {
-    POWER: tuple(each.name for each in AxisPhase),
-    DRIVE: tuple(each.name for each in State),
-    NMT: tuple(each.name for each in NmtState),
-    BOOT: tuple(each.name for each in NodeState),
+    POWER: tuple(phase.name for phase in AxisPhase),
+    DRIVE: tuple(state.name for state in State),
+    NMT: tuple(state.name for state in NmtState),
+    BOOT: tuple(state.name for state in NodeState),
 }
 """States of each machine, in order."""
 

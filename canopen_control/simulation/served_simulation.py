@@ -128,7 +128,9 @@ class ServedSimulation:
             client.flush()
             if client.dropped or not self._clients.serves(client):
                 client.close()
-        self._here = [each for each in self._here if each.here and self._clients.serves(each) and not each.dropped]
+        self._here = [
+            client for client in self._here if client.here and self._clients.serves(client) and not client.dropped
+        ]
         self._front.run_for(round(seconds * 1e9))
 
     def run(self, duration_ns: int, speed: float = 1.0) -> None:

@@ -116,7 +116,7 @@ class LearnedPdos:
         slots = [self._held.get((mapping, slot)) for slot in range(1, count + 1)]
         mapped = tuple(self._object(slot) for slot in slots if slot)
         forbidden = not can_id & EXTENDED_FLAG and is_restricted(can_id)
-        if forbidden or len(mapped) != count or sum(each.bits for each in mapped) > MAX_BITS:
+        if forbidden or len(mapped) != count or sum(entry.bits for entry in mapped) > MAX_BITS:
             return None
         transmission = self._held.get((communication, _TYPE), _EVENT_DRIVEN)
         return PdoDescription(can_id, direction, number, mapped, transmission)

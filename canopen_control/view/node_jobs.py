@@ -82,7 +82,7 @@ def backup(session: NodeSession, work: NodeJob) -> str:
     if len(parameters.values) < _FEWEST:
         raise DriveError(f"{session} has no parameter that can be read and written")
     text, lost = backup_file_text(parameters, session.name)
-    work.lines += [f"left out: {each}" for each in (*map(str, left_out), *lost)]
+    work.lines += [f"left out: {reason}" for reason in (*map(str, left_out), *lost)]
     name = f"{session.name or f'node{session.node_id}'}.dcf"
     work.file = name, text.encode()
     return f"{session}: {len(parameters.values) - len(lost)} parameters in {name}"

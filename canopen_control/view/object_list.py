@@ -99,7 +99,7 @@ class ObjectList:
     def known(self, live: Mapping[Address, tuple[int, LiveObject]], addresses: Iterable[str]) -> dict[str, ObjectWords]:
         """Return the values of these objects."""
         present = [self._entries[address].address for address in addresses if address in self._entries]
-        return self._words(live, [live[each][1] for each in present if each in live])
+        return self._words(live, [live[address][1] for address in present if address in live])
 
     def _words(
         self, live: Mapping[Address, tuple[int, LiveObject]], objects: list[LiveObject]

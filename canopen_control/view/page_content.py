@@ -52,8 +52,8 @@ class RecentEvents:
             self._events.append(event)
 
     def _replace(self, event: RobotEvent) -> None:
-        for number, each in enumerate(self._events):
-            if (each.first, each.kind, each.node) == (event.first, event.kind, event.node):
+        for number, entry in enumerate(self._events):
+            if (entry.first, entry.kind, entry.node) == (event.first, event.kind, event.node):
                 del self._events[number]
                 break
         self._events.append(event)

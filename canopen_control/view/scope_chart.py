@@ -42,7 +42,7 @@ def thinned(shot: Shot, place: int, most: int = MOST_POINTS) -> list[tuple[float
         if not valid:
             kept_points.append(points[begin])
             continue
-        ends = (min(valid, key=lambda each: each[1] or 0.0), max(valid, key=lambda each: each[1] or 0.0))
+        ends = (min(valid, key=lambda point: point[1] or 0.0), max(valid, key=lambda point: point[1] or 0.0))
         kept_points += sorted(set(ends))
     return kept_points
 

@@ -53,17 +53,21 @@ def main():
         subprocess.run(["ip", *words.split()], check=True)
     sniffer = Sniffer()
     sniffer.start()
-    background, *others = (json.loads(each) for each in sys.argv[1:])
+    background, *others = (json.loads(argument) for argument in sys.argv[1:])
     first = subprocess.Popen(background, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     try:
-        said = [subprocess.run(each, capture_output=True, text=True, timeout=SECONDS) for each in others]
+        said = [subprocess.run(other, capture_output=True, text=True, timeout=SECONDS) for other in others]
     finally:
         first.terminate()
         output, _ = first.communicate(timeout=SECONDS)
     sniffer.end()
     print(
         json.dumps(
-            {"packets": len(sniffer.packets), "said": [each.stdout + each.stderr for each in said], "first": output}
+            {
+                "packets": len(sniffer.packets),
+                "said": [result.stdout + result.stderr for result in said],
+                "first": output,
+            }
         )
     )
 

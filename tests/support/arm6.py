@@ -29,9 +29,9 @@ def copy_looped_arm(folder, kind, **gains):
     bus.write_text(text.replace("position_mode: 8", f"{kind}_mode: {mode}"))
     text = urdf.read_text()
     urdf.write_text(text.replace('<command_interface name="position"/>', f'<command_interface name="{kind}"/>'))
-    loops = LOOPS.replace("KIND", kind) + "".join(f"      {each}: {gains}\n" for each in JOINTS).replace("'", "")
+    loops = LOOPS.replace("KIND", kind) + "".join(f"      {joint}: {gains}\n" for joint in JOINTS).replace("'", "")
     text = control.read_text().replace("\narm_controller:\n", loops + "\narm_controller:\n", 1)
-    names = ", ".join(f"loops/{each}" for each in JOINTS)
+    names = ", ".join(f"loops/{joint}" for joint in JOINTS)
     control.write_text(
         text.replace(
             "command_interfaces: [position]", f"command_joints: [{names}]\n    command_interfaces: [position, velocity]"

@@ -45,13 +45,13 @@ def base(kind: str, **params: Any) -> tuple[Hardware, Any, Any]:
     named = given.get("traction_joints_names") or given.get("wheel_names")
     wheels = named or [name for key, name in given.items() if key.endswith("_joint_name")]
     hardware = Hardware(
-        *(f"{each}/velocity" for each in wheels),
-        *(f"{each}/position" for each in steered),
-        states=tuple(f"{each}/{kind}" for each in (*wheels, *steered) for kind in ("position", "velocity")),
+        *(f"{wheel}/velocity" for wheel in wheels),
+        *(f"{joint}/position" for joint in steered),
+        states=tuple(f"{joint}/{kind}" for joint in (*wheels, *steered) for kind in ("position", "velocity")),
         name="base",
     )
-    for each in hardware.state_interfaces:
-        each.value = 0.0
+    for interface in hardware.state_interfaces:
+        interface.value = 0.0
     control = manager(hardware)
     return hardware, control, add(control, "base", kind, **{**given, **params})
 

@@ -41,7 +41,7 @@ def make(folder, package, definitions, dependencies):
         "ros_interface_files": [str(generated / "idl" / idl) for idl in idls],
         "target_dependencies": [],
     }
-    include = [f"{each}:{SHARE / each}" for each in dependencies]
+    include = [f"{dependency}:{SHARE / dependency}" for dependency in dependencies]
     hashes = generated / "hash"
     _run("rosidl_generator_type_description", "generate_type_hash", base, hashes, include_paths=include)
     base["type_description_tuples"] = [f"{idl}:{hashes / Path(idl).with_suffix('.json')}" for idl in idls]
@@ -98,23 +98,23 @@ def _compile(folder, package, generated, dependencies):
     import numpy
 
     includes = [generated / "src", generated / "introspection", sysconfig.get_paths()["include"], numpy.get_include()]
-    includes += [PREFIX / "include", *(each for each in (PREFIX / "include").iterdir() if each.is_dir())]
-    flags = ["-O0", "-fPIC", "-w", *(f"-I{each}" for each in includes)]
+    includes += [PREFIX / "include", *(path for path in (PREFIX / "include").iterdir() if path.is_dir())]
+    flags = ["-O0", "-fPIC", "-w", *(f"-I{include}" for include in includes)]
     objects = []
     sources = sorted([*generated.rglob("*.c"), *generated.rglob("*.cpp"), *(folder / package).rglob("*.c")])
     for number, source in enumerate(sources):
         objects.append(folder / f"{number}.o")
         compiler = ["gcc"] if source.suffix == ".c" else ["g++", "-std=c++17"]
         subprocess.run([*compiler, "-c", *flags, str(source), "-o", str(objects[-1])], check=True)
-    libraries = [f"{each}__{kind}" for each in dependencies for kind in OF_A_PACKAGE]
+    libraries = [f"{dependency}__{kind}" for dependency in dependencies for kind in OF_A_PACKAGE]
     library = folder / f"lib{package}__{SUPPORTS[0]}.so"
     subprocess.run(
         ["g++", "-shared", *map(str, objects), "-o", str(library), f"-L{PREFIX / 'lib'}", "-Wl,--allow-shlib-undefined",
-         *(f"-l{each}" for each in (*libraries, *LIBRARIES))],
+         *(f"-l{library}" for library in (*libraries, *LIBRARIES))],
         check=True,
     )  # fmt: skip
-    for each in objects:
-        each.unlink()
+    for file in objects:
+        file.unlink()
     (folder / f"lib{package}__{SUPPORTS[1]}.so").symlink_to(library.name)
     suffix = sysconfig.get_config_var("EXT_SUFFIX")
     (folder / package / f"{package}_s__rosidl_typesupport_c{suffix}").symlink_to(library)

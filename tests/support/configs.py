@@ -49,7 +49,7 @@ def found(files, *, notes=False, **how):
         files, read_bus(files.bus), read_controllers(files.controllers), read_description(files.description), **how
     )
     folder = f"{files.bus.parent}/"
-    return [str(each).replace(folder, "") for each in findings if notes or each.severity is not Severity.NOTE]
+    return [str(finding).replace(folder, "") for finding in findings if notes or finding.severity is not Severity.NOTE]
 
 
 def line_of(files, which, text):

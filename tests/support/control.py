@@ -33,8 +33,8 @@ class Hardware:
     def __init__(self, *commands: str, states: tuple[str, ...] = (), name: str = "robot") -> None:
         self.name = name
         self.state, self.simulated_ns = LifecycleState.ACTIVE, None
-        self.command_interfaces = [CommandInterface(*each.rsplit("/", 1)) for each in commands]
-        self.state_interfaces = [StateInterface(*each.rsplit("/", 1)) for each in states]
+        self.command_interfaces = [CommandInterface(*command.rsplit("/", 1)) for command in commands]
+        self.state_interfaces = [StateInterface(*state.rsplit("/", 1)) for state in states]
         self.calls: list[tuple[str, tuple[str, ...], tuple[str, ...]]] = []
         self.refuse: Exception | None = None
 
@@ -68,10 +68,10 @@ class Hardware:
         return ReturnType.OK
 
     def values(self) -> list[float]:
-        return [each.value for each in self.command_interfaces]
+        return [interface.value for interface in self.command_interfaces]
 
     def set(self, name: str, value: float) -> None:
-        next(each for each in self.state_interfaces if each.name == name).value = value
+        next(interface for interface in self.state_interfaces if interface.name == name).value = value
 
 
 def manager(
@@ -83,8 +83,8 @@ def manager(
 ) -> ControllerManager:
     """Return a manager over components."""
     registry = InterfaceRegistry()
-    for each in hardware:
-        registry.register(each)
+    for component in hardware:
+        registry.register(component)
     return ControllerManager(registry, rate, joints=joints, cycle=cycle, enable_status=enable_status)
 
 
@@ -107,8 +107,8 @@ class Scripted(Controller):
         self.runs.append((now, period))
         if isinstance(self.result, Exception):
             raise self.result
-        for each in self.commands:
-            each.value = 5.0
+        for command in self.commands:
+            command.value = 5.0
         return self.result
 
 
@@ -137,7 +137,7 @@ def three_on_two_wheels() -> tuple[Hardware, ControllerManager]:
 def add(control: ControllerManager, name: str, type_name: str, **params: Any) -> Any:
     """Load and configure a controller; `a__b` in a name is `a.b`."""
     controller = control.load(
-        name, type_name, Params.of({key.replace("__", "."): each for key, each in params.items()})
+        name, type_name, Params.of({key.replace("__", "."): parameter for key, parameter in params.items()})
     )
     control.configure(name)
     return controller
@@ -146,14 +146,14 @@ def add(control: ControllerManager, name: str, type_name: str, **params: Any) ->
 def vectors(group: str, file: str = "controllers.json") -> list[Any]:
     """Return the cases of a group of the golden vectors, with nan and inf as numbers."""
     groups = json.loads((DATA / file).read_text(encoding="utf-8"))["groups"]
-    return next(_numbers(each["cases"]) for each in groups if each["id"] == group)
+    return next(_numbers(entry["cases"]) for entry in groups if entry["id"] == group)
 
 
 def _numbers(value: Any) -> Any:
     if isinstance(value, list):
-        return [_numbers(each) for each in value]
+        return [_numbers(element) for element in value]
     if isinstance(value, dict):
-        return {key: _numbers(each) for key, each in value.items()}
+        return {key: _numbers(element) for key, element in value.items()}
     return {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}.get(value, value) if isinstance(value, str) else value
 
 

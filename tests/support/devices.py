@@ -31,11 +31,11 @@ def with_device(folder, eds, part, *, commands=(), keys=None, name="io", tag="gp
     path = config / "bus.yml"
     bus = yaml.safe_load(path.read_text())
     defaults = bus.pop("defaults")
-    bus["nodes"] = {each: {**defaults, **node} for each, node in bus["nodes"].items()}
+    bus["nodes"] = {name: {**defaults, **node} for name, node in bus["nodes"].items()}
     bus["nodes"][name] = {"dcf": eds, "node_id": node_id, "heartbeat_multiplier": 5, **(keys or {})}
     path.write_text(yaml.safe_dump(bus))
-    states = "".join(f'<state_interface name="{each}"/>' for each in part)
-    states += "".join(f'<command_interface name="{each}"/>' for each in commands)
+    states = "".join(f'<state_interface name="{name}"/>' for name in part)
+    states += "".join(f'<command_interface name="{command}"/>' for command in commands)
     description = config / "robby.urdf.xacro"
     text = description.read_text().replace(_ANCHOR, f'{_ANCHOR}<{tag} name="{name}">{parameters}{states}</{tag}>\n')
     description.write_text(text)
@@ -87,7 +87,7 @@ class DeviceBench(Bench):
 
     def terminal(self, name):
         """What the virtual device has at a terminal, past the bus."""
-        return next(each.value for each in self.device.function.describe() if each.name == name)
+        return next(interface.value for interface in self.device.function.describe() if interface.name == name)
 
 
 def virtual(number):

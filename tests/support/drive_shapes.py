@@ -46,9 +46,9 @@ def shape(drop=(), pdos=None, device=None, extra=(), axes=1, access="rw", cob_ac
 
 
 def _drop(od, drop):
-    for address in [each for each in od.entries if each in drop or each[0] in drop]:
+    for address in [entry for entry in od.entries if entry in drop or entry[0] in drop]:
         del od.entries[address]
-    for index in [each for each in od.objects if not od.subindices(each)]:
+    for index in [entry for entry in od.objects if not od.subindices(entry)]:
         del od.objects[index]
 
 
@@ -152,7 +152,7 @@ def as_maker(od, slots=None, timers=True, counts=True):
 
 def more_slots(od, count):
     """Let each mapping have `count` entries."""
-    for index in [each for each, sub in od.entries if _maps(each) and not sub]:
+    for index in [number for number, sub in od.entries if _maps(number) and not sub]:
         od.entries[index, 0] = dataclasses.replace(od.entries[index, 0], low=0, high=count)
         for sub in range(9, count + 1):
             od.add(dataclasses.replace(od.entries[index, 8], subindex=sub))

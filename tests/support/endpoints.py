@@ -114,7 +114,11 @@ class Ros:
 
 def publisher_of(ros, controller, topic):
     """Return the publisher of one topic of a controller's samples."""
-    (row,) = [each for each in SAMPLE_TOPICS if each.topic == topic and kind_of(each.kind) == controller.tells]
+    (row,) = [
+        sample_topic
+        for sample_topic in SAMPLE_TOPICS
+        if sample_topic.topic == topic and kind_of(sample_topic.kind) == controller.tells
+    ]
     return SamplePublisher(ros, controller, row)
 
 

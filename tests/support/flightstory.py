@@ -43,15 +43,15 @@ def record(name="story", seconds=4, power_off_after=2.0, velocity=(4.0, 4.0)):
     file.events += [convert(message["event"], RobotEvent) for message in messages if "event" in message]
     file.eds = {"TMCM-1270.eds": bench.setup.bus.eds_paths["left_drive"].read_bytes()}
     assert RIGHT in bench.drives
-    for each in (port, client, bench.api, bench):
-        each.close()
+    for closed in (port, client, bench.api, bench):
+        closed.close()
     return file
 
 
 def saved(file, folder):
     """Write it as the recorder would; return the path."""
     frames = (KeptFrame(time, 0, pack_records([frame])) for time, _, frame in file.frames)
-    lines = [[text_of(each) for each in part] for part in (file.events, file.states)]
+    lines = [[text_of(entry) for entry in part] for part in (file.events, file.states)]
     reason = next(event for event in file.events if event.level == "error")
     meta = replace(file.meta, reason=reason, written=file.states[-1].time)
     return save(folder, meta, candump_lines(frames, ["can"], 0), *lines)

@@ -46,7 +46,7 @@ class FloorBench(Bench):
         super().__init__(name, controllers=[BASE])
 
     def power_on(self, node_id, faults=()):
-        node = next(each for each in self.setup.bus.nodes.values() if each.node_id == node_id)
+        node = next(candidate for candidate in self.setup.bus.nodes.values() if candidate.node_id == node_id)
         port = open_port(self.channel, label=f"drive {node_id}")
         plant = functools.partial(self.world.plant, node_id)
         device = make_device(dictionary_of(self.setup.bus.eds_paths[node.name]), node_id, faults, plant=plant)

@@ -110,7 +110,7 @@ class RawListener:
         self._socket.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, 16 << 20)
         self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
         if identifiers:
-            filters = b"".join(struct.pack("=II", each, 0xC00007FF) for each in identifiers)
+            filters = b"".join(struct.pack("=II", identifier, 0xC00007FF) for identifier in identifiers)
             self._socket.setsockopt(_SOL_CAN_RAW, _RAW_FILTER, filters)
         self._socket.bind((interface,))
         self._socket.settimeout(0.2)

@@ -12,7 +12,7 @@ from canopen_control.urdf.joint_element import HardLimits
 
 def limiter_cases(kind: str) -> list[Any]:
     """Return the cases of a limiter of one joint, `saturation` or `soft`."""
-    return [each for each in vectors("joint_limiter", "joint_limits.json") if each["in"]["kind"] == kind]
+    return [vector for vector in vectors("joint_limiter", "joint_limits.json") if vector["in"]["kind"] == kind]
 
 
 def hard(values: dict[str, float]) -> HardLimits:

@@ -80,16 +80,20 @@ def launched(name, packages=(), **arguments):
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
         actions = module.generate_launch_description()
-    declared = [each for each in actions if isinstance(each, DeclareLaunchArgument)]
-    values = {each.positional[0]: each.named["default_value"] for each in declared}
+    declared = [action for action in actions if isinstance(action, DeclareLaunchArgument)]
+    values = {argument.positional[0]: argument.named["default_value"] for argument in declared}
     assert set(arguments) <= set(values)
     values.update(arguments)
-    started = [each for each in actions if "condition" not in each.named or each.named["condition"].holds(values)]
+    started = [
+        action for action in actions if "condition" not in action.named or action.named["condition"].holds(values)
+    ]
 
     def text(word):
         if isinstance(word, list):  # of substitutions, which launch joins
             return "".join(map(text, word))
         return values[word] if isinstance(word, Configuration) else word
 
-    commands = [[text(word) for word in each.named["cmd"]] for each in started if isinstance(each, ExecuteProcess)]
-    return commands, [each.named["executable"] for each in started if isinstance(each, Node)]
+    commands = [
+        [text(word) for word in action.named["cmd"]] for action in started if isinstance(action, ExecuteProcess)
+    ]
+    return commands, [action.named["executable"] for action in started if isinstance(action, Node)]

@@ -90,4 +90,4 @@ def missing(frames: list[tuple[float, int, bytes]], identifiers: set[int]) -> tu
     whole = [number for number, cycle in enumerate(cycles) if sorted(cycle) == sorted(identifiers)]
     counted = Counter(identifier for cycle in cycles[whole[0] : whole[-1] + 1] for identifier in cycle)
     count = whole[-1] + 1 - whole[0]
-    return count, [f"{each:03X}: {counted[each]} of {count}" for each in identifiers if counted[each] != count]
+    return count, [f"{number:03X}: {counted[number]} of {count}" for number in identifiers if counted[number] != count]

@@ -124,7 +124,7 @@ class Lockstep:
         """Give the turn to who has something to do; without any let time go on, or look for what comes from outside."""
         self._turn = None
         while not self._over:
-            self._turn = next((each for each in self._threads if self._goes_on(each)), None)
+            self._turn = next((thread for thread in self._threads if self._goes_on(thread)), None)
             if self._turn is not None:
                 # who had the turn is the last to get it again
                 self._threads[self._turn] = self._threads.pop(self._turn)

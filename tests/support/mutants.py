@@ -193,7 +193,7 @@ def velocities_told_reversed(patch):
     real = status._joints
 
     def joints(robot):
-        return {name: structs.replace(each, velocity=-(each.velocity or 0.0)) for name, each in real(robot).items()}
+        return {name: structs.replace(state, velocity=-(state.velocity or 0.0)) for name, state in real(robot).items()}
 
     patch.setattr(status, "_joints", joints)
 
@@ -207,7 +207,7 @@ def lost_nodes_told_as_ready(patch):
     real = NodeReadings.at
 
     def nodes(self, now):
-        return {name: structs.replace(each, ready=True) for name, each in real(self, now).items()}
+        return {name: structs.replace(state, ready=True) for name, state in real(self, now).items()}
 
     patch.setattr(NodeReadings, "at", nodes)
 
@@ -239,8 +239,8 @@ def silent_clients_keep_all_places(patch):
 
 
 MUTANTS = {
-    each.__name__: each
-    for each in (
+    mutant.__name__: mutant
+    for mutant in (
         stop_is_late,
         stop_does_nothing,
         enabled_again_when_its_node_is_back,

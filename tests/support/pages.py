@@ -142,14 +142,14 @@ def html(user):
     from nicegui import ElementFilter, ui
 
     with user._client:
-        return " ".join(each.content for each in ElementFilter(kind=ui.html))
+        return " ".join(element.content for element in ElementFilter(kind=ui.html))
 
 
 def seen(kind):
     """Return a page's elements of a kind that are visible."""
     from nicegui import ElementFilter
 
-    return [each for each in ElementFilter(kind=kind) if each.visible]
+    return [element for element in ElementFilter(kind=kind) if element.visible]
 
 
 async def upload(user, name, data):

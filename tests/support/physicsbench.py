@@ -94,7 +94,7 @@ class Axes:
 
     def digest(self):
         """Return what the state of the whole world hashes to, bit by bit."""
-        state = b"".join(each.tobytes() for each in (self.world.angles, self.world.speeds))
+        state = b"".join(values.tobytes() for values in (self.world.angles, self.world.speeds))
         return hashlib.sha256(state).hexdigest()
 
 

@@ -75,7 +75,7 @@ class Bench:
         self.robot.observers.append(Observer(event=self.events.append))
 
     def power_on(self, node_id, faults=()):
-        node = next(each for each in self.setup.bus.nodes.values() if each.node_id == node_id)
+        node = next(candidate for candidate in self.setup.bus.nodes.values() if candidate.node_id == node_id)
         port = open_port(self.channel, label=f"drive {node_id}")
         device = make_device(dictionary_of(self.setup.bus.eds_paths[node.name]), node_id, faults)
         self.drives[node_id], self.ports[node_id] = device, port

@@ -288,8 +288,8 @@ class FakeRobot:
 
     def switch(self, **states):
         """Change the states of controllers by name."""
-        for each in self.controllers:
-            each["state"] = states.get(each["name"], each["state"])
+        for controller in self.controllers:
+            controller["state"] = states.get(controller["name"], controller["state"])
 
     def commands(self, method="command"):
         """Return the parameters of the commands that have come."""
@@ -300,26 +300,26 @@ class FakeRobot:
             "time": self.time,
             "state": "running",
             "cycle": {"period_s": 0.02, "count": 1, "missed": 0},
-            "joints": {name: {"name": name, **each} for name, each in self.joints.items()},
-            "nodes": {name: {"name": name, **each} for name, each in self.nodes.items()},
-            "controllers": {each["name"]: each["state"] for each in self.controllers},
+            "joints": {name: {"name": name, **joint} for name, joint in self.joints.items()},
+            "nodes": {name: {"name": name, **fields} for name, fields in self.nodes.items()},
+            "controllers": {controller["name"]: controller["state"] for controller in self.controllers},
             "samples": {**self._joint_states(), **self.samples},
             **self.more,
         }
 
     def _list_controllers(self):
-        self.listed = {each["name"]: each["state"] for each in self.controllers}
+        self.listed = {controller["name"]: controller["state"] for controller in self.controllers}
         return self.controllers
 
     def _joint_states(self):
         self._published += 1
         time = self.time + self._published / 1e6
         found = {}
-        for each in self.controllers:
-            if each["state"] == "active" and each.get("publishes"):
-                joints = {name: self.joints[name] for name in each["joints"] if name in self.joints}
+        for controller in self.controllers:
+            if controller["state"] == "active" and controller.get("publishes"):
+                joints = {name: self.joints[name] for name in controller["joints"] if name in self.joints}
                 told = {name: _values(joint) for name, joint in joints.items()}
-                found[each["name"]] = {"kind": "joint_states", "time": time, "names": list(told), "joints": told}
+                found[controller["name"]] = {"kind": "joint_states", "time": time, "names": list(told), "joints": told}
         return found
 
     def _greet(self, connection):
@@ -399,7 +399,7 @@ def _values(joint):
 def _laid_out(layout):
     """Return a layout with what a test does not say."""
     entry = {"data_type": "UNSIGNED32", "bits": 32, "subindex": 0}
-    pdo = {"cob_id": 0x200, "number": 1}
+    defaults = {"cob_id": 0x200, "number": 1}
     return {
         "buses": {
             name: {
@@ -411,8 +411,8 @@ def _laid_out(layout):
                         "node_id": 3,
                         **node,
                         "pdos": [
-                            {**pdo, **each, "objects": [{**entry, **one} for one in each["objects"]]}
-                            for each in node["pdos"]
+                            {**defaults, **pdo, "objects": [{**entry, **one} for one in pdo["objects"]]}
+                            for pdo in node["pdos"]
                         ],
                     }
                     for node in bus["nodes"]

@@ -39,7 +39,7 @@ def plain(value):
         return value[0]
     if isinstance(value, str | int | float | bool):
         return value
-    return [plain(each) for each in value]
+    return [plain(element) for element in value]
 
 
 def filled(message, data):
@@ -50,7 +50,7 @@ def filled(message, data):
         if isinstance(value, dict):
             filled(inner, value)
         elif types[field].startswith("sequence<") and value and isinstance(value[0], dict):
-            setattr(message, field, [filled(kind(_full(types[field]))(), each) for each in value])
+            setattr(message, field, [filled(kind(_full(types[field]))(), element) for element in value])
         elif types[field] == "octet":
             setattr(message, field, bytes([value]))
         else:
@@ -201,18 +201,18 @@ class Peer:
             client.describe_parameters(names).add_done_callback(described)
 
         def described(future):
-            found = {each["name"]: each for each in map(plain, future.result().descriptors)}
+            found = {descriptor["name"]: descriptor for descriptor in map(plain, future.result().descriptors)}
             self.say(topic=node, message={"descriptors": found})
             wanted = [Parameter(name, value=value) for name, value in values.items()]
             client.set_parameters(wanted).add_done_callback(done)
 
         def done(future):
-            self.say(topic=node, message={"results": [plain(each) for each in future.result().results]})
+            self.say(topic=node, message={"results": [plain(result) for result in future.result().results]})
             if file:
                 client.load_parameter_file(file).add_done_callback(loaded)
 
         def loaded(future):
-            self.say(topic=node, message={"loaded": [plain(each) for each in future.result().results]})
+            self.say(topic=node, message={"loaded": [plain(result) for result in future.result().results]})
 
         client.list_parameters().add_done_callback(listed)
         self.say(done="parameters", ready=ready)
@@ -234,10 +234,10 @@ class Peer:
         found = {}
         for topic in topics:
             look = self.node.get_subscriptions_info_by_topic if "Request" in topic else None
-            for each in (look or self.node.get_publishers_info_by_topic)(topic, no_mangle=True):
-                quality = each.qos_profile
+            for endpoint in (look or self.node.get_publishers_info_by_topic)(topic, no_mangle=True):
+                quality = endpoint.qos_profile
                 found[topic] = [
-                    each.topic_type, str(each.topic_type_hash),
+                    endpoint.topic_type, str(endpoint.topic_type_hash),
                     *(str(int(part)) for part in (quality.reliability, quality.durability, quality.history)),
                     str(quality.depth),
                 ]  # fmt: skip
@@ -249,12 +249,12 @@ class Peer:
             done="endpoints",
             publishers=[
                 {
-                    "node": each.node_name,
-                    "reliability": each.qos_profile.reliability.name,
-                    "durability": each.qos_profile.durability.name,
-                    "hash": str(each.topic_type_hash),
+                    "node": publisher.node_name,
+                    "reliability": publisher.qos_profile.reliability.name,
+                    "durability": publisher.qos_profile.durability.name,
+                    "hash": str(publisher.topic_type_hash),
                 }
-                for each in publishers
+                for publisher in publishers
             ],
         )
 

@@ -8,7 +8,7 @@ from canopen_control.runtime.node_readings import event_message
 
 def _named(document):
     named = {
-        kind: {name: {"name": name, **each} for name, each in document[kind].items()}
+        kind: {name: {"name": name, **fields} for name, fields in document[kind].items()}
         for kind in ("nodes", "joints")
         if kind in document
     }
@@ -28,7 +28,7 @@ def event_of(document):
 
 
 def controllers_of(documents):
-    return tuple(convert({"type": "", "state": "", **each}, ControllerReading) for each in documents)
+    return tuple(convert({"type": "", "state": "", **document}, ControllerReading) for document in documents)
 
 
 def status_dict(robot):

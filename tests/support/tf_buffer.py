@@ -17,9 +17,9 @@ class TransformBuffer:
 
     def take(self, message, *, fixed=False):
         """Keep the transforms of a message; ValueError for what tf2 throws away."""
-        for each in message["transforms"]:
-            parent, child = each["header"]["frame_id"], each["child_frame_id"]
-            place, turn = (tuple(map(each["transform"][part].get, names)) for part, names in _PARTS)
+        for transform in message["transforms"]:
+            parent, child = transform["header"]["frame_id"], transform["child_frame_id"]
+            place, turn = (tuple(map(transform["transform"][part].get, names)) for part, names in _PARTS)
             if not parent or not child or "/" in (parent[0], child[0]) or parent == child:
                 raise ValueError(f"{parent!r} to {child!r} is no transform")
             if not math.isclose(math.hypot(*turn), 1.0, abs_tol=1e-3) or not all(map(math.isfinite, place)):
@@ -29,7 +29,7 @@ class TransformBuffer:
             if fixed:
                 self._fixed[child] = place, turn
             else:
-                self._samples.setdefault(child, {})[stamp_ns(each["header"])] = place, turn
+                self._samples.setdefault(child, {})[stamp_ns(transform["header"])] = place, turn
 
     def reaches(self, frame):
         """Return the time of the last sample of a moving frame in ns, 0 without one."""
@@ -43,7 +43,7 @@ class TransformBuffer:
             raise LookupError(f"nothing connects {target} and {source}")
         place, turn = self._in(common, up, time_ns)
         own_place, own_turn = self._in(common, down, time_ns)
-        back = (*(-each for each in own_turn[:3]), own_turn[3])
+        back = (*(-component for component in own_turn[:3]), own_turn[3])
         return _turned(back, tuple(a - b for a, b in zip(place, own_place, strict=True))), _times(back, turn)
 
     def _chain(self, frame):
@@ -74,7 +74,7 @@ class TransformBuffer:
         mixed = [a + part * (sign * b - a) for a, b in zip(turn, end_turn, strict=True)]
         length = math.hypot(*mixed)
         return tuple(a + part * (b - a) for a, b in zip(place, end, strict=True)), tuple(
-            each / length for each in mixed
+            component / length for component in mixed
         )
 
 
@@ -98,5 +98,5 @@ def _times(first, second):
 
 
 def _turned(turn, vector):
-    back = (*(-each for each in turn[:3]), turn[3])
+    back = (*(-component for component in turn[:3]), turn[3])
     return _times(_times(turn, (*vector, 0.0)), back)[:3]

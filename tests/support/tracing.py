@@ -25,4 +25,4 @@ def frame(can_id, data=""):
 
 def said(decoder, *frames):
     """Decode (can_id, hex) pairs and return the texts."""
-    return [decoder.decode(frame(*each)).text for each in frames]
+    return [decoder.decode(frame(*fields)).text for fields in frames]

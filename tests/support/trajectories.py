@@ -21,7 +21,7 @@ def point(values: dict[str, Any]) -> Point:
 
 
 def message(values: dict[str, Any]) -> JointTrajectory:
-    points = [point(each) for each in values.get("points", ())]
+    points = [point(value) for value in values.get("points", ())]
     return JointTrajectory(values.get("joint_names", ()), points, values.get("stamp_ns", 0))
 
 

@@ -26,7 +26,7 @@ def goal_of(values: dict[str, Any]) -> TrajectoryGoal:
     def tolerances(key: str) -> tuple[JointTolerance, ...]:
         fields = ("position", "velocity", "acceleration")
         return tuple(
-            JointTolerance(*(each.get(name, 0.0) for name in fields), each["name"]) for each in values.get(key, ())
+            JointTolerance(*(value.get(name, 0.0) for name in fields), value["name"]) for value in values.get(key, ())
         )
 
     time = values.get("goal_time_tolerance_ns", 0) / 1e9
@@ -48,7 +48,7 @@ class Player:
         self.rate = given["update_rate"]
         self.controller = controller = JointTrajectoryController("arm")
         controller.cycle_rate = self.rate
-        controller.description = {name: joint(name, each) for name, each in given["urdf"].items()}
+        controller.description = {name: joint(name, text) for name, text in given["urdf"].items()}
         self.goals: dict[str, TrajectoryGoal] = {}
         self.told: dict[str, dict[str, Any]] = {}
         try:
@@ -84,8 +84,8 @@ class Player:
         self.controller.state = ControllerState.INACTIVE
 
     def _state(self, values: dict[str, float]) -> None:
-        for each in self.states:
-            each.value = values.get(each.name, each.value)
+        for state in self.states:
+            state.value = values.get(state.name, state.value)
 
     def _update(self, now: int, period: int) -> None:
         self.controller.update(now, period / 1e9)
@@ -94,7 +94,7 @@ class Player:
         before, self.first_change = self._mode(), None
         for index in range(count):
             if tracking == "perfect":
-                known = {each.name: each.value for each in self.commands if math.isfinite(each.value)}
+                known = {command.name: command.value for command in self.commands if math.isfinite(command.value)}
                 self._state(known)
             self.controller.update(begin + index * period, period / 1e9)
             if self.first_change is None and self._mode() != before:
@@ -112,7 +112,7 @@ class Player:
 
     def _goal(self, now: int, name: str, values: dict[str, Any]) -> None:
         goal = goal_of(values)
-        running = next((key for key, each in self.goals.items() if each is self.controller.goal), None)
+        running = next((key for key, other in self.goals.items() if other is self.controller.goal), None)
         try:
             self.controller.send_goal(goal, now)
         except ControlError:
@@ -153,7 +153,7 @@ class Player:
 
     def _differences(self, expect: dict[str, Any]) -> dict[str, Any]:
         controller = self.controller
-        active = next((name for name, each in self.goals.items() if each is controller.goal), None)
+        active = next((name for name, goal in self.goals.items() if goal is controller.goal), None)
         found = {
             "holding": controller.holding,
             "active_goal": active,
@@ -167,7 +167,7 @@ class Player:
         }
         wrong = {key: (found[key], expect[key]) for key in found.keys() & expect.keys() if found[key] != expect[key]}
         for name, value in expect.get("command", {}).items():
-            command = next(each for each in self.commands if each.name == name)
+            command = next(candidate for candidate in self.commands if candidate.name == name)
             if not (same(command.value, value) or abs(command.value - value) <= 1e-9 * max(1.0, abs(value))):
                 wrong[name] = (command.value, value)
         if "active_tolerances" in expect:
@@ -178,7 +178,7 @@ class Player:
         kept = self.controller.tolerances
         wrong = {}
         for key in ("path", "goal"):
-            found = [[each.position, each.velocity, each.acceleration] for each in getattr(kept, key)]
+            found = [[point.position, point.velocity, point.acceleration] for point in getattr(kept, key)]
             if not all(close(a, b) for a, b in zip(found, expect[key], strict=True)):
                 wrong[key] = (found, expect[key])
         return wrong if same(kept.goal_time, expect["goal_time"]) else {**wrong, "goal_time": kept.goal_time}

@@ -32,9 +32,9 @@ def dictionary(drop=(), **changes):
     for name, fields in changes.items():
         address = int(name[1:5], 16), int(name[6:8], 16)
         od.entries[address] = dataclasses.replace(od.entries[address], **fields)
-    for address in [each for each in od.entries if each in drop or each[0] in drop]:
+    for address in [entry for entry in od.entries if entry in drop or entry[0] in drop]:
         del od.entries[address]
-    for index in [each for each in od.objects if not od.subindices(each)]:
+    for index in [entry for entry in od.objects if not od.subindices(entry)]:
         del od.objects[index]
     return od
 

@@ -30,7 +30,9 @@ class XacroHere:
 
     def result(self):
         path = Path(self._path)
-        beside = sorted((each.name, each.stat().st_mtime_ns) for each in path.parent.glob("*"))  # it may include them
+        beside = sorted(
+            (sibling.name, sibling.stat().st_mtime_ns) for sibling in path.parent.glob("*")
+        )  # it may include them
         kind, text = expanded(str(path), tuple(sorted(dict(self._mappings).items())), tuple(beside))
         if kind == xacro_child.URDF:
             return text

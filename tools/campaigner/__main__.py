@@ -113,11 +113,11 @@ class Campaign:
         """Tell a breach with what was being done, and write down how to play it again."""
         with self._lock:
             number = len(self.found) + 1
-            doing = [str(each) for each in (self._driver.done if self._driver else [])[-_SHOWN_ACTIONS:]]
+            doing = [str(action) for action in (self._driver.done if self._driver else [])[-_SHOWN_ACTIONS:]]
             path = self.folder / f"breach-{number}.txt"
             lines = [f"# {breach.rule}: {breach.text}", f"# all of it: {self._replay()}"]
             lines += [f"# the end of it: tools/campaign --replay {path} --for 60s", *doing]
-            lines += [f"# {each}" for each in frames[-_SHOWN_FRAMES:]]
+            lines += [f"# {frame}" for frame in frames[-_SHOWN_FRAMES:]]
             path.write_text("\n".join(lines) + "\n")
             at = breach.time - (self._driver.begin if self._driver else self.begin)
             self.found.append(
@@ -142,8 +142,8 @@ class Campaign:
             "frames": listener.frames,
             "moved_s": round(listener.observer.moved_s, 1),
             "slowest_stop_s": round(max(driver.stops_s, default=0.0), 2),
-            "memory_mb": round(max(each.most for each in driver.memory), 1),
-            "growth_mb": round(max(each.growth for each in driver.memory), 1),
+            "memory_mb": round(max(process.most for process in driver.memory), 1),
+            "growth_mb": round(max(process.growth for process in driver.memory), 1),
             "machine_stalled_s": round(listener.stalled_s, 2),
             "breaches": self.found,
             "again": self._replay(),
@@ -155,7 +155,7 @@ class Campaign:
         for key, value in numbers.items():
             if key != "breaches":
                 print(f"{key:18} {value}")
-        rules = [str(each["rule"]) for each in self.found]
+        rules = [str(breach["rule"]) for breach in self.found]
         told = ", ".join(f"{rules.count(rule)} {rule}" for rule in dict.fromkeys(rules))
         print(f"{'breaches':18} {told or 'none'}")
 
@@ -193,8 +193,8 @@ def _actions(parser: argparse.ArgumentParser, args: argparse.Namespace) -> list[
         actions = read_script(Path(args.replay).read_text().splitlines())
     except (OSError, ValueError) as error:
         parser.error(f"--replay: {error}")
-    early = max(0.0, min((each.at for each in actions), default=0.0) - 1.0)  # the end of a campaign begins at once
-    return [replace(each, at=each.at - early) for each in actions]
+    early = max(0.0, min((action.at for action in actions), default=0.0) - 1.0)  # the end of a campaign begins at once
+    return [replace(action, at=action.at - early) for action in actions]
 
 
 @contextlib.contextmanager

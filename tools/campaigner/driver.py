@@ -220,7 +220,7 @@ class Driver:
     def _mend(self) -> None:
         """Take away whatever still disturbs, and everybody who commands."""
         self._later, later = [], self._later
-        for _, _, what in sorted(later, key=lambda each: each[:2]):
+        for _, _, what in sorted(later, key=lambda action: action[:2]):
             what()
         for node, name in list(self._faults):
             self._switch(node, name, on=False)
@@ -296,7 +296,9 @@ class Driver:
 
     def _bridge_died(self, pid: int) -> None:
         """What came through the bridge ended with it, and comes again through the next one."""
-        for stream in [each for each in self._streams if isinstance(each, ShellStream) and each.ros]:
+        for stream in [
+            candidate for candidate in self._streams if isinstance(candidate, ShellStream) and candidate.ros
+        ]:
             stream.interrupt(lambda: self.stage.pid_of("bridge") not in (None, pid))
 
     def _do_restart(self, action: Action) -> None:
@@ -389,7 +391,7 @@ class Driver:
     def _label(self, role: str, node: int = 0) -> str | None:
         pid = self.stage.pid_of(role, node)
         status = self._hub(GetHubStatus()) if pid is not None else None
-        return None if status is None else next((each.label for each in status.members if each.pid == pid), None)
+        return None if status is None else next((member.label for member in status.members if member.pid == pid), None)
 
     def _hub(self, request: Request[A]) -> A | None:
         if self.stage.hub is not None:

@@ -43,11 +43,11 @@ class _Attack:
         """Send lines on several connections as fast as they are taken; one that was closed is opened again."""
         there: list[socket.socket | None] = [None] * _SOCKETS
         while self.goes_on:
-            for place, each in enumerate(there):
-                if each is None:
+            for place, entry in enumerate(there):
+                if entry is None:
                     there[place] = self.connect()
-                elif not _send(each, line(), reads=reads):
-                    each.close()
+                elif not _send(entry, line(), reads=reads):
+                    entry.close()
                     there[place] = None
             time.sleep(0.001)
 

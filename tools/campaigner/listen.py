@@ -45,7 +45,9 @@ class Listener:
         self._kept: deque[tuple[float, str]] = deque()
         self._ended = threading.Event()
         self._port = open_port(channel, label=_LABEL)
-        self._threads = [threading.Thread(target=each, daemon=True) for each in (self._listen, self._look_at_shafts)]
+        self._threads = [
+            threading.Thread(target=target, daemon=True) for target in (self._listen, self._look_at_shafts)
+        ]
         for thread in self._threads:
             thread.start()
 

@@ -165,9 +165,9 @@ def _run(args: argparse.Namespace) -> int:
         mine = "compiled" if build() == COMPILED else "sources"
         results.build = mine if not results.seeds or results.build == mine else "both"
         wanted, folder = wanted_of(args.seeds), args.out.parent / f"{args.out.stem}-breaches"
-        robots = [NightlyRobot(plan, each, folder) for plan, each in zip(PLANS, results.robots, strict=True)]
+        robots = [NightlyRobot(plan, robot, folder) for plan, robot in zip(PLANS, results.robots, strict=True)]
         run_plans(robots, wanted, args.out, results, Limits(time.monotonic() + args.hours * 3600, args.jobs))
-        complete = all(each.seeds >= most for each, most in zip(results.robots, wanted, strict=True))
+        complete = all(robot.seeds >= most for robot, most in zip(results.robots, wanted, strict=True))
     else:
         complete = results.seeds > 0
     if args.page:

@@ -210,7 +210,7 @@ class Observer:
     def _moments(self, begin: float, end: float) -> Iterator[float]:
         yield end
         yield begin
-        asked = [each.asked for each in self._enables] + [each.asked for each in self._commands]
+        asked = [enable.asked for enable in self._enables] + [command.asked for command in self._commands]
         yield from (moment for moment in asked if begin < moment <= end)
 
     def _allowed_at(self, moment: float) -> bool:
@@ -223,12 +223,12 @@ class Observer:
 
     def _ended(self, enable: Enable, moment: float) -> bool:
         """Whether a stop reason that surely came after this enable is to be in effect."""
-        return any(each.since > enable.done and each.known + each.detect < moment for each in self._reasons)
+        return any(reason.since > enable.done and reason.known + reason.detect < moment for reason in self._reasons)
 
     def _drives(self, command: Command, moment: float) -> bool:
         if not abs(command.speed) > 0 or moment > command.end:
             return False
-        replaced = (each.done for each in self._commands if each.asked > command.done and not _in_vain(each))
+        replaced = (later.done for later in self._commands if later.asked > command.done and not _in_vain(later))
         return moment <= min(replaced, default=math.inf)
 
     def _last_allowed(self, before: float) -> float | None:
@@ -245,15 +245,15 @@ class Observer:
         ended = self._last_allowed(moment)
         if ended is None:
             return "and that was not allowed for long: no command newer than an enable"
-        reasons = [each for each in self._reasons if ended - 1.0 <= each.known + each.detect <= moment]
-        names = ", ".join(dict.fromkeys(each.name for each in reasons))
+        reasons = [reason for reason in self._reasons if ended - 1.0 <= reason.known + reason.detect <= moment]
+        names = ", ".join(dict.fromkeys(reason.name for reason in reasons))
         return f"{moment - ended:.2f} s after {names or self._how_the_command_ended(ended)}"
 
     def _how_the_command_ended(self, ended: float) -> str:
-        near = [each for each in self._commands if each.asked <= ended + 0.1 and abs(each.speed) > 0]
+        near = [command for command in self._commands if command.asked <= ended + 0.1 and abs(command.speed) > 0]
         if not near:
             return "the last command"
-        last = max(near, key=lambda each: (min(each.end, ended + 0.1), each.asked))
+        last = max(near, key=lambda command: (min(command.end, ended + 0.1), command.asked))
         if last.refused:
             return f"a command of {last.source} was refused"
         if last.gone <= last.done + last.life and last.gone < ended + 0.5:
@@ -277,14 +277,14 @@ class Observer:
             return
         self._pruned = now
         old = now - _KEPT_S
-        self._commands = [each for each in self._commands if each.end > old]
+        self._commands = [command for command in self._commands if command.end > old]
         while self._excuses and self._excuses[0][1] < old:
             self._excuses.popleft()
-        settled = [each for each in self._reasons if each.known + each.detect < old]
+        settled = [reason for reason in self._reasons if reason.known + reason.detect < old]
         if settled:
-            newest = max(each.since for each in settled)
-            self._enables = [each for each in self._enables if each.done >= newest]
-            self._reasons = [each for each in self._reasons if each.since >= newest or each not in settled]
+            newest = max(state.since for state in settled)
+            self._enables = [enable for enable in self._enables if enable.done >= newest]
+            self._reasons = [reason for reason in self._reasons if reason.since >= newest or reason not in settled]
 
 
 def _in_vain(command: Command) -> bool:

@@ -301,7 +301,7 @@ def read_script(lines: Iterable[str]) -> list[Action]:
         if action.kind not in KINDS:
             raise ValueError(f"{line.strip()!r}: there is no {action.kind!r}; there are: {', '.join(sorted(KINDS))}")
         actions.append(action)
-    return sorted(actions, key=lambda each: each.at)
+    return sorted(actions, key=lambda action: action.at)
 
 
 def _parameter(word: str) -> tuple[str, str]:

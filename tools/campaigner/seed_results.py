@@ -94,18 +94,18 @@ class Results:
     @property
     def seeds(self) -> int:
         """How many seeds were run."""
-        return sum(each.seeds for each in self.robots)
+        return sum(robot.seeds for robot in self.robots)
 
     @property
     def breaches(self) -> int:
         """How many breaches there were."""
-        return sum(len(each.breaches) for each in self.robots)
+        return sum(len(robot.breaches) for robot in self.robots)
 
     @property
     def sentence(self) -> str:
         """How far it is."""
-        hours = sum(each.robot_s for each in self.robots) / 3600
-        real = sum(each.real_s for each in self.robots)
+        hours = sum(robot.robot_s for robot in self.robots) / 3600
+        real = sum(robot.real_s for robot in self.robots)
         return f"{self.seeds} seeds, {hours:.2f} hours of robots in {real:.0f} s, {self.breaches} breaches"
 
 
@@ -122,17 +122,17 @@ def write_results(path: Path, results: Results) -> None:
                 "planned": plan.seeds,
                 "seconds": plan.seconds,
                 "physics": plan.physics,
-                "seeds": each.seeds,
-                "robot_s": round(each.robot_s, 3),
-                "real_s": round(each.real_s, 1),
-                "frames": each.frames,
-                "events": each.events,
-                "sha256": each.sha256,
-                "breaches": each.breaches,
-                "troubles": [[kind, state, count] for (kind, state), count in sorted(each.troubles.items())],
-                "cells": [[*cell, count] for cell, count in sorted(each.cells.items())],
+                "seeds": robot.seeds,
+                "robot_s": round(robot.robot_s, 3),
+                "real_s": round(robot.real_s, 1),
+                "frames": robot.frames,
+                "events": robot.events,
+                "sha256": robot.sha256,
+                "breaches": robot.breaches,
+                "troubles": [[kind, state, count] for (kind, state), count in sorted(robot.troubles.items())],
+                "cells": [[*cell, count] for cell, count in sorted(robot.cells.items())],
             }
-            for plan, each in zip(results.plans, results.robots, strict=True)
+            for plan, robot in zip(results.plans, results.robots, strict=True)
         ],
     }
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -198,21 +198,21 @@ def _parts(results: Results) -> Iterator[str]:
     build = _BUILDS[results.build]
     yield _HEAD.format(date=results.date, seeds=results.seeds, planned=planned, code=results.code, build=build)
     rows = list(zip(results.plans, results.robots, strict=True))
-    for plan, each in rows:
-        speed = each.robot_s / each.real_s if each.real_s else 0.0
+    for plan, result in rows:
+        speed = result.robot_s / result.real_s if result.real_s else 0.0
         yield (
-            f"| {plan.name} | {each.seeds:,} | {plan.seeds:,} | {plan.seconds} | {each.robot_s / 3600:.2f} "
-            f"| {speed:.0f} | {each.frames:,} | {len(each.breaches)} | `{each.sha256[:12]}` |\n"
+            f"| {plan.name} | {result.seeds:,} | {plan.seeds:,} | {plan.seconds} | {result.robot_s / 3600:.2f} "
+            f"| {speed:.0f} | {result.frames:,} | {len(result.breaches)} | `{result.sha256[:12]}` |\n"
         )
-    yield from _breaches([f"{plan.name}, {text}" for plan, each in rows for text in each.breaches])
-    troubles: Counter[tuple[str, str]] = sum((each.troubles for each in results.robots), Counter())
+    yield from _breaches([f"{plan.name}, {text}" for plan, result in rows for text in result.breaches])
+    troubles: Counter[tuple[str, str]] = sum((robot.troubles for robot in results.robots), Counter())
     states = sorted({state for _, state in troubles})
     yield _TROUBLES
     yield f"| | {' | '.join(states)} |\n|{'---|' * (len(states) + 1)}\n"
     for kind in sorted({kind for kind, _ in troubles}):
         counts = [f"{troubles[kind, state]:,}" if troubles[kind, state] else "" for state in states]
         yield f"| `{kind}` | {' | '.join(counts)} |\n"
-    if cells := sum((each.cells for each in results.robots), Counter[Cell]()):
+    if cells := sum((robot.cells for robot in results.robots), Counter[Cell]()):
         yield from _cell_tables(cells)
 
 
@@ -231,7 +231,7 @@ def _cell_tables(cells: Counter[Cell]) -> Iterator[str]:
         yield f"\n| {machine} | {' | '.join(states)} |\n|{'---|' * (len(states) + 1)}\n"
         for kind in kinds:
             counts = (cells[machine, state, kind] for state in states)
-            yield f"| `{kind}` | {' | '.join(f'{each:,}' if each else '' for each in counts)} |\n"
+            yield f"| `{kind}` | {' | '.join(f'{count:,}' if count else '' for count in counts)} |\n"
 
 
 def _breaches(texts: Sequence[str]) -> Iterator[str]:

@@ -86,7 +86,7 @@ def read_wire(path: Path) -> Wire:
     """Read a bus.yml of drives that all move by velocity."""
     tree = yaml.safe_load(path.read_text())
     master, defaults = tree["master"], tree.get("defaults", {})
-    nodes = {int(each["node_id"]): (name, {**defaults, **each}) for name, each in tree["nodes"].items()}
+    nodes = {int(node["node_id"]): (name, {**defaults, **node}) for name, node in tree["nodes"].items()}
     fields: dict[int, tuple[Field, ...]] = {}
     for node_id, (_, keys) in nodes.items():
         fields.update(_pdos(node_id, keys.get("rpdo", {}), 0x100))
@@ -103,13 +103,13 @@ def read_wire(path: Path) -> Wire:
 
 def _limits(master: dict[str, Any], nodes: list[dict[str, Any]]) -> Limits:
     sync = int(master["sync_period"]) / 1e6
-    beat = max(int(each["heartbeat_producer"]) for each in (master, *nodes)) / 1e3
-    multiplier = max(float(each.get("heartbeat_multiplier", 3)) for each in nodes)
-    return Limits(sync, beat, beat * multiplier, sync * max(int(each.get("missed_syncs", 3)) for each in nodes))
+    beat = max(int(node["heartbeat_producer"]) for node in (master, *nodes)) / 1e3
+    multiplier = max(float(node.get("heartbeat_multiplier", 3)) for node in nodes)
+    return Limits(sync, beat, beat * multiplier, sync * max(int(node.get("missed_syncs", 3)) for node in nodes))
 
 
 def _deceleration(keys: dict[str, Any]) -> float:
-    written = {int(each["index"]): float(each["value"]) for each in keys.get("sdo", ())}
+    written = {int(key["index"]): float(key["value"]) for key in keys.get("sdo", ())}
     return min(written[index] for index in (_PROFILE_DECELERATION, _QUICK_STOP_DECELERATION) if index in written)
 
 
@@ -121,9 +121,9 @@ def _pdos(node_id: int, pdos: dict[Any, dict[str, Any]], base: int) -> dict[int,
         given = pdo.get("cob_id", "auto")
         identifier = base + 0x100 * int(number) + node_id if given == "auto" else int(given) & 0x7FF
         fields, offset = [], 0
-        for each in pdo["mapping"]:
-            form = _FORMATS[int(each["index"])]
-            fields.append(Field(node_id, int(each["index"]), offset, form))
+        for entry in pdo["mapping"]:
+            form = _FORMATS[int(entry["index"])]
+            fields.append(Field(node_id, int(entry["index"]), offset, form))
             offset += struct.calcsize(form)
         found[identifier] = tuple(fields)
     return found

@@ -160,7 +160,7 @@ def _run(args: argparse.Namespace, folder: Path) -> int:
     for text in alone:
         print(text)
     if args.json is not None:
-        rows = [{**asdict(each), "median": each.median, "quartiles": each.quartiles} for each in ratio]
+        rows = [{**asdict(row), "median": row.median, "quartiles": row.quartiles} for row in ratio]
         document = {"here": here, "there": there, "compiled": args.compiled, "pairs": args.pairs, "figures": rows}
         args.json.write_text(json.dumps(document, indent=2) + "\n")
     return 0
@@ -204,8 +204,8 @@ def _built(folder: Path, *, compiled: bool) -> str:
         if done.returncode:
             raise ConfigError(f"{folder}: its modules cannot be compiled; the lines above say why")
         return done.stdout.strip().splitlines()[-1]
-    for each in ("canopen_control", "tools/canopen_control_bench"):
-        subprocess.run([sys.executable, "-m", "compileall", "-q", str(folder / each)], check=False)
+    for path in ("canopen_control", "tools/canopen_control_bench"):
+        subprocess.run([sys.executable, "-m", "compileall", "-q", str(folder / path)], check=False)
     return f"{folder}{os.pathsep}{folder / 'tools'}"
 
 
@@ -240,9 +240,9 @@ def _measured(side: Side, words: Sequence[str], report: Path) -> Figures:
         family, text = next(iter(failures.items()))
         raise Unmeasured(f"{side.name}: {family}: {text}")
     return {
-        (family, each["name"], each["peer_name"]): each
+        (family, figure["name"], figure["peer_name"]): figure
         for family, figures in found["figures"].items()
-        for each in figures
+        for figure in figures
     }
 
 
@@ -293,7 +293,7 @@ def _ratio(ours: float, theirs: float) -> float:
 def table(found: Sequence[Ratio]) -> str:
     """Return the ratios as a table."""
     head = ("family", "figure", "here", "there", "unit", "ratio", "quartiles", "extremes", "")
-    rows = [head, *(_row(each) for each in found)]
+    rows = [head, *(_row(result) for result in found)]
     widths = [max(len(row[column]) for row in rows) for column in range(len(head))]
     return "\n".join(
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows

@@ -55,7 +55,7 @@ def copy_arm(folder: Path, *, trajectories: bool = True) -> Path:
         path = target / _CONTROLLERS
         head = path.read_text().partition(f"    {POSITIONS}:\n")[0]
         joints = "".join(
-            f"      {each}: {{trajectory: 0.1, goal: 0.005, max_deceleration_on_cancel: 4.0}}\n" for each in JOINTS
+            f"      {joint}: {{trajectory: 0.1, goal: 0.005, max_deceleration_on_cancel: 4.0}}\n" for joint in JOINTS
         )
         path.write_text(head.rstrip() + "\n" + _TRAJECTORIES + joints)
     return target

@@ -55,7 +55,7 @@ def measure(options: Options) -> list[Figure]:
             continue
         with stage() as played:
             boots, used = boots_of(played, count), played.cpu_s()
-        best = min(boots, key=lambda each: each.seconds)
+        best = min(boots, key=lambda boot: boot.seconds)
         absolutes = {
             "master CPU s": round(best.cpu_s, 3),
             "reads for each node": best.reads,
@@ -63,7 +63,7 @@ def measure(options: Options) -> list[Figure]:
             **{f"longest {name} ms": round(value) for name, value in best.steps_ms.items()},
             **{f"{name}, {ROUNDS} boots and start": value for name, value in used.items()},
         }
-        seconds = [each.seconds for each in boots]
+        seconds = [measured.seconds for measured in boots]
         figures.append(limited(f"boot, {count} drives", "s", seconds, limit=limit, absolutes=absolutes))
     return figures
 

@@ -74,7 +74,7 @@ class BridgeBench:
         self._listener = played.start("canopen_control_bench.peers.rclpy_topics", "listen", ros=True)
         for program in (self._plain, self._listener):
             _read(program)
-        self._await(lambda: all(min(each.values()) > 0 for each in self._counts().values()))
+        self._await(lambda: all(min(count.values()) > 0 for count in self._counts().values()))
 
     def bridge_us(self, seconds: float) -> float:
         """Return the CPU of the bridge for each set of messages."""

@@ -64,7 +64,7 @@ def main() -> None:
     role, *words = sys.argv[1:]
     channels = words[2:] if role == "send" else words
     with contextlib.ExitStack() as undo:
-        ports = [undo.enter_context(contextlib.closing(open_port(each, label=role))) for each in channels]
+        ports = [undo.enter_context(contextlib.closing(open_port(channel, label=role))) for channel in channels]
         say({"ready": True})
         if role == "send":
             sys.stdin.readline()

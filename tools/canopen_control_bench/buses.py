@@ -58,13 +58,13 @@ def measure(options: Options) -> list[Figure]:
 def _figures(buses: int, rate: float, label: str) -> list[Figure]:
     rounds = [carried([f"bench{number}" for number in range(buses)], rate, SECONDS) for _ in range(ROUNDS)]
     told = {
-        "frames": sum(each.sent for each in rounds),
-        "dropped by hubs": sum(each.dropped for each in rounds),
-        "hubs alone, cores": round(max(each.hubs for each in rounds), 3),
+        "frames": sum(result.sent for result in rounds),
+        "dropped by hubs": sum(result.dropped for result in rounds),
+        "hubs alone, cores": round(max(result.hubs for result in rounds), 3),
     }
     return [
-        limited(f"{label}: frames lost", "", [sum(each.lost for each in rounds)], limit=0.0, absolutes=told),
-        limited(f"{label}: cores of bus and listener", "", [each.cores for each in rounds], limit=CORES_LIMIT),
+        limited(f"{label}: frames lost", "", [sum(result.lost for result in rounds)], limit=0.0, absolutes=told),
+        limited(f"{label}: cores of bus and listener", "", [result.cores for result in rounds], limit=CORES_LIMIT),
     ]
 
 

@@ -117,7 +117,7 @@ def stopped(leader: int) -> Iterator[None]:
 
 def p99_of(turns: Sequence[Turn]) -> float:
     """Return the p99 of the whole cycles of several turns, in us."""
-    return percentiles([each for turn in turns for each in turn.whole_ns], 1e-3)["p99"]
+    return percentiles([whole_n for turn in turns for whole_n in turn.whole_ns], 1e-3)["p99"]
 
 
 def has_extra(name: str) -> bool:

@@ -67,8 +67,10 @@ def run(args: argparse.Namespace) -> int:
         report.write(args.json)
     print(report)
     short = report.short()
-    for each in short if args.check else ():
-        print(f"short: {each.name}: {each.judged:.3g}, must be {each.direction} {each.limit:g}", file=sys.stderr)
+    for figure in short if args.check else ():
+        print(
+            f"short: {figure.name}: {figure.judged:.3g}, must be {figure.direction} {figure.limit:g}", file=sys.stderr
+        )
     return 1 if report.failures or (args.check and short) else 0
 
 

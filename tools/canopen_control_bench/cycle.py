@@ -394,8 +394,8 @@ def absolutes_of(turns: Sequence[Turn]) -> dict[str, float]:
     cycles = sum(turn.cycles for turn in turns)
     found: dict[str, float] = {"cycles": cycles, "missed": sum(turn.missed for turn in turns)}
     for key, values in (
-        ("late", [each for turn in turns for each in turn.late_ns]),
-        ("wake to RPDO", [each for turn in turns for each in turn.work_ns]),
+        ("late", [late_n for turn in turns for late_n in turn.late_ns]),
+        ("wake to RPDO", [work_n for turn in turns for work_n in turn.work_ns]),
     ):
         if values:
             found.update((f"{key} {name} us", round(value, 1)) for name, value in percentiles(values, 1e-3).items())

@@ -31,7 +31,7 @@ _PARTS = {"date": str, "package": str, "figures": dict}
 def row_of(machine: Mapping[str, Any], figures: Mapping[str, Sequence[Figure]], *, quick: bool) -> dict[str, Any]:
     """Return the row of a run."""
     judged = {
-        family: dict(zip(_names(found), (each.judged for each in found), strict=True))
+        family: dict(zip(_names(found), (figure.judged for figure in found), strict=True))
         for family, found in figures.items()
     }
     of_machine = {name: machine.get(name) for name in _OF_MACHINE}
@@ -53,8 +53,9 @@ def _is_row(row: object) -> bool:
 
 def _names(figures: Sequence[Figure]) -> list[str]:
     """Return what figures are called in a row: a name that several have, each beside its peer, has the peer too."""
-    several = [each.name for each in figures]
-    return [each.name if several.count(each.name) == 1 else f"{each.name} / {each.peer_name}" for each in figures]
+    several = [figure.name for figure in figures]
+    doubled = [name for name in several if several.count(name) > 1]
+    return [f"{figure.name} / {figure.peer_name}" if figure.name in doubled else figure.name for figure in figures]
 
 
 def slower_than_before(
@@ -65,10 +66,10 @@ def slower_than_before(
     A time is only compared where the machine was idle both times; a ratio or a count always.
     """
     found = []
-    like = [each for each in reversed(rows) if all(each.get(key, row[key]) == row[key] for key in _SAME)]
+    like = [earlier for earlier in reversed(rows) if all(earlier.get(key, row[key]) == row[key] for key in _SAME)]
     for family, seen in figures.items():
         for name, figure in zip(_names(seen), seen, strict=True):
-            last = next((each for each in like if name in each["figures"].get(family, {})), None)
+            last = next((earlier for earlier in like if name in earlier["figures"].get(family, {})), None)
             if last is None or not (figure.steady or (_was_idle(row) and _was_idle(last))):
                 continue
             before = float(last["figures"][family][name])

@@ -101,6 +101,6 @@ def rpdo_with(port: Port, value: float) -> int:
 def _figure(
     name: str, rounds: Sequence[Sequence[float]], used: Mapping[str, float], limit: float | None = None
 ) -> Figure:
-    everything = [each for one in rounds for each in one]
+    everything = [sample for one in rounds for sample in one]
     absolutes = {f"{key} ms": round(value, 3) for key, value in percentiles(everything).items()} | dict(used)
     return limited(f"{name}: p99", "ms", [percentiles(one)["p99"] for one in rounds], limit=limit, absolutes=absolutes)

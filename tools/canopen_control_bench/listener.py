@@ -127,7 +127,7 @@ def _span(cycles: Sequence[list[CanFrame]], nodes: Sequence[int]) -> int:
 
 def _in_order(heard: Sequence[int], nodes: Sequence[int]) -> bool:
     answers = 2 * len(nodes)
-    return all(each & 0x80 for each in heard[:answers]) and Counter(heard) == Counter(_due(nodes))
+    return all(byte & 0x80 for byte in heard[:answers]) and Counter(heard) == Counter(_due(nodes))
 
 
 def _due(nodes: Sequence[int]) -> list[int]:
@@ -137,7 +137,7 @@ def _due(nodes: Sequence[int]) -> list[int]:
 def _judge_identifiers(verdict: Verdict, number: int, cycle: Sequence[CanFrame], nodes: Sequence[int]) -> None:
     there, due = Counter(frame.can_id for frame in cycle), Counter(_due(nodes))
     missing, more = due - there, there - due
-    words = [", ".join(hex(each) for each in which.elements()) or "none" for which in (missing, more)]
+    words = [", ".join(hex(element) for element in which.elements()) or "none" for which in (missing, more)]
     verdict.say(f"cycle {number}: PDOs missing: {words[0]}; too many: {words[1]}")
     tpdos = {kind + node for node in nodes for kind in _KINDS[:2]}
     verdict.starved += set(missing | more) <= tpdos

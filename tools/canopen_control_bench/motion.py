@@ -51,7 +51,7 @@ MOST_LATE_NS: Final = 2 * MS
 _FOLLOWED_HZ, _ACCEPTED_HZ = 100, 1000
 _POINTS_PER_S: Final = 10  # as MoveIt's time parametrisation makes them
 _RATES = (100, 250)
-_AWAY = [0.3 * each for each in ENDS]
+_AWAY = [0.3 * end for end in ENDS]
 _HOME = [0.0] * len(ENDS)
 _PLAY_S, _LOCK_MS = 0.6, 500
 _QUICK_S, _COMPARED_S, _SECONDS = 2 * _PLAY_S, 20 * _PLAY_S, 600.0
@@ -110,7 +110,8 @@ def follow_in_turns(place: Callable[[], Path], rounds: int, cycles: int) -> Figu
     period_ms = 1000 / _FOLLOWED_HZ
     with ExitStack() as undo:
         ours, theirs = (
-            undo.enter_context(closing(_arm(place(), _FOLLOWED_HZ, trajectories=each))) for each in (True, False)
+            undo.enter_context(closing(_arm(place(), _FOLLOWED_HZ, trajectories=trajectories)))
+            for trajectories in (True, False)
         )
         followed, commanded = _time_cycles(ours), _time_cycles(theirs)
         seconds = (rounds + 1) * cycles / _FOLLOWED_HZ + 1.0
@@ -183,12 +184,12 @@ def _send(client: RobotClient, arm: SimulatedArm) -> None:
     plan = planned(arm.positions(), _AWAY, 60.0, POINTS)
     points = [
         TrajectoryPoint(
-            positions=list(each.positions),
-            velocities=list(each.velocities),
-            accelerations=list(each.accelerations),
-            time_from_start=each.time / 1e9,
+            positions=list(point.positions),
+            velocities=list(point.velocities),
+            accelerations=list(point.accelerations),
+            time_from_start=point.time / 1e9,
         )
-        for each in plan.points
+        for point in plan.points
     ]
     last = client.send_points(points)
     verdict = client.ask(SendTrajectory(controller=CONTROLLER, joints=JOINTS, points=last))
@@ -245,20 +246,20 @@ def _played(arm: SimulatedArm, seconds: float) -> list[float]:
     for number in range(max(1, round(seconds / _PLAY_S))):
         arm.play(_HOME if number % 2 else _AWAY, _PLAY_S)
     ripples = [arm.quality(node).acceleration_ripple for node in NODES]
-    return [each if each is not None else math.nan for each in ripples]
+    return [ripple if ripple is not None else math.nan for ripple in ripples]
 
 
 def _lost(arm: SimulatedArm) -> int:
     """Return how many set-points were lost or doubled at all drives."""
     found = [arm.quality(node) for node in NODES]
-    return sum(each.missed + each.doubled + each.overwritten for each in found)
+    return sum(result.missed + result.doubled + result.overwritten for result in found)
 
 
 def _told(arm: SimulatedArm) -> dict[str, float | str]:
     found = [arm.quality(node) for node in NODES]
     phase = found[0].phase_us
     return {
-        "taken": sum(each.taken for each in found),
+        "taken": sum(result.taken for result in found),
         "lost or doubled": _lost(arm),
         "cycles left out": arm.robot.pacer.missed,
         **({} if phase is None else {"RPDO after SYNC us": f"{phase.min:.0f} to {phase.max:.0f}"}),

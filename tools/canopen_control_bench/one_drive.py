@@ -63,7 +63,7 @@ def measure(options: Options) -> list[Figure]:
     rounds, kills, size = (1, 1, QUICK_BYTES) if options.quick else (3, KILLS, IMAGE_BYTES)
     ends = tuple(_ENDS)[:1] if options.quick else tuple(_ENDS)
     jogs = [_jogged(end) for _ in range(rounds) for end in ends]
-    stops = {end: [stop for _, stop, each in jogs if each == end] for end in ends}
+    stops = {end: [stop for _, stop, reason in jogs if reason == end] for end in ends}
     return [
         limited("from nothing to a drive that turns", "s", [turn for turn, _, _ in jogs], limit=FIRST_TURN_S),
         *(limited(f"it stands after {_ENDS[end]}", "s", stops[end], limit=DEAD_MAN_S) for end in ends),

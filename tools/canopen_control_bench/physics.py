@@ -72,9 +72,9 @@ def _beside(robot: str, seconds: float, rounds: int) -> Figure:
         runs = {kind: _start(played, robot, kind) for kind in ("physics", "plain")}
         steps = count()  # of all rounds: an arm that is sent back to where it began in one step does not follow
         seen = [_round(robot, runs, seconds, steps) for _ in range(rounds)]
-    more = [100.0 * (each["physics"] - each["plain"]) / seconds for each in seen]
+    more = [100.0 * (sample["physics"] - sample["plain"]) / seconds for sample in seen]
     absolutes = {
-        f"{kind} % of a core": round(100.0 * sum(each[kind] for each in seen) / (len(seen) * seconds), 1)
+        f"{kind} % of a core": round(100.0 * sum(sample[kind] for sample in seen) / (len(seen) * seconds), 1)
         for kind in runs
     }
     return limited(f"{robot} in physics, more CPU than without", "%", more, limit=CORE_LIMIT, absolutes=absolutes)
@@ -122,7 +122,7 @@ def _command(client: RobotClient, controller: str, values: list[float]) -> None:
 
 def _cpu_s(pid: int) -> float:
     """Return the CPU seconds of a process and its children since their start."""
-    return sum(cpu_ns(each) for each in (pid, *_children(pid))) / 1e9
+    return sum(cpu_ns(process) for process in (pid, *_children(pid))) / 1e9
 
 
 def _children(pid: int) -> Iterator[int]:
@@ -162,7 +162,7 @@ def _alone(options: Options) -> list[Figure]:
     both = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=sys.stderr, text=True) for _ in range(2)]
     digests = [process.communicate()[0].strip() for process in both]
     turns = [square(direction, 0.1) for direction in (1, -1)]
-    slip = max(each.error for each in turns) / SLIP_M
+    slip = max(turn.error for turn in turns) / SLIP_M
     ideal = [square(direction) for direction in (1, -1)]
     apart = max(abs(ideal[0].x - ideal[1].x), abs(ideal[0].y + ideal[1].y))
     differing = float(len(set(digests)) - 1 + (not all(digests)))

@@ -55,7 +55,7 @@ class RecordedFleet:
         """Boot and turn the wheels; return the TPDOs of one cycle."""
         core, reactor, bus = self.core, self._reactor, self._bus
         devices = [
-            make_device(core.setup.bus.eds_paths[each.name], each.node_id) for each in core.setup.bus.nodes.values()
+            make_device(core.setup.bus.eds_paths[node.name], node.node_id) for node in core.setup.bus.nodes.values()
         ]
         port = open_port(f"memory:{name}", label="drives")
         host = NodeHost(reactor, port, devices)
@@ -76,9 +76,9 @@ class RecordedFleet:
         host.close()
         port.close()
         core.pacer.stop()
-        for each in core.buses.values():
-            each.watch()  # `cycle` reads what it feeds
-            each.receive()
+        for other in core.buses.values():
+            other.watch()  # `cycle` reads what it feeds
+            other.receive()
         if len(frames) != len(pdos):
             raise CanopenError(f"{len(frames)} TPDOs were recorded of {len(pdos)}")
         return frames

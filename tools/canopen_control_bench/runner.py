@@ -89,7 +89,7 @@ class Report:
 
     def short(self) -> list[Figure]:
         """Return the figures that are not what they must be; of a quick run what no busy machine changes."""
-        return [each for figures in self.figures.values() for each in self._short_of(figures)]
+        return [figure for figures in self.figures.values() for figure in self._short_of(figures)]
 
     def fell_short(self) -> list[str]:
         """Return the families that have such a figure, or could not be measured."""
@@ -103,7 +103,7 @@ class Report:
         self.failures.update(other.failures)
 
     def _short_of(self, figures: Sequence[Figure]) -> list[Figure]:
-        return [each for each in figures if not each.good and (each.steady or not self.quick)]
+        return [figure for figure in figures if not figure.good and (figure.steady or not self.quick)]
 
     def put_beside(self, path: Path) -> None:
         """Show what an earlier run has written to a file beside; one that is not there, or no report, says nothing."""
@@ -112,9 +112,9 @@ class Report:
             found = json.loads(path.read_text())
             last_run = f"{found['machine']['date']}, {found['machine']['package']}"
             last = {
-                (family, each["name"], each["peer_name"]): float(each["ours"])
+                (family, figure["name"], figure["peer_name"]): float(figure["ours"])
                 for family, figures in found["figures"].items()
-                for each in figures
+                for figure in figures
             }
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return
@@ -122,7 +122,7 @@ class Report:
 
     def write(self, path: Path) -> None:
         """Write it as JSON, with a row of this run below those of the runs that the file has."""
-        figures = {name: [each.as_dict() for each in figures] for name, figures in self.figures.items()}
+        figures = {name: [figure.as_dict() for figure in figures] for name, figures in self.figures.items()}
         history = [*kept_rows(path), self._row()]
         found = {"machine": self.machine, "quick": self.quick, "figures": figures, "failures": self.failures}
         found["history"] = history
@@ -151,7 +151,7 @@ class Report:
     def _table(self, family: str, figures: Sequence[Figure]) -> str:
         if not self.last_run:
             return table(figures)
-        return table(figures, [self.last.get((family, each.name, each.peer_name)) for each in figures])
+        return table(figures, [self.last.get((family, figure.name, figure.peer_name)) for figure in figures])
 
 
 def run_families(names: Sequence[str], options: Options) -> Report:
@@ -181,11 +181,11 @@ def table(figures: Sequence[Figure], last: Sequence[float | None] = ()) -> str:
     head = f"{'last':>12}" if last else ""
     lines = [f"  {'':<46}{head}{'ours':>12}{'peer':>12} {'unit':<6}{'ratio':>7}  must be"]
     told: object = None
-    for number, each in enumerate(figures):
-        lines.append(_line(each, _column(last[number]) if last else ""))
-        if each.absolutes and each.absolutes != told:
-            told = each.absolutes
-            lines.append("      " + ", ".join(f"{name} {_short(value)}" for name, value in each.absolutes.items()))
+    for number, figure in enumerate(figures):
+        lines.append(_line(figure, _column(last[number]) if last else ""))
+        if figure.absolutes and figure.absolutes != told:
+            told = figure.absolutes
+            lines.append("      " + ", ".join(f"{name} {_short(value)}" for name, value in figure.absolutes.items()))
     return "\n".join(lines)
 
 
@@ -193,12 +193,12 @@ def _column(value: float | None) -> str:
     return f"{'' if value is None else _short(value):>12}"
 
 
-def _line(each: Figure, last: str) -> str:
-    name = f"{each.name} / {each.peer_name}" if each.peer_name else each.name
-    peer = "" if each.peer is None else _short(each.peer)
-    ratio = "" if each.ratio is None else f"{each.ratio:.2f}"
-    must = "" if each.limit is None else f"{each.direction} {each.limit:g}{'' if each.good else '   SHORT'}"
-    return f"  {name:<46}{last}{_short(each.ours):>12}{peer:>12} {each.unit:<6}{ratio:>7}  {must}".rstrip()
+def _line(figure: Figure, last: str) -> str:
+    name = f"{figure.name} / {figure.peer_name}" if figure.peer_name else figure.name
+    peer = "" if figure.peer is None else _short(figure.peer)
+    ratio = "" if figure.ratio is None else f"{figure.ratio:.2f}"
+    must = "" if figure.limit is None else f"{figure.direction} {figure.limit:g}{'' if figure.good else '   SHORT'}"
+    return f"  {name:<46}{last}{_short(figure.ours):>12}{peer:>12} {figure.unit:<6}{ratio:>7}  {must}".rstrip()
 
 
 def _short(value: float | str) -> str:

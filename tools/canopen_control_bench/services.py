@@ -177,9 +177,9 @@ def _large_eds(*, quick: bool) -> list[Figure]:
     shapes = SHAPES[:QUICK_SHAPES] if quick else SHAPES
     with tempfile.TemporaryDirectory() as folder:
         figures = [_shape(shape, Path(folder, "large.eds")) for shape in shapes]
-    rounds = [(each.ours, each.peer or 0.0) for each in figures]
-    worst = max(figures, key=lambda each: each.judged)
-    ratios = {each.name: each.judged for each in figures}
+    rounds = [(figure.ours, figure.peer or 0.0) for figure in figures]
+    worst = max(figures, key=lambda figure: figure.judged)
+    ratios = {figure.name: figure.judged for figure in figures}
     return [
         compared(
             f"EDS load, {len(shapes)} large files: CPU",

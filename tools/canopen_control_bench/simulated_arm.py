@@ -195,7 +195,7 @@ class SimulatedArm(RobotObserver):
 
     def positions(self) -> list[float]:
         """Return where the joints are, in rad."""
-        return [self.robot.registry.state(f"{each}/position").value for each in JOINTS]
+        return [self.robot.registry.state(f"{joint}/position").value for joint in JOINTS]
 
     def send(self, end: Sequence[float], seconds: float, count: int = 50) -> TrajectoryGoal:
         """Send a goal of `count` points from where the joints are."""

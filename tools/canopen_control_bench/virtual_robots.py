@@ -63,14 +63,14 @@ def measure(options: Options) -> list[Figure]:
             setup = read_robot(find_robot(config))
             simulate(setup, 0.5)
             found = [simulate(setup, seconds) for _ in range(rounds)]
-            times = [(each.robot_s, each.cpu_s) for each in found]
+            times = [(result.robot_s, result.cpu_s) for result in found]
             limit = LIMITS[build()].get(name)
             if limit is not None and options.quick:
                 limit /= _SHARED
             figures.append(
                 compared(f"{name} at 50 Hz, {build()}", "s", times, peer_name="CPU", limit=limit, direction=AT_LEAST)
             )
-            boots = boots or [1000 * each.boot_s for each in found]
+            boots = boots or [1000 * result.boot_s for result in found]
     return [*figures, limited(f"boot of robby, CPU, {build()}", "ms", boots, limit=BOOT_LIMIT_MS)]
 
 

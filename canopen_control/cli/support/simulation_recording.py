@@ -111,7 +111,7 @@ class SimulationRecorder(SimulationObserver):
 def _requests_of(act: ScenarioEvent, active: Mapping[str, str]) -> list[Request[Any]]:
     """Return the request of a client for an act."""
     name, values = act.target, list(act.values)
-    controllers = [each for each, state in active.items() if state == "active" and "broadcaster" not in each]
+    controllers = [name for name, state in active.items() if state == "active" and "broadcaster" not in name]
     if act.kind == "command":
         return [messages.CommandController(controller=name, values=values)]
     if act.kind == "trajectory":

@@ -131,7 +131,7 @@ class Segment:
 
     def _fit_quintic(self, a: Point, b: Point, time: float) -> None:
         self._c1[:] = a.velocities
-        self._c2[:] = [0.5 * each for each in a.accelerations]
+        self._c2[:] = [0.5 * acceleration for acceleration in a.accelerations]
         self._c3[:] = self._c4[:] = self._c5[:] = [0.0] * self._joints
         if not time:
             return
@@ -221,7 +221,7 @@ class ActiveTrajectory(JointSetpoint):
         self.reached = 0
         points = message.points
         self._points, self._packed = points, isinstance(points, Points)
-        self._times: Sequence[int] = points.times if isinstance(points, Points) else [each.time for each in points]
+        self._times: Sequence[int] = points.times if isinstance(points, Points) else [point.time for point in points]
         self._arrangement = arrangement if arrangement is not None and arrangement.changes else None
         self._arranged = bytearray(self.size if self._arrangement is not None else 0)  # of points that are made already
         self._segment = Segment()
@@ -239,7 +239,7 @@ class ActiveTrajectory(JointSetpoint):
         before = self.before
         before.take(point)
         if not all(map(math.isfinite, before.effort)):  # what is commanded before the first cycle
-            before.effort[:] = [each if math.isfinite(each) else 0.0 for each in before.effort]
+            before.effort[:] = [effort if math.isfinite(effort) else 0.0 for effort in before.effort]
         self.shift, self._shifted = [], False
         if not self.size:
             return
@@ -257,11 +257,11 @@ class ActiveTrajectory(JointSetpoint):
         Until the first point that has positions they follow their velocities; that point counts then.
         """
         before = self.before.positions
-        here, there = self._first_place()
+        start, first = self._first_place()
         self.shift = [0.0] * len(before)
-        for index in range(min(len(before), len(there), len(wrap))):
+        for index in range(min(len(before), len(first), len(wrap))):
             if wrap[index]:
-                self.shift[index] = whole_turns(here[index], there[index])
+                self.shift[index] = whole_turns(start[index], first[index])
                 before[index] -= self.shift[index]
         self._shifted = any(self.shift)
 
@@ -353,9 +353,9 @@ class ActiveTrajectory(JointSetpoint):
     def query(self, t: int, out: Point) -> bool:
         """Write the state at any time to `out`, see `JointSetpoint`."""
         reached, self.reached = self.reached, 0
-        found = self.sampled and self.sample(t, out, ahead=True)
+        result = self.sampled and self.sample(t, out, ahead=True)
         self.reached, self._seen = reached, None  # `out` is not the follower's
-        return found
+        return result
 
     def _between(self, index: int, t: int, out: Point, *, ahead: bool) -> None:
         """Write the interpolated state between a point and the next one."""

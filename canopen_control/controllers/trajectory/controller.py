@@ -75,13 +75,13 @@ class Acceptance:
     """Check of trajectories for a group of joints; `limits` are those of the description and of the interfaces."""
 
     def __init__(self, params: TrajectoryParams, group: JointGroup, description: Mapping[str, Joint]) -> None:
-        self.limits = {each: _limits_of(_joint_of(each, description)) for each in params.joints}
+        self.limits = {joint: _limits_of(_joint_of(joint, description)) for joint in params.joints}
         self._params, self._group = params, group
 
     @property
     def continuous(self) -> list[bool]:
         """Which joints turn without end."""
-        return [self.limits[each].continuous for each in self._params.joints]
+        return [self.limits[joint].continuous for joint in self._params.joints]
 
     def take_params(self, params: TrajectoryParams) -> None:
         """Use other parameters."""
@@ -89,13 +89,13 @@ class Acceptance:
 
     def cannot_brake(self) -> str | None:
         """Say why `decelerate_on_cancel` has no effect, None if it has, or is not wanted."""
-        given = self._params
-        if not given.decelerate_on_cancel:
+        params = self._params
+        if not params.decelerate_on_cancel:
             return None
         lacks = None
         if not self._group.knows_velocity:
             lacks = "state_interfaces have no velocity; add it"
-        for joint, constraints in zip(given.joints, given.constraints, strict=True):
+        for joint, constraints in zip(params.joints, params.constraints, strict=True):
             if not constraints.max_deceleration_on_cancel:
                 lacks = lacks or f"{joint} has no constraints.{joint}.max_deceleration_on_cancel; give it"
             if self.limits[joint].velocity == math.inf:
@@ -109,7 +109,9 @@ class Acceptance:
         if not self._params.joint_limiter_type:
             return None
         pairs = zip(self.limits.values(), self._params.joint_limits, strict=True)
-        return PointLimiter([given.hard(known.lower, known.upper, known.velocity) for known, given in pairs])
+        return PointLimiter(
+            [own.hard(described.lower, described.upper, described.velocity) for described, own in pairs]
+        )
 
     def take_limits(self) -> None:
         """Store the limits of the hardware interfaces, in addition to those of the description.
@@ -118,32 +120,32 @@ class Acceptance:
         """
         for index, command in enumerate(self._group.commands.get(POSITION, ())):
             joint = self._params.joints[self._group.places[index]]
-            known = self.limits[joint]
-            lower, upper = max(known.lower, command.minimum), min(known.upper, command.maximum)
-            endless = known.continuous and math.isinf(command.minimum) and math.isinf(command.maximum)
-            self.limits[joint] = JointLimits(lower, upper, known.velocity, endless)
+            limits = self.limits[joint]
+            lower, upper = max(limits.lower, command.minimum), min(limits.upper, command.maximum)
+            endless = limits.continuous and math.isinf(command.minimum) and math.isinf(command.maximum)
+            self.limits[joint] = JointLimits(lower, upper, limits.velocity, endless)
 
     def mistake(self, message: JointTrajectory, now: int, begin: Sequence[float]) -> Refused | None:
         """Return the reason why a trajectory is refused, None if it is accepted.
 
         `now` in ns; `begin` are the positions of the joints from which it would lead on.
         """
-        given, survey = self._params, survey_of(message)
+        params, survey = self._params, survey_of(message)
         rules = Rules(
-            given.joints,
-            given.allow_partial_joints_goal,
-            given.allow_nonzero_velocity_at_trajectory_end,
-            given.allow_integration_in_goal_trajectories,
+            params.joints,
+            params.allow_partial_joints_goal,
+            params.allow_nonzero_velocity_at_trajectory_end,
+            params.allow_integration_in_goal_trajectories,
             self._group.has_effort,
         )
         if (refused := broken_rule(message, survey, rules, now)) is not None:
             return refused
-        here = dict(zip(given.joints, begin, strict=True))
+        here = dict(zip(params.joints, begin, strict=True))
         unbearable = (
             beyond(message, survey, self.limits)
             or lost_start(message, now + _NEXT)
-            or far_start(message, here, self.limits, given.allowed_start_tolerance)
-            or (self._unreachable(message) if given.unreachable_points == "refuse" else None)
+            or far_start(message, here, self.limits, params.allowed_start_tolerance)
+            or (self._unreachable(message) if params.unreachable_points == "refuse" else None)
             or self._range_refusal(message, survey, here)
         )
         return None if unbearable is None else Refused(None, unbearable)
@@ -214,16 +216,16 @@ class _Tolerated:
 
     def __init__(self, tolerances: Sequence[StateTolerance]) -> None:
         self._all = tolerances
-        self._positions = [each.position if each.position > 0.0 else math.inf for each in tolerances]
-        self._more = any(each.velocity > 0.0 or each.acceleration > 0.0 for each in tolerances)
+        self._positions = [tolerance.position if tolerance.position > 0.0 else math.inf for tolerance in tolerances]
+        self._more = any(tolerance.velocity > 0.0 or tolerance.acceleration > 0.0 for tolerance in tolerances)
 
     def exceeded(self, error: Point) -> int:
         """Return the last joint whose error exceeds its tolerance, or None."""
-        found, off, most = _NOBODY, error.positions, self._positions
+        last, off, most = _NOBODY, error.positions, self._positions
         for joint in range(len(most)):
             if abs(off[joint]) > most[joint] or (self._more and not within(self._all[joint], error, joint)):
-                found = joint
-        return found
+                last = joint
+        return last
 
 
 class ToleranceMonitor:
@@ -241,7 +243,9 @@ class ToleranceMonitor:
         """Whether nothing more is to be commanded of the trajectory."""
         return self.left >= 0 or self.late
 
-    def look(self, tolerances: SegmentTolerances, follower: TrajectoryExecutor, *, over: bool, past: float) -> None:
+    def check(
+        self, tolerances: SegmentTolerances, follower: TrajectoryExecutor, *, over: bool, time_since_end: float
+    ) -> None:
         """Compare the errors of this cycle with the tolerances; `time_since_end` in s."""
         self.left, self.outside, self.over, self.late = _NOBODY, _NOBODY, over, False
         if follower.holding:
@@ -253,24 +257,24 @@ class ToleranceMonitor:
             self.left = self._path.exceeded(self._group.error)
         if over:
             self.outside = self._goal.exceeded(self._group.error)
-        self.late = self.outside >= 0 and 0.0 < tolerances.goal_time < past
+        self.late = self.outside >= 0 and 0.0 < tolerances.goal_time < time_since_end
 
     def verdict(self, tolerances: SegmentTolerances) -> ToleranceResult | None:
         """Return the result of the tolerance checks, None while the trajectory continues."""
         joints, errors = self._group.joints, self._group.error.positions
         if self.left >= 0:
             off, allowed = errors[self.left], tolerances.path[self.left].position
-            who = f"{joints[self.left]} is {off:g} off its path, and {allowed:g} is its tolerance"
+            deviation = f"{joints[self.left]} is {off:g} off its path, and {allowed:g} is its tolerance"
             return ToleranceResult(
-                GoalState.ABORTED, ResultCode.PATH_TOLERANCE_VIOLATED, f"{who}; see what holds it back"
+                GoalState.ABORTED, ResultCode.PATH_TOLERANCE_VIOLATED, f"{deviation}; see what holds it back"
             )
         if self.over and self.outside < 0:
             return _REACHED
         if self.late:
             off, time = errors[self.outside], tolerances.goal_time
-            who = f"{joints[self.outside]} is {off:g} off its goal {time:g} s after the end"
+            deviation = f"{joints[self.outside]} is {off:g} off its goal {time:g} s after the end"
             return ToleranceResult(
-                GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED, f"{who}; see what holds it back"
+                GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED, f"{deviation}; see what holds it back"
             )
         return None
 
@@ -294,7 +298,7 @@ Block = list[list[float]]
 
 def positions_alone(message: JointTrajectory) -> bool:
     """Whether the points say nothing but positions."""
-    return not any(set(each) - {0} for each in survey_of(message).sizes[1:])
+    return not any(set(size) - {0} for size in survey_of(message).sizes[1:])
 
 
 def upsampled(message: JointTrajectory, frequency: float) -> UpsampledPoints | None:
@@ -305,7 +309,7 @@ def upsampled(message: JointTrajectory, frequency: float) -> UpsampledPoints | N
     survey, points = survey_of(message), message.points
     if len(survey.sizes[0]) != 1 or 0 in survey.sizes[0]:
         return None
-    times: Sequence[int] = points.times if isinstance(points, Points) else [each.time for each in points]
+    times: Sequence[int] = points.times if isinstance(points, Points) else [point.time for point in points]
     if frequency > 0.0 and not any(times):
         times, survey = PolicyTimes(len(times), frequency), copy.copy(survey)
         survey.not_increasing = NONE
@@ -328,7 +332,7 @@ class PolicyTimes(Sequence[int]):
     def __getitem__(self, index: int | slice) -> int | list[int]:
         """Return one point, or a slice of the points."""
         if isinstance(index, slice):
-            return [self[each] for each in range(*index.indices(self._count))]
+            return [self[place] for place in range(*index.indices(self._count))]
         if not -self._count <= index < self._count:
             raise IndexError(index)
         return int((index % self._count + 1) / self._frequency * 1e9)
@@ -367,8 +371,8 @@ class UpsampledPoints(SurveyedPoints):
         else:
             positions = [source[index].positions for index in range(first, end + 1)]
         times = [self.times[index] for index in range(first, end + 1)]
-        found = _spline(positions, [(b - a) / 1e9 for a, b in itertools.pairwise(times)])
-        return found[begin - first : begin - first + _BLOCK]
+        velocities = _spline(positions, [(b - a) / 1e9 for a, b in itertools.pairwise(times)])
+        return velocities[begin - first : begin - first + _BLOCK]
 
 
 def _spline(positions: Sequence[Sequence[float]], steps: Sequence[float]) -> Block:
@@ -387,12 +391,12 @@ def _spline(positions: Sequence[Sequence[float]], steps: Sequence[float]) -> Blo
             ]
         )
         uppers.append(1.0 / (k * diagonal))
-    found = [still]
+    velocities = [still]
     for upper, row in zip(reversed(uppers), reversed(rows), strict=True):
-        found.append([r - upper * v for r, v in zip(row, found[-1], strict=True)])
-    found.reverse()
-    found[0] = list(still)
-    return found
+        velocities.append([r - upper * v for r, v in zip(row, velocities[-1], strict=True)])
+    velocities.reverse()
+    velocities[0] = list(still)
+    return velocities
 
 
 NS = 1_000_000_000
@@ -435,26 +439,26 @@ class JointTrajectoryController(Controller):
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters, see `params`; contradictions are errors."""
-        self.params = given = read_params(params, self.name)
+        self.params = settings = read_params(params, self.name)
         self._changed = None
-        self.update_rate = given.update_rate
+        self.update_rate = settings.update_rate
         if self.cycle_rate <= 0:
             raise RobotConfigError(f"{self.name}: the update_rate is {self.cycle_rate} Hz; give one above 0")
         self._group = group = JointGroup(
-            given.joints, given.commanded, given.command_interfaces, given.state_interfaces
+            settings.joints, settings.commanded, settings.command_interfaces, settings.state_interfaces
         )
-        self.joints, self.interface = given.commanded, ", ".join(given.command_interfaces)
+        self.joints, self.interface = settings.commanded, ", ".join(settings.command_interfaces)
         self._follower = TrajectoryExecutor(
-            given, group, NS // min(given.update_rate or self.cycle_rate, self.cycle_rate)
+            settings, group, NS // min(settings.update_rate or self.cycle_rate, self.cycle_rate)
         )
-        self._acceptance = Acceptance(given, group, self.description)
+        self._acceptance = Acceptance(settings, group, self.description)
         self._judgement = ToleranceMonitor(group)
         group.wrap[:] = self._acceptance.continuous
-        self._default = self.tolerances = given.tolerances()
+        self._default = self.tolerances = settings.tolerances()
         if (useless := self._acceptance.cannot_brake()) is not None:
             self.report("decelerate_on_cancel", useless)
-        positions = tuple(given.command_interfaces) == (POSITION,)
-        self.speed = SpeedScaling(given.initial_scaling_factor, allowed=positions)
+        positions = tuple(settings.command_interfaces) == (POSITION,)
+        self.speed = SpeedScaling(settings.initial_scaling_factor, allowed=positions)
 
     def on_set(self, params: Params) -> None:
         """Apply other gains, and tolerances of later trajectories, in the next cycle."""
@@ -478,9 +482,9 @@ class JointTrajectoryController(Controller):
         self.speed.take(
             states[-1] if self.params.scaling_state else None, commands[-1] if self.params.scaling_command else None
         )
-        given = self.params
-        self._default = given.tolerances()
-        self._timeout = given.cmd_timeout if given.cmd_timeout > given.goal_time else 0.0
+        params = self.params
+        self._default = params.tolerances()
+        self._timeout = params.cmd_timeout if params.cmd_timeout > params.goal_time else 0.0
         self._acceptance.take_limits()
         group.wrap[:] = self._acceptance.continuous
         self._follower.limiter = self._acceptance.point_limiter()
@@ -488,7 +492,7 @@ class JointTrajectoryController(Controller):
         self.life.end()
         group.actual = group.blank()
         group.read()
-        if given.set_last_command_interface_value_as_state_on_activation:
+        if params.set_last_command_interface_value_as_state_on_activation:
             group.begin_with_commands()
         self._follower.begin()
         self._waiting = group.waits_for()
@@ -510,8 +514,8 @@ class JointTrajectoryController(Controller):
         if self._waiting is not None:
             self._give_up(self._waiting)
             return
-        who = self.life.source or "who commanded"
-        text = f"{why}, so the command of {who} was taken back; send it again once the joints are enabled"
+        client = self.life.source or "who commanded"
+        text = f"{why}, so the command of {client} was taken back; send it again once the joints are enabled"
         self._end(GoalState.ABORTED, ResultCode.INVALID_GOAL, text)
         self._brake()
 
@@ -526,9 +530,9 @@ class JointTrajectoryController(Controller):
 
         A goal that is being executed is judged by it from then on.
         """
-        given = self.params
-        if given.upsampling and given.interpolation_method == "splines" and positions_alone(message):
-            message.points = upsampled(message, given.policy_frequency) or message.points
+        params = self.params
+        if params.upsampling and params.interpolation_method == "splines" and positions_alone(message):
+            message.points = upsampled(message, params.policy_frequency) or message.points
         self._check(message, now)
         self._queue(message, now)
 
@@ -654,9 +658,9 @@ class JointTrajectoryController(Controller):
         group.read()
         if follower.motion is None:
             return OK
-        found = follower.sample(now, period, self.speed.factor)
+        has_command = follower.sample(now, period, self.speed.factor)
         self.stamp = now
-        if found:
+        if has_command:
             self._follow(follower.motion, now, period)
         return OK
 
@@ -669,7 +673,7 @@ class JointTrajectoryController(Controller):
             self._end(GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED, text)
             self._brake()
         group.compare(follower.desired)
-        judgement.look(self.tolerances, follower, over=over, past=past)
+        judgement.check(self.tolerances, follower, over=over, time_since_end=past)
         if not judgement.stops:
             free = follower.limited is None
             follower.write(now, period)
@@ -694,11 +698,11 @@ class JointTrajectoryController(Controller):
 
     # ----------------------------------------------------------------------------------------------------- inside
 
-    def _take_changes(self, given: TrajectoryParams) -> None:
-        self.params, self._changed = given, None
-        self._default = given.tolerances()
-        self._acceptance.take_params(given)
-        self._follower.set_gains(given)
+    def _take_changes(self, params: TrajectoryParams) -> None:
+        self.params, self._changed = params, None
+        self._default = params.tolerances()
+        self._acceptance.take_params(params)
+        self._follower.set_gains(params)
 
     def _give_up(self, joint: str) -> None:
         """Command nothing while a joint does not follow; the goal ends with its name."""
@@ -711,7 +715,7 @@ class JointTrajectoryController(Controller):
 
     def _why(self, joint: str) -> str:
         """Return the reason why a joint does not follow, with the advice."""
-        waiting = [each for each in self.commands if not each.enabled]
+        waiting = [command for command in self.commands if not command.enabled]
         if waiting:
             return self.enable_status.reason(waiting)
         return f"{joint}: its position is unknown; wait for its feedback"
@@ -722,7 +726,7 @@ class JointTrajectoryController(Controller):
         if not self.params.decelerate_on_cancel or self._acceptance.cannot_brake() is not None:
             self._follower.hold()
             return
-        self._follower.brake([each.max_deceleration_on_cancel for each in self.params.constraints])
+        self._follower.brake([constraint.max_deceleration_on_cancel for constraint in self.params.constraints])
 
     def _end(self, state: GoalState, code: ResultCode, text: str) -> None:
         """End the active goal with its result."""

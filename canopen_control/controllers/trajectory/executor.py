@@ -70,7 +70,7 @@ class Blend(JointSetpoint):
 
     def take(self, trajectory: ActiveTrajectory, handoff: int, joints: Sequence[int]) -> None:
         """Set the trajectory that takes over these joints at `handoff`; one queued for later is dropped."""
-        kept = [each for each in self._waiting if each.handoff < handoff][: MOST_WAITING - 1]
+        kept = [queued for queued in self._waiting if queued.handoff < handoff][: MOST_WAITING - 1]
         self._waiting = [*kept, _Waiting(trajectory, handoff, list(joints))]
         self.start = trajectory.start or handoff
         trajectory.begin(handoff)
@@ -81,45 +81,45 @@ class Blend(JointSetpoint):
     def time_of(self, index: int) -> int:
         """Return when all are over, from start in ns."""
         del index
-        motions = [each.motion for each in self._tracks] + [each.trajectory for each in self._waiting]
-        return max(each.start + each.time_of(each.size - 1) for each in motions) - self.start
+        motions = [part.motion for part in self._tracks] + [part.trajectory for part in self._waiting]
+        return max(motion.start + motion.time_of(motion.size - 1) for motion in motions) - self.start
 
     def end_point(self) -> Point:
         """Return the final point."""
-        found = Point()
-        self._mix(self.start + self.time_of(0), found, ahead=True)
-        return found
+        point = Point()
+        self._mix(self.start + self.time_of(0), point, ahead=True)
+        return point
 
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
         """Write the point at `t` to `out`, see `JointSetpoint`; queued trajectories take over by then."""
         while self._waiting and self._waiting[0].handoff <= t:
             self._hand_over(self._waiting.pop(0))
-        found = self._mix(t, out, ahead=ahead)
+        result = self._mix(t, out, ahead=ahead)
         over = not self._waiting
-        for each in self._tracks:
-            over = over and each.motion.is_over
+        for track in self._tracks:
+            over = over and track.motion.is_over
         self.first, self.following = 0, 1 if over else 0
-        return found
+        return result
 
     def query(self, t: int, out: Point) -> bool:
         """Write the state at any time to `out`; before the first point of a queued trajectory it is the old one's."""
-        later = [each for each in self._waiting if each.trajectory.start + each.trajectory.time_of(0) <= t]
-        found = self._mix(t, out, ahead=True, asked=True)
-        for each in later:
-            said = Point()
-            self._lead(each)
-            if each.trajectory.query(t, said):
-                _copy(said, out, each.joints)
-        return found
+        later = [queued for queued in self._waiting if queued.trajectory.start + queued.trajectory.time_of(0) <= t]
+        result = self._mix(t, out, ahead=True, query=True)
+        for queued in later:
+            point = Point()
+            self._lead(queued)
+            if queued.trajectory.query(t, point):
+                _copy(point, out, queued.joints)
+        return result
 
     def _hand_over(self, coming: _Waiting) -> None:
         """Switch joints to another trajectory, from their present commanded state."""
         self._lead(coming)
         tracks = []
-        for each in self._tracks:
-            left = [joint for joint in each.joints if joint not in coming.joints]
+        for track in self._tracks:
+            left = [joint for joint in track.joints if joint not in coming.joints]
             if left:
-                tracks.append(_Track(each.motion, left))
+                tracks.append(_Track(track.motion, left))
         self._tracks = [*tracks, _Track(coming.trajectory, coming.joints)]
 
     def _lead(self, coming: _Waiting) -> None:
@@ -128,31 +128,31 @@ class Blend(JointSetpoint):
         self._mix(coming.handoff, before, ahead=True)
         coming.trajectory.set_before(coming.handoff, before, self._wrap)
 
-    def _mix(self, t: int, out: Point, *, ahead: bool, asked: bool = False) -> bool:
+    def _mix(self, t: int, out: Point, *, ahead: bool, query: bool = False) -> bool:
         """Write each joint's state at `t`; joints without one are unchanged."""
         joints = len(self._wrap)
         if len(out.positions) != joints or len(out.effort) != joints or len(out.velocities) != joints:
             out.positions[:] = out.velocities[:] = out.accelerations[:] = out.effort[:] = [0.0] * joints
         if len(out.accelerations) != joints:
             out.accelerations[:] = [0.0] * joints
-        found = True
-        for each in self._tracks:
-            motion, said = each.motion, each.said
-            said_it = motion.query(t, said) if asked else motion.sample(t, said, ahead=ahead)
+        complete = True
+        for track in self._tracks:
+            motion, point = track.motion, track.said
+            said_it = motion.query(t, point) if query else motion.sample(t, point, ahead=ahead)
             if said_it:
-                _copy(said, out, each.joints)
-            found = found and said_it
+                _copy(point, out, track.joints)
+            complete = complete and said_it
         out.time = t - self.start
-        return found
+        return complete
 
 
-def _copy(said: Point, out: Point, joints: Sequence[int]) -> None:
+def _copy(point: Point, out: Point, joints: Sequence[int]) -> None:
     """Copy the values of some joints."""
     for joint in joints:
-        out.positions[joint] = said.positions[joint]
-        out.velocities[joint] = said.velocities[joint]
-        out.accelerations[joint] = said.accelerations[joint]
-        out.effort[joint] = said.effort[joint]
+        out.positions[joint] = point.positions[joint]
+        out.velocities[joint] = point.velocities[joint]
+        out.accelerations[joint] = point.accelerations[joint]
+        out.effort[joint] = point.effort[joint]
 
 
 # Coming to rest: each joint with its own deceleration from the speed that it has, or at once where it is.
@@ -186,8 +186,8 @@ class StopMotion(JointSetpoint):
         self._positions[:] = point.positions
         self._velocities[:] = point.velocities or [0.0] * len(self._decelerations)
         for index, deceleration in enumerate(self._decelerations):
-            known = self._velocities[index]
-            velocity = self._velocities[index] = known * self.pace if math.isfinite(known) else 0.0
+            previous = self._velocities[index]
+            velocity = self._velocities[index] = previous * self.pace if math.isfinite(previous) else 0.0
             sign = 1.0 if velocity >= 0.0 else -1.0
             self._slopes[index] = -sign * deceleration
             self._times[index] = abs(velocity) / deceleration
@@ -382,23 +382,27 @@ class TrajectoryExecutor:
         if message is not self._hold:
             group.read()
             arrangement = Arrangement(message.joint_names, group.joints, group.targets(), group.actual.positions)
-        made = ActiveTrajectory(message, self._splines, arrangement)
+        trajectory = ActiveTrajectory(message, self._splines, arrangement)
         if follows is None or arrangement is None:
-            self.motion = made
+            self.motion = trajectory
             return
         begin = self._start_of(message.stamp)
-        made.start = begin
+        trajectory.start = begin
         self.motion = blend = Blend(follows, group.wrap)
         named = [index for index, joint in enumerate(group.joints) if joint in message.joint_names]
-        blend.take(made, max(begin, self._commanded_until), named)
+        blend.take(trajectory, max(begin, self._commanded_until), named)
 
     @property
     def follows(self) -> JointSetpoint | None:
         """Trajectory into which a new one is blended, None if it replaces it at once."""
-        taken, motion = self._taken, self.motion
+        message, motion = self._taken, self.motion
         if not (self._params.allow_trajectory_replacement and self._splines) or motion is None or motion.is_over:
             return None
-        return motion if taken is not None and taken is not self._hold and not isinstance(taken, StopMotion) else None
+        return (
+            motion
+            if message is not None and message is not self._hold and not isinstance(message, StopMotion)
+            else None
+        )
 
     def where_it_begins(self, stamp: int) -> Sequence[float]:
         """Return the positions from which a trajectory with this stamp would lead on."""
@@ -428,10 +432,10 @@ class TrajectoryExecutor:
             self._time += scaled(round(period * 1e9), 1.0 if isinstance(motion, StopMotion) else scaling)
         motion.sample(self._time, self.desired)
         self.desired.time = self._time - motion.start
-        found = motion.sample(self._time + self._period_ns, self.output, ahead=True)
+        result = motion.sample(self._time + self._period_ns, self.output, ahead=True)
         self._group.actual.time = now - motion.start
         self._now = now
-        return found
+        return result
 
     def write(self, now: int, period: float) -> None:
         """Write the command; `group.error` is that of this cycle.
@@ -475,9 +479,9 @@ class TrajectoryExecutor:
     def told(self, t: int, name: str) -> TrajectoryAt:
         """Return the state at `t` in ns; the actual state of controller `name` if there is none."""
         point = Point()
-        known = self.query(t, point)
-        text = "" if known else f"{name} follows nothing at that time; this is where the joints are, or are to end"
-        return TrajectoryAt(known=known, text=text, joints=list(self._group.joints), point=_told(point))
+        is_known = self.query(t, point)
+        text = "" if is_known else f"{name} follows nothing at that time; this is where the joints are, or are to end"
+        return TrajectoryAt(known=is_known, text=text, joints=list(self._group.joints), point=_told(point))
 
     def sample_of(self, time: float, executing: bool, factor: float) -> TrajectorySample:
         """Return the sample of the last cycle, `time` in Unix s."""

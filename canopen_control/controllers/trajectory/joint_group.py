@@ -29,8 +29,8 @@ class JointGroup:
         self, joints: Sequence[str], commanded: Sequence[str], commands: Sequence[str], states: Sequence[str]
     ) -> None:
         self.joints, self.commanded = tuple(joints), tuple(commanded)
-        self.command_names = [f"{joint}/{each}" for joint in commanded for each in commands]
-        self.state_names = [f"{joint}/{each}" for joint in joints for each in states]
+        self.command_names = [f"{joint}/{command}" for joint in commanded for command in commands]
+        self.state_names = [f"{joint}/{state}" for joint in joints for state in states]
         same = len(commanded) == len(joints)
         self.places = [index if same else joints.index(joint) for index, joint in enumerate(commanded)]
         self._kinds, self._read = tuple(commands), tuple(states)
@@ -55,12 +55,12 @@ class JointGroup:
 
     def take(self, commands: Sequence[CommandInterface], states: Sequence[StateInterface]) -> None:
         """Store the interfaces, in the order of the names."""
-        self.commands = {each: [one for one in commands if one.interface == each] for each in self._kinds}
-        self._states = {each: [one for one in states if one.interface == each] for each in self._read}
+        self.commands = {kind: [one for one in commands if one.interface == kind] for kind in self._kinds}
+        self._states = {kind: [one for one in states if one.interface == kind] for kind in self._read}
         self._positions = self._states.get(POSITION, [])
         self._velocities = self._states.get(VELOCITY, []) if self.knows_velocity else []
         self._accelerations = self._states.get(ACCELERATION, []) if self.knows_acceleration else []
-        self._every = [one for each in self._kinds for one in self.commands[each]]
+        self._every = [one for kind in self._kinds for one in self.commands[kind]]
         self._efforts = self.commands.get(EFFORT, [])
         self._targets = self.commands.get(POSITION, [])
 
@@ -86,33 +86,33 @@ class JointGroup:
             (ACCELERATION, self.actual.accelerations),
             (EFFORT, self.actual.effort),
         ):
-            found = [each.value for each in self.commands.get(kind, ())]
-            if found and all(math.isfinite(each) for each in found):
-                values[:] = found
+            commanded = [command.value for command in self.commands.get(kind, ())]
+            if commanded and all(math.isfinite(value) for value in commanded):
+                values[:] = commanded
 
     def waits_for(self) -> str | None:
         """Return a joint that cannot follow: not enabled, or with an unknown position; else None."""
-        for each in self._positions:
-            value = each.value
+        for state in self._positions:
+            value = state.value
             if value - value != 0.0:  # is not finite
-                return each.joint
+                return state.joint
         for command in self._every:
             if not command.enabled:
                 return command.joint
         return None
 
-    def compare(self, wanted: Point) -> None:
+    def compare(self, desired: Point) -> None:
         """Compute the errors of commanded and measured quantities into `error`."""
         error, actual, wrap, joints = self.error, self.actual, self.wrap, len(self.joints)
-        off, there, asked = error.positions, actual.positions, wanted.positions
-        for i in range(min(joints, len(asked))):
-            off[i] = shortest_angular_distance(there[i], asked[i]) if wrap[i] else asked[i] - there[i]
+        off, measured, targets = error.positions, actual.positions, desired.positions
+        for i in range(min(joints, len(targets))):
+            off[i] = shortest_angular_distance(measured[i], targets[i]) if wrap[i] else targets[i] - measured[i]
         if self._velocity_counts:
-            for i in range(min(joints, len(wanted.velocities))):
-                error.velocities[i] = wanted.velocities[i] - actual.velocities[i]
+            for i in range(min(joints, len(desired.velocities))):
+                error.velocities[i] = desired.velocities[i] - actual.velocities[i]
         if self._acceleration_counts:
-            for i in range(min(joints, len(wanted.accelerations))):
-                error.accelerations[i] = wanted.accelerations[i] - actual.accelerations[i]
+            for i in range(min(joints, len(desired.accelerations))):
+                error.accelerations[i] = desired.accelerations[i] - actual.accelerations[i]
 
     def write(self, kind: str, values: Sequence[float]) -> None:
         """Command a quantity of all joints; without values it is unchanged."""
@@ -130,10 +130,10 @@ class JointGroup:
 
     def targets(self) -> list[float]:
         """Return the commanded positions by joint; nan without a command."""
-        found = [math.nan] * len(self.joints)
-        for index, each in enumerate(self._targets):
-            found[self.places[index]] = each.value
-        return found
+        positions = [math.nan] * len(self.joints)
+        for index, target in enumerate(self._targets):
+            positions[self.places[index]] = target.value
+        return positions
 
 
 class Loops:
@@ -152,15 +152,15 @@ class Loops:
 
     def reset(self) -> None:
         """Forget the past."""
-        for each in self._pids:
-            each.reset()
+        for pid in self._pids:
+            pid.reset()
 
-    def compute(self, index: int, wanted: Point, error: Point, period: float) -> float:
+    def compute(self, index: int, desired: Point, error: Point, period: float) -> float:
         """Return the command of joint `index`: feed-forward plus the output of its loop."""
         joint = self._joints[index]
-        forward = self._forward[index] * wanted.velocities[joint] if joint < len(wanted.velocities) else 0.0
-        if self._with_effort and joint < len(wanted.effort):
-            forward += wanted.effort[joint]
+        forward = self._forward[index] * desired.velocities[joint] if joint < len(desired.velocities) else 0.0
+        if self._with_effort and joint < len(desired.effort):
+            forward += desired.effort[joint]
         return forward + self._pids[index].compute_with_rate(error.positions[joint], error.velocities[joint], period)
 
 

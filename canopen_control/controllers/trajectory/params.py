@@ -31,26 +31,26 @@ COMMANDS: Final = (POSITION, VELOCITY, ACCELERATION, EFFORT)
 STATES: Final = (POSITION, VELOCITY, ACCELERATION)
 
 
-def wrong_commands(given: Sequence[str]) -> str | None:
+def wrong_commands(names: Sequence[str]) -> str | None:
     """Return the error in a list of command interfaces, None without one."""
-    if (wrong := _wrong_list("command_interfaces", given, COMMANDS)) is not None:
+    if (wrong := _wrong_list("command_interfaces", names, COMMANDS)) is not None:
         return wrong
-    if VELOCITY in given and len(given) > 1 and POSITION not in given:
+    if VELOCITY in names and len(names) > 1 and POSITION not in names:
         return "command_interfaces: velocity goes alone or with position; add position"
-    if ACCELERATION in given and VELOCITY not in given and POSITION not in given:
+    if ACCELERATION in names and VELOCITY not in names and POSITION not in names:
         return "command_interfaces: acceleration goes with position or velocity; add one"
-    if EFFORT in given and set(given) not in ({EFFORT}, {POSITION, EFFORT}):
+    if EFFORT in names and set(names) not in ({EFFORT}, {POSITION, EFFORT}):
         return "command_interfaces: effort goes alone or with position; leave the others out"
     return None
 
 
-def wrong_states(given: Sequence[str]) -> str | None:
+def wrong_states(names: Sequence[str]) -> str | None:
     """Return the error in a list of state interfaces, None without one."""
-    if (wrong := _wrong_list("state_interfaces", given, STATES)) is not None:
+    if (wrong := _wrong_list("state_interfaces", names, STATES)) is not None:
         return wrong
-    if VELOCITY in given and POSITION not in given:
+    if VELOCITY in names and POSITION not in names:
         return "state_interfaces: velocity goes with position; add position"
-    if ACCELERATION in given and not {POSITION, VELOCITY}.issubset(given):
+    if ACCELERATION in names and not {POSITION, VELOCITY}.issubset(names):
         return "state_interfaces: acceleration goes with position and velocity; add both"
     return None
 
@@ -73,20 +73,20 @@ def wrong_joints(joints: Sequence[str], command_joints: Sequence[str]) -> str | 
     """
     if len(command_joints) > len(joints):
         return f"command_joints: {len(command_joints)} are more than the {len(joints)} joints; leave some out"
-    strange = [each for each in command_joints if each not in joints]
+    strange = [joint for joint in command_joints if joint not in joints]
     if strange and len(command_joints) != len(joints):
         return f"command_joints: {', '.join(strange)}: not among joints ({', '.join(joints)}); name some of those"
     return None
 
 
-def _wrong_list(key: str, given: Sequence[str], known: Sequence[str]) -> str | None:
-    if not given:
-        return f"{key} is empty; give one or more of {', '.join(known)}"
-    if len(set(given)) != len(given):
-        return f"{key} names one twice: {', '.join(given)}; name each once"
-    strange = [each for each in given if each not in known]
+def _wrong_list(key: str, names: Sequence[str], allowed: Sequence[str]) -> str | None:
+    if not names:
+        return f"{key} is empty; give one or more of {', '.join(allowed)}"
+    if len(set(names)) != len(names):
+        return f"{key} names one twice: {', '.join(names)}; name each once"
+    strange = [name for name in names if name not in allowed]
     if strange:
-        return f"{key}: {', '.join(strange)}: there are {', '.join(known)}"
+        return f"{key}: {', '.join(strange)}: there are {', '.join(allowed)}"
     return None
 
 
@@ -159,29 +159,29 @@ def resolve(
 
 
 def _of_joints(
-    given: Sequence[JointTolerance], joints: Sequence[str], default: Sequence[StateTolerance], what: str
+    tolerances: Sequence[JointTolerance], joints: Sequence[str], default: Sequence[StateTolerance], label: str
 ) -> tuple[StateTolerance, ...]:
-    found = list(default)
-    for each in given:
-        if each.name not in joints:
-            raise ValueError(f"{what} is for {each.name!r}, which is not among {', '.join(joints)}")
-        index, who = joints.index(each.name), f"{what} of {each.name}"
-        known = default[index]
-        found[index] = StateTolerance(
-            _resolved(each.position, known.position, f"{who}: position"),
-            _resolved(each.velocity, known.velocity, f"{who}: velocity"),
-            _resolved(each.acceleration, known.acceleration, f"{who}: acceleration"),
+    result = list(default)
+    for tolerance in tolerances:
+        if tolerance.name not in joints:
+            raise ValueError(f"{label} is for {tolerance.name!r}, which is not among {', '.join(joints)}")
+        index, text = joints.index(tolerance.name), f"{label} of {tolerance.name}"
+        preset = default[index]
+        result[index] = StateTolerance(
+            _resolved(tolerance.position, preset.position, f"{text}: position"),
+            _resolved(tolerance.velocity, preset.velocity, f"{text}: velocity"),
+            _resolved(tolerance.acceleration, preset.acceleration, f"{text}: acceleration"),
         )
-    return tuple(found)
+    return tuple(result)
 
 
-def _resolved(given: float, default: float, what: str) -> float:
-    if given > 0.0:
-        return given
-    if abs(given + 1.0) < _FLOAT_EPSILON:
+def _resolved(value: float, default: float, label: str) -> float:
+    if value > 0.0:
+        return value
+    if abs(value + 1.0) < _FLOAT_EPSILON:
         return 0.0
-    if given < 0.0:
-        raise ValueError(f"{what} is {given:g}; it is above 0, 0 for that of the parameters, or -1 for none")
+    if value < 0.0:
+        raise ValueError(f"{label} is {value:g}; it is above 0, 0 for that of the parameters, or -1 for none")
     return default
 
 
@@ -239,8 +239,8 @@ class LimitParams:
         )
 
 
-def _limit(given: bool, value: float, described: float = math.inf, none: float = math.inf) -> float:
-    if not given:
+def _limit(enabled: bool, value: float, described: float = math.inf, none: float = math.inf) -> float:
+    if not enabled:
         return none
     return described if math.isnan(value) else value
 
@@ -350,8 +350,10 @@ class TrajectoryParams(CommonParams):
 
     def tolerances(self) -> SegmentTolerances:
         """Return the default tolerances of trajectories."""
-        path = tuple(StateTolerance(each.trajectory) for each in self.constraints)
-        goal = tuple(StateTolerance(each.goal, self.stopped_velocity_tolerance) for each in self.constraints)
+        path = tuple(StateTolerance(constraint.trajectory) for constraint in self.constraints)
+        goal = tuple(
+            StateTolerance(constraint.goal, self.stopped_velocity_tolerance) for constraint in self.constraints
+        )
         return SegmentTolerances(path, goal, self.goal_time)
 
     def mistakes(self) -> Iterator[tuple[str, str]]:
@@ -364,12 +366,12 @@ class TrajectoryParams(CommonParams):
         commands, states = wrong_commands(self.command_interfaces), wrong_states(self.state_interfaces)
         if commands is None and states is None:
             states = wrong_together(self.command_interfaces, self.state_interfaces)
-        found = (
+        wrong = (
             ("command_interfaces", commands),
             ("state_interfaces", states),
             ("command_joints", wrong_joints(self.joints, self.commanded)),
         )
-        for key, text in found:
+        for key, text in wrong:
             if text is not None:
                 yield key, text
 
@@ -378,13 +380,13 @@ def read_params(params: Params, name: str) -> TrajectoryParams:
     """Return the parameters of controller `name`; RobotConfigError with every error."""
     del name  # it stands in the place of each mistake
     node = params.flat.get("joints")
-    joints = tuple(dict.fromkeys(each.text for each in node.elements())) if node is not None else ()
+    joints = tuple(dict.fromkeys(element.text for element in node.elements())) if node is not None else ()
     old = OLD_KEYS | {key.format(joint): "" for joint in joints for key in _WITHOUT_EFFECT}
-    found = params.read(_with_joints(joints), old, TrajectoryParams.mistakes)
-    gains = tuple(getattr(found, f"gains_{index}") for index in range(len(joints)))
-    constraints = tuple(getattr(found, f"constraints_{index}") for index in range(len(joints)))
-    limits = tuple(getattr(found, f"joint_limits_{index}") for index in range(len(joints)))
-    return dataclasses.replace(found, gains=gains, constraints=constraints, joint_limits=limits)
+    settings = params.read(_with_joints(joints), old, TrajectoryParams.mistakes)
+    gains = tuple(getattr(settings, f"gains_{index}") for index in range(len(joints)))
+    constraints = tuple(getattr(settings, f"constraints_{index}") for index in range(len(joints)))
+    limits = tuple(getattr(settings, f"joint_limits_{index}") for index in range(len(joints)))
+    return dataclasses.replace(settings, gains=gains, constraints=constraints, joint_limits=limits)
 
 
 OLD_KEYS: Final[dict[str, str]] = dict.fromkeys(
@@ -412,5 +414,5 @@ def _with_joints(joints: tuple[str, ...]) -> type[TrajectoryParams]:
             ),
             (f"joint_limits_{index}", LimitParams, setting(LimitParams(), key=f"joint_limits.{joint}", section=True)),
         ]
-    made = dataclasses.make_dataclass("TrajectoryParams", fields, bases=(TrajectoryParams,), frozen=True)
-    return cast("type[TrajectoryParams]", made)
+    cls = dataclasses.make_dataclass("TrajectoryParams", fields, bases=(TrajectoryParams,), frozen=True)
+    return cast("type[TrajectoryParams]", cls)

@@ -99,7 +99,7 @@ class Arrangement:
                 if name not in names:
                     self.names.append(name)
                     self._stays.append(positions[index] if math.isnan(commands[index]) else commands[index])
-        self._known = [each for each in self._stays if not math.isnan(each)]
+        self._known = [position for position in self._stays if not math.isnan(position)]
         self._zeros = [0.0] * len(self._stays)
         self._order = [self.names.index(name) for name in joints if name in self.names]
         self.changes = bool(self._stays) or self._order != list(range(len(self.names)))
@@ -108,12 +108,12 @@ class Arrangement:
         """Complete and rearrange a point; vectors of another length are unchanged."""
         if point.positions:
             point.positions += self._known
-        for each in (point.velocities, point.accelerations, point.effort):
-            if each:
-                each += self._zeros
+        for values in (point.velocities, point.accelerations, point.effort):
+            if values:
+                values += self._zeros
         for values in (point.positions, point.velocities, point.accelerations, point.effort):
             if len(values) == len(self.names):
-                values[:] = [values[each] for each in self._order]
+                values[:] = [values[index] for index in self._order]
 
 
 def shortest_angular_distance(begin: float, end: float) -> float:

@@ -39,8 +39,8 @@ class PointLimiter:
         """
         count = len(self.limits)
         self._places, self._speeds = len(desired.positions) == count, len(desired.velocities) == count
-        known = len(actual.positions) == count and (self._places or self._speeds)
-        if period <= 0.0 or not known:
+        complete = len(actual.positions) == count and (self._places or self._speeds)
+        if period <= 0.0 or not complete:
             return False
         speeds = actual.velocities if len(actual.velocities) == count else self._still
         grows = len(desired.accelerations) == count
@@ -77,14 +77,14 @@ class PointLimiter:
             self._look_ahead(joint, here, period)
 
     def _clamp_position(self, joint: int, here: float, period: float) -> None:
-        limits, wanted = self.limits[joint], self._positions[joint]
-        position = min(max(wanted, limits.min_position), limits.max_position)
-        if position != wanted and limits.has_ends:
+        limits, desired = self.limits[joint], self._positions[joint]
+        position = min(max(desired, limits.min_position), limits.max_position)
+        if position != desired and limits.has_ends:
             self._positions[joint] = position
             self._note(joint)
-        way = position - here
-        if abs(way) > _ZERO and abs(self._velocities[joint]) <= _ZERO:
-            self._velocities[joint] = way / period
+        distance = position - here
+        if abs(distance) > _ZERO and abs(self._velocities[joint]) <= _ZERO:
+            self._velocities[joint] = distance / period
 
     def _clamp_velocity(self, joint: int, here: float, speed: float, period: float) -> None:
         most, velocity = self.limits[joint].max_velocity, self._velocities[joint]
@@ -120,9 +120,9 @@ class PointLimiter:
         """Return whether a joint has to brake for the end of its range."""
         limits = self.limits[joint]
         if self._speeds and not self._places:
-            there = here + self._velocities[joint] * period
-            bounded = min(max(there, limits.min_position), limits.max_position)
-            if bounded != there:
+            target = here + self._velocities[joint] * period
+            bounded = min(max(target, limits.min_position), limits.max_position)
+            if bounded != target:
                 self._velocities[joint] = (bounded - here) / period
                 self._note(joint)
         velocity = self._velocities[joint]

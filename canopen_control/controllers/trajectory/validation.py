@@ -79,14 +79,14 @@ class Extremes:
         self.lowest: list[float] = []
         self.highest: list[float] = []
 
-    def add(self, found: Range) -> None:
+    def add(self, result: Range) -> None:
         """Add the values of the next points."""
-        self.ranges.append(found)
-        if len(found.lowest) != len(self.lowest):
-            self.lowest, self.highest = found.lowest, found.highest
+        self.ranges.append(result)
+        if len(result.lowest) != len(self.lowest):
+            self.lowest, self.highest = result.lowest, result.highest
         else:
-            self.lowest = list(map(min, self.lowest, found.lowest))
-            self.highest = list(map(max, self.highest, found.highest))
+            self.lowest = list(map(min, self.lowest, result.lowest))
+            self.highest = list(map(max, self.highest, result.highest))
 
 
 class TrajectorySummary:
@@ -115,18 +115,18 @@ class TrajectorySummary:
         begin, before = self.count, self._last
         self._look_at_times(times)
         columns = (
-            [each.positions for each in points],
-            [each.velocities for each in points],
-            [each.accelerations for each in points],
-            [each.effort for each in points],
+            [point.positions for point in points],
+            [point.velocities for point in points],
+            [point.accelerations for point in points],
+            [point.effort for point in points],
         )
         empty = True
         for quantity, vectors in enumerate(columns):
-            found = self._look_at_sizes(quantity, vectors)
-            empty = empty and (quantity > 2 or 0 in found)
+            result = self._look_at_sizes(quantity, vectors)
+            empty = empty and (quantity > 2 or 0 in result)
             if self.infinite == NONE or self.infinite >= begin:
                 self._look_at_numbers(vectors)
-            if quantity < 2 and len(found - {0}) == 1:
+            if quantity < 2 and len(result - {0}) == 1:
                 extremes = self.velocities if quantity else self.positions
                 extremes.add(Range(begin, begin + len(points), list(zip(*filter(None, vectors), strict=True))))
         if empty and self.empty == NONE:
@@ -136,17 +136,17 @@ class TrajectorySummary:
         if self.not_increasing == self.infinite == NONE and len(self.sizes[0]) == 1:
             self._look_at_ways(begin, columns[0], before, times)
 
-    def _look_at_ways(self, begin: int, places: list[list[float]], before: int, times: Sequence[int]) -> None:
+    def _look_at_ways(self, begin: int, positions: list[list[float]], before: int, times: Sequence[int]) -> None:
         """Compute the mean velocities up to the next points."""
-        last, self._place = self._place, places[-1]
-        whens = [each * 1e-9 for each in ((before, *times) if last else times)]
-        seconds = list(map(operator.sub, whens[1:], whens))
-        if seconds and places[0]:
-            columns = zip(*([last, *places] if last else places), strict=True)
-            ways = (map(operator.sub, column[1:], column) for column in columns)
+        last, self._place = self._place, positions[-1]
+        instants = [time * 1e-9 for time in ((before, *times) if last else times)]
+        seconds = list(map(operator.sub, instants[1:], instants))
+        if seconds and positions[0]:
+            columns = zip(*([last, *positions] if last else positions), strict=True)
+            distance_columns = (map(operator.sub, column[1:], column) for column in columns)
             first = begin if last else begin + 1
             self.means.add(
-                Range(first, first + len(seconds), [list(map(operator.truediv, each, seconds)) for each in ways])
+                Range(first, first + len(seconds), [list(map(operator.truediv, d, seconds)) for d in distance_columns])
             )
 
     def sized(self, quantity: int, allowed: tuple[int, ...]) -> int:
@@ -164,12 +164,12 @@ class TrajectorySummary:
 
     def _look_at_sizes(self, quantity: int, vectors: list[list[float]]) -> set[int]:
         sizes = list(map(len, vectors))
-        found = set(sizes)
-        known = self.sizes[quantity]
-        for size in found:
-            if size not in known:
-                known[size] = self.count + sizes.index(size)
-        return found
+        distinct = set(sizes)
+        firsts = self.sizes[quantity]
+        for size in distinct:
+            if size not in firsts:
+                firsts[size] = self.count + sizes.index(size)
+        return distinct
 
     def _look_at_numbers(self, vectors: list[list[float]]) -> None:
         if math.isfinite(sum(chain.from_iterable(vectors))):
@@ -234,12 +234,12 @@ class PointBuffer(SurveyedPoints):
 
     def add(self, points: Sequence[TimedValues]) -> None:
         """Add the next points; ControlError, and none is added, for a time out of range."""
-        seconds = [each.time_from_start for each in points]
+        seconds = [point.time_from_start for point in points]
         for index, time in enumerate(seconds, len(self)):
             if not -_FARTHEST_S <= time <= _FARTHEST_S:
-                given = f"a time_from_start of {time:g} s"
-                raise ControlError(f"point {index} has {given}; give at most {_FARTHEST_S:g}")
-        times = array("q", [round(each * 1e9) for each in seconds])
+                text = f"a time_from_start of {time:g} s"
+                raise ControlError(f"point {index} has {text}; give at most {_FARTHEST_S:g}")
+        times = array("q", [round(time * 1e9) for time in seconds])
         if not points:
             return
         self.survey.add(points, times)
@@ -247,23 +247,23 @@ class PointBuffer(SurveyedPoints):
         self.times += times
         self._pieces.append(
             (
-                _Column([each.positions for each in points]),
-                _Column([each.velocities for each in points]),
-                _Column([each.accelerations for each in points]),
-                _Column([each.effort for each in points]),
+                _Column([point.positions for point in points]),
+                _Column([point.velocities for point in points]),
+                _Column([point.accelerations for point in points]),
+                _Column([point.effort for point in points]),
             )
         )
 
     def positions(self, begin: int, end: int) -> list[Sequence[float]]:
         """Return the positions of the points from `begin` to before `end`."""
-        found: list[Sequence[float]] = []
+        result: list[Sequence[float]] = []
         piece = bisect_right(self._begins, begin) - 1
         while begin < end:
             after = self._begins[piece + 1] if piece + 1 < len(self._begins) else len(self)
             until, first = min(end, after), self._begins[piece]
-            found += map(self._pieces[piece][0].at, range(begin - first, until - first))
+            result += map(self._pieces[piece][0].at, range(begin - first, until - first))
             begin, piece = until, piece + 1
-        return found
+        return result
 
     def __getitem__(self, index: int) -> Point:
         """Return a point of its own."""
@@ -357,9 +357,9 @@ def survey_of(message: JointTrajectory) -> TrajectorySummary:
     """Return the summary of a trajectory's points, computed on reception or now."""
     if isinstance(message.points, SurveyedPoints):
         return message.points.survey
-    made = TrajectorySummary()
-    made.add(list(message.points), [each.time for each in message.points])
-    return made
+    summary = TrajectorySummary()
+    summary.add(list(message.points), [point.time for point in message.points])
+    return summary
 
 
 def broken_rule(message: JointTrajectory, survey: TrajectorySummary, rules: Rules, now: int) -> Refused | None:
@@ -388,16 +388,16 @@ def _first_wrong(survey: TrajectorySummary, joints: int, rules: Rules) -> int:
         survey.sized(2, (0, joints)),
         NONE if rules.effort else survey.sized(3, (0,)),
     )
-    return min((each for each in wrong if each != NONE), default=NONE)
+    return min((index for index in wrong if index != NONE), default=NONE)
 
 
 def _wrong_joints(message: JointTrajectory, rules: Rules) -> Refused | None:
-    names, known = message.joint_names, ", ".join(rules.joints)
+    names, own = message.joint_names, ", ".join(rules.joints)
     if not rules.partial and len(names) != len(rules.joints):
         count = f"it names {len(names)} of {len(rules.joints)} joints"
-        return Refused(Rule.JOINT_COUNT, f"{count}; name {known}, or set allow_partial_joints_goal")
+        return Refused(Rule.JOINT_COUNT, f"{count}; name {own}, or set allow_partial_joints_goal")
     if not names:
-        return Refused(Rule.NO_JOINT_NAMES, f"it names no joints; name some of {known}")
+        return Refused(Rule.NO_JOINT_NAMES, f"it names no joints; name some of {own}")
     if not len(message.points):
         return Refused(Rule.NO_POINTS, "it has no points; give at least one")
     strange = next((name for name in names if name not in rules.joints), None)
@@ -434,10 +434,10 @@ def _wrong_sizes(index: int, point: Point, joints: int, rules: Rules) -> Refused
     )
     if rules.integration and not any(size for _, _, size in sizes):
         return Refused(Rule.POINT_EMPTY, f"point {index} is empty; give positions, velocities or accelerations")
-    for rule, what, size in sizes:
+    for rule, quantity, size in sizes:
         needed = rule is Rule.SIZE_POSITIONS and not rules.integration
         if size != joints and (size or needed):
-            return Refused(rule, f"point {index} has {size} {what} for {joints} joints; give one for each")
+            return Refused(rule, f"point {index} has {size} {quantity} for {joints} joints; give one for each")
     if point.effort and not rules.effort:
         return Refused(
             Rule.EFFORT_NOT_SUPPORTED, f"point {index} has effort, which no command interface takes; leave it out"
@@ -454,16 +454,16 @@ def beyond(message: JointTrajectory, survey: TrajectorySummary, limits: dict[str
     if survey.infinite != NONE:
         return _no_number(names, survey.infinite, message.points[survey.infinite])
     for index, name in enumerate(names):
-        known = limits.get(name, JointLimits())
-        lower, upper = (-math.inf, math.inf) if known.continuous else (known.lower, known.upper)
-        if (found := _outside(survey.positions, index, lower, upper)) is not None:
-            at, worst = _place(message.points, found, index, lower, upper, "positions")
+        allowed = limits.get(name, JointLimits())
+        lower, upper = (-math.inf, math.inf) if allowed.continuous else (allowed.lower, allowed.upper)
+        if (exceeding := _outside(survey.positions, index, lower, upper)) is not None:
+            at, worst = _place(message.points, exceeding, index, lower, upper, "positions")
             where = f"point {at}: {name} at {worst:g}"
-            return f"{where} is beyond its limits of {known.lower:g} to {known.upper:g}; plan within them"
-        if (found := _outside(survey.velocities, index, -known.velocity, known.velocity)) is not None:
-            at, worst = _place(message.points, found, index, -known.velocity, known.velocity, "velocities")
+            return f"{where} is beyond its limits of {allowed.lower:g} to {allowed.upper:g}; plan within them"
+        if (exceeding := _outside(survey.velocities, index, -allowed.velocity, allowed.velocity)) is not None:
+            at, worst = _place(message.points, exceeding, index, -allowed.velocity, allowed.velocity, "velocities")
             where = f"point {at}: {name} with a velocity of {worst:g}"
-            return f"{where} is beyond its limit of {known.velocity:g}; plan within it"
+            return f"{where} is beyond its limit of {allowed.velocity:g}; plan within it"
     return None
 
 
@@ -473,21 +473,21 @@ def unreachable(message: JointTrajectory, survey: TrajectorySummary, limits: dic
         most = limits.get(name, JointLimits()).velocity
         if most == math.inf:
             continue
-        found = _outside(survey.means, index, -most * _WRITTEN, most * _WRITTEN)
-        for at in range(found.begin, found.end) if found is not None else ():
+        exceeding = _outside(survey.means, index, -most * _WRITTEN, most * _WRITTEN)
+        for at in range(exceeding.begin, exceeding.end) if exceeding is not None else ():
             before, point = message.points[at - 1], message.points[at]
-            way, seconds = point.positions[index] - before.positions[index], (point.time - before.time) / 1e9
-            if abs(way) > most * _WRITTEN * seconds:
-                advice = f"give it {abs(way) / most:.3g} s, or set" if most else "leave it where it is, or set"
+            distance, seconds = point.positions[index] - before.positions[index], (point.time - before.time) / 1e9
+            if abs(distance) > most * _WRITTEN * seconds:
+                advice = f"give it {abs(distance) / most:.3g} s, or set" if most else "leave it where it is, or set"
                 return (
-                    f"point {at}: {name} would have to go {way:g} in {seconds:g} s, faster than its limit of {most:g}; "
-                    f"{advice} unreachable_points"
+                    f"point {at}: {name} would have to go {distance:g} in {seconds:g} s, "
+                    f"faster than its limit of {most:g}; {advice} unreachable_points"
                 )
     return None
 
 
 def _no_number(names: Sequence[str], at: int, point: Point) -> str | None:
-    for what, values in (
+    for quantity, values in (
         ("position", point.positions),
         ("velocity", point.velocities),
         ("acceleration", point.accelerations),
@@ -495,7 +495,7 @@ def _no_number(names: Sequence[str], at: int, point: Point) -> str | None:
     ):
         for index, value in enumerate(values):
             if not math.isfinite(value):
-                return f"point {at}: the {what} of {_named(names, index)} is {value}; give finite numbers"
+                return f"point {at}: the {quantity} of {_named(names, index)} is {value}; give finite numbers"
     return None
 
 
@@ -504,21 +504,21 @@ def _outside(extremes: Extremes, joint: int, lower: float, upper: float) -> Rang
     lower, upper = lower - _ROUNDING, upper + _ROUNDING
     if not extremes.ranges or (lower <= extremes.lowest[joint] and extremes.highest[joint] <= upper):
         return None
-    for each in extremes.ranges:
-        if each.lowest[joint] < lower or each.highest[joint] > upper:
-            return each
+    for value_range in extremes.ranges:
+        if value_range.lowest[joint] < lower or value_range.highest[joint] > upper:
+            return value_range
     return None
 
 
 def _place(
-    points: Sequence[Point] | Points, found: Range, joint: int, lower: float, upper: float, quantity: str
+    points: Sequence[Point] | Points, exceeding: Range, joint: int, lower: float, upper: float, quantity: str
 ) -> tuple[int, float]:
     """Return the first point beyond the limit, and its value."""
-    for at in range(found.begin, found.end):
+    for at in range(exceeding.begin, exceeding.end):
         values = getattr(points[at], quantity)
         if values and not lower - _ROUNDING <= values[joint] <= upper + _ROUNDING:
             return at, values[joint]
-    return found.begin, math.nan
+    return exceeding.begin, math.nan
 
 
 def far_start(
@@ -535,9 +535,9 @@ def far_start(
     for index, name in enumerate(message.joint_names):
         if index >= len(first.positions) or name not in here:
             continue
-        known, begin = limits.get(name, JointLimits()), first.positions[index]
-        way = shortest_angular_distance(here[name], begin) if known.continuous else begin - here[name]
-        if abs(way) > allowed + (known.velocity * time if time > 0.0 else 0.0):
+        bounds, begin = limits.get(name, JointLimits()), first.positions[index]
+        distance = shortest_angular_distance(here[name], begin) if bounds.continuous else begin - here[name]
+        if abs(distance) > allowed + (bounds.velocity * time if time > 0.0 else 0.0):
             return (
                 f"it begins with {name} at {begin:g} in {time:g} s, and it is at {here[name]:g}; "
                 f"plan from where it is, or set allowed_start_tolerance"

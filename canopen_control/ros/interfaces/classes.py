@@ -142,7 +142,7 @@ def action_class(
             if getattr(type(part), _SUPPORT) is None:
                 load_support = getattr(type(part), _IMPORT)
                 load_support()
-        installed = [getattr(type(carriers[each]), _SUPPORT) for each in ("CancelGoalService", "GoalStatusMessage")]
+        installed = [getattr(type(carriers[kind]), _SUPPORT) for kind in ("CancelGoalService", "GoalStatusMessage")]
         setattr(metaclass, _SUPPORT, supports().action(name, *installed))
 
     contents = {

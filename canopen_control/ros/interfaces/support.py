@@ -245,7 +245,7 @@ class Registry:
             nested = {field.type.nested for field in self.get(todo.pop()).fields if field.type.nested}
             todo += nested - names
             names |= nested
-        return [self.get(each) for each in sorted(names)]
+        return [self.get(dependency) for dependency in sorted(names)]
 
     def describe(self, name: str) -> TypeDescription:
         """Return the type description, as type_description_interfaces/msg/TypeDescription has it."""

@@ -231,7 +231,7 @@ class StatusTab:
         except CanopenError as error:
             self._errors.show(sentence(str(error), BAD))
             return
-        self._errors.show("".join(f"<p class='cc-line'>{escape(each)}</p>" for each in errors) or _NO_ERRORS)
+        self._errors.show("".join(f"<p class='cc-line'>{escape(text)}</p>" for text in errors) or _NO_ERRORS)
 
 
 def facts_table(reading: NodeReading) -> str:
@@ -269,7 +269,9 @@ def _movers(content: PageContent, reading: NodeReading) -> str:
     """Return the controllers that command the node's joints as HTML."""
     joints = {axis.joint for axis in reading.axes}
     active = [controller for controller in content.controllers if controller.state == "active"]
-    names = [each.name for each in active if any(claim.rpartition("/")[0] in joints for claim in each.claims)]
+    names = [
+        candidate.name for candidate in active if any(claim.rpartition("/")[0] in joints for claim in candidate.claims)
+    ]
     if not reading.axes:
         return sentence("It is no drive: nothing moves it.")
     if not names:

@@ -125,9 +125,9 @@ class ScopeTab:
         }
         run = self._desk.scope
         first = [f"{self._context.node}:0x{index:04X}:00" for index in _FIRST]
-        chosen = list(run.wish.signals) if run is not None else [each for each in first if each in offered]
+        chosen = list(run.wish.signals) if run is not None else [signal for signal in first if signal in offered]
         with self._client:
-            self._signals.set_options(offered, value=[each for each in chosen if each in offered])
+            self._signals.set_options(offered, value=[signal for signal in chosen if signal in offered])
         self._list_places()
 
     def _list_places(self) -> None:

@@ -24,7 +24,7 @@ def found(*errors, over=False, past=0.0, **state):
     follower = Followed()
     vars(follower).update(state)
     made = ToleranceMonitor(group)
-    made.look(TOLERANCES, follower, over=over, past=past)
+    made.check(TOLERANCES, follower, over=over, time_since_end=past)
     return made
 
 

@@ -71,8 +71,8 @@ def _publish(node: Any) -> Any:  # noqa: ANN401 - rclpy's, without types
     def tick() -> None:
         now = node.get_clock().now().to_msg()
         joints.header.stamp = odometry.header.stamp = now
-        for each in tf.transforms:
-            each.header.stamp = now
+        for stamped in tf.transforms:
+            stamped.header.stamp = now
         for key, message in zip(KINDS, (joints, odometry, tf), strict=True):
             publishers[key].publish(message)
 
