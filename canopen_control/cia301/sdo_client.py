@@ -9,6 +9,7 @@ are in `sdo_exchange`.
 
 from __future__ import annotations
 
+from abc import ABCMeta, abstractmethod
 from collections import deque
 from typing import TYPE_CHECKING, Final
 
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
     from canopen_control.od.model import ObjectDictionary
 
 
-class Awaiting(Phase):
+class Awaiting(Phase, metaclass=ABCMeta):
     """Phase after the initiate: the answer is pending; derived phases check it."""
 
     def receive(self, exchange: SdoTransfer, data: bytes, now: int) -> None:
@@ -55,9 +56,9 @@ class Awaiting(Phase):
         else:
             self.answered(exchange, request, data, now)
 
+    @abstractmethod
     def answered(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
         """Process a frame with the multiplexer of the request."""
-        raise NotImplementedError
 
     def owns_abort(self, exchange: SdoTransfer, mux: bytes) -> bool:
         """Whether an abort belongs to the request: some servers abort unknown commands with multiplexer 0."""

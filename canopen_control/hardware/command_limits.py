@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 import sys
+from abc import ABCMeta, abstractmethod
 from collections.abc import Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
@@ -276,7 +277,7 @@ Commands = Sequence["CommandInterface"]
 States = Sequence["StateInterface"]
 
 
-class Limited:
+class Limited(metaclass=ABCMeta):
     """Group of commands that is limited together; the full check runs only where `passes` is False."""
 
     __slots__ = ()
@@ -285,12 +286,12 @@ class Limited:
         """Whether the commands of this cycle are within every limit by a short check; False requires the full check."""
         return False
 
+    @abstractmethod
     def enforce(self, period: float, clock: float) -> str | None:
         """Clamp the commands; return commands and limits when this begins.
 
         `clock` is how much time has passed in the cycles until the end of this one, in s.
         """
-        raise NotImplementedError
 
 
 class JointCommands(Limited):

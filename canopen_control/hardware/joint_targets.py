@@ -16,6 +16,7 @@ half a turn of the counter away, or does not fit its object, is no target: the a
 from __future__ import annotations
 
 import math
+from abc import ABCMeta, abstractmethod
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
@@ -267,7 +268,7 @@ class JointTargets:
             self.tracking.compare(name, positions=name == POSITION)
 
 
-class ModeTarget:
+class ModeTarget(metaclass=ABCMeta):
     """Target of one mode: common parts of all modes.
 
     `output` carries it, `bits` are the mode's bits of the controlword; `handshakes` says that it has events of its own,
@@ -285,24 +286,25 @@ class ModeTarget:
         self._blocked = 0
         self._slope = 0.0  # of a stop that the master ramps
 
+    @abstractmethod
     def hold(self) -> None:
         """Hold the present position."""
-        raise NotImplementedError
 
+    @abstractmethod
     def follow(self, value: float, now: int, period: float) -> None:
         """Set a target in SI units, nan for none."""
-        raise NotImplementedError
 
     def ramp(self, velocity: float, slope: float) -> None:
         """Set speed and acceleration in device units, for profile modes."""
+        del velocity, slope
 
+    @abstractmethod
     def ramp_down(self, period: float) -> bool:
         """Execute one cycle of a controlled stop; True once the target is at standstill."""
-        raise NotImplementedError
 
+    @abstractmethod
     def value_range(self) -> tuple[float, float]:
         """Return the lowest and the highest value that its object can hold now, in SI units."""
-        raise NotImplementedError
 
     def commands_into_limit(self, value: float) -> bool:  # noqa: ARG002 - the verb of every mode
         """Whether a target in SI units leads beyond the active limit; a position never does, it stays before it."""
@@ -332,9 +334,9 @@ class _ScaledTarget(ModeTarget):
     low = INT16_MIN
     high = INT16_MAX
 
+    @abstractmethod
     def factor(self) -> float:
         """Return device units per SI unit."""
-        raise NotImplementedError
 
     def value_range(self) -> tuple[float, float]:
         """Return the range of the object in SI units; not finite for a very small factor."""
