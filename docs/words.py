@@ -80,6 +80,8 @@ BUS_YML: dict[str, dict[str, str]] = {
         "the manufacturer's modes (Technosoft -1 to -5, Kinco -3) and objects; an RPDO has to carry it",
         "velocity_target": "the same for `velocity_mode`",
         "effort_target": "the same for `effort_mode` (Kinco: `0x60F6:08`)",
+        "motor_subindices": "of a drive whose motors share one set of objects (ZLTECH ZLAC8015D): the subindex of axis "
+        "0, of axis 1; see [drives of makers](../guide/drive_makers.md)",
         "feed_forward": "objects mapped with the target position: `velocity` 0x60B1, `effort` 0x60B2; sent where the "
         "controller of a position in CSP commands it too",
         "torque_mode": "another word for `effort_mode`",

@@ -215,6 +215,8 @@ class JointDrive(JointParts):
         self.group = self.stop_group
         self.group.joints.append(self)
         self.base: BaseJoints[JointDrive] | None = None
+        self.partners: tuple[JointDrive, ...] = ()
+        """The joints of the other motors behind the same controlword: enabled, stopped and reset with it."""
         self.resume = False
         self.stopped_by = ""
         """What it was stopped by since it was last enabled, none of its user's."""

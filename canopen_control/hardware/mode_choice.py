@@ -20,6 +20,7 @@ from canopen_control.cia402.modes import (
     mode_words,
     supported_modes,
 )
+from canopen_control.cia402.motors import motors_of
 from canopen_control.cia402.objects import axis_index
 from canopen_control.errors import DriveError, RobotConfigError
 from canopen_control.hardware.feed_forward import FEED_FORWARD
@@ -173,9 +174,12 @@ def require_mapped(axis: AxisProcessData, mode: int) -> None:
 
 
 def _unmapped(axis: AxisProcessData, interface: str, title: str) -> RobotConfigError:
+    advice = f"map {title} in bus.yml or drop the interface"
+    if motors_of(axis.node.od) is not None:
+        advice = "its targets have a subindex for each of two motors: give it `motor_subindices: [1, 2]` in bus.yml"
     return RobotConfigError(
         f"joint {axis.joint}: no RPDO of {axis.node.name} carries the target of its command interface {interface!r}; "
-        f"map {title} in bus.yml or drop the interface"
+        f"{advice}"
     )
 
 

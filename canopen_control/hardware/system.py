@@ -20,7 +20,7 @@ from canopen_control.hardware.stop_group import StopGroup
 from canopen_control.master.event_log import Event, Level
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
     from canopen_control.hardware.joint_events import JointEvent
@@ -34,6 +34,11 @@ if TYPE_CHECKING:
 # Only joints that were enabled when the stop came, only after a lost node whose `recovery` is
 # `enable`, and only when every joint of the group can go: nodes ready, parameters read, no fault, standing still. A
 # user's word in between (a stop, a disable, a quick stop) ends the matter.
+
+
+def with_partners(joints: Iterable[JointDrive]) -> list[JointDrive]:
+    """Return the joints with those behind the same controlwords."""
+    return list(dict.fromkeys(each for joint in joints for each in (joint, *joint.partners)))
 
 
 def enable_together(joints: Sequence[JointDrive], now: int, report: Callable[[Event], None]) -> None:
@@ -119,6 +124,8 @@ class CanopenSystem(ComponentLifecycle):
         measured = [joint for joint in description.joints if is_measured(joint, nodes)]
         driven = [joint for joint in description.joints if joint not in measured]
         self.joints = [_bind(joint, nodes) for joint in driven]
+        _refuse_doubles(self.joints)
+        _join_motors(self.joints)
         _group(driven, self.joints, {} if groups is None else groups)
         self.groups: list[StopGroup[JointDrive]] = []
         self.regroup()
@@ -165,11 +172,13 @@ class CanopenSystem(ComponentLifecycle):
         for joint in self._moved(stop):
             joint.targets.claim(None)
             if joint not in starting:
-                joint.stop(self._now)
+                for stopped in (joint, *joint.partners):
+                    stopped.stop(self._now)
         for joint, interfaces in starting.items():
             primary = joint.targets.leading_interface(interfaces)
             joint.targets.claim(primary, [interface for interface in interfaces if interface != primary])
-        rising = [joint for joint in starting if joint.claimed != TARGET]
+        rising = with_partners(joint for joint in starting if joint.claimed != TARGET)
+        self._choose_modes(joint for joint in rising if joint not in starting)
         enable_together(rising, self._now, self._report)  # the switch is decided
 
     def read(self, now: int, period: float) -> ReturnType:  # noqa: ARG002 - the verb of every component
@@ -216,13 +225,18 @@ class CanopenSystem(ComponentLifecycle):
                 raise ControlError(
                     f"{joint.node.who} is not operational: {joint.node.error or 'it has not booted yet'}"
                 )
+        self._choose_modes(joints)
+        for joint in joints:
+            joint.require_enable()
+
+    def _choose_modes(self, joints: Iterable[JointDrive]) -> None:
+        """Ask for the mode of the first interface of each joint without one, and again for one that failed."""
         for joint in joints:
             motion = [name for name in joint.commands if name != DIGITAL_OUTPUTS]
             if joint.targets.mode is None and motion:
                 joint.targets.set_mode(joint.targets.mode_for(motion[0]))
             elif joint.targets.mode is not None and joint.machine.mode_request.failed:
                 joint.targets.set_mode(joint.targets.mode)  # a user's word, to try it again
-            joint.require_enable()
 
     def enable(self, joints: Sequence[JointDrive]) -> None:
         """Enable drives for a user: all, or none with the reason."""
@@ -309,9 +323,34 @@ def _group(
     """Assign each joint to its stop group; the default is one group for the robot."""
     for joint, control in zip(joints, parts, strict=True):
         name = control.parameters.get("stop_group", "")
+        if any(name != parts[joints.index(other)].parameters.get("stop_group", "") for other in joint.partners):
+            names = " and ".join((joint.joint, *(other.joint for other in joint.partners)))
+            raise RobotConfigError(
+                f"{names} are motors behind one controlword of {joint.node.who} and stop together; give them one "
+                "stop_group"
+            )
         group = groups.setdefault(name, StopGroup(name))
         group.joints.append(joint)
         joint.stop_group = joint.group = group
+
+
+def _refuse_doubles(joints: Sequence[JointDrive]) -> None:
+    """Raise RobotConfigError for two joints that command one axis: each would undo what the other one sends."""
+    owners: dict[tuple[int, int], JointDrive] = {}
+    for joint in joints:
+        owner = owners.setdefault((joint.node.node_id, joint.axis.number), joint)
+        if owner is not joint and owner.commands and joint.commands:
+            raise RobotConfigError(
+                f"joints {owner.joint} and {joint.joint} are both axis {joint.axis.number} of {joint.node.who}; give "
+                'each its own by <param name="axis">'
+            )
+
+
+def _join_motors(joints: Sequence[JointDrive]) -> None:
+    """Make the joints of motors behind one controlword partners."""
+    for joint in joints:
+        if joint.node.plan.motors is not None:
+            joint.partners = tuple(other for other in joints if other is not joint and other.node is joint.node)
 
 
 def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImage]]) -> JointDrive:

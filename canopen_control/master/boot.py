@@ -99,7 +99,7 @@ def boot(plan: NodePlan, *, reset: bool) -> Generator[Request, Answer, BootResul
     `reset` sends NMT reset communication first, so that a node left over from an earlier run loses its configuration; a
     node that has just sent its boot-up needs none, one to be kept alive only if it is not running.
     """
-    transfers = BootTransfers()
+    transfers = BootTransfers(plan.motors)
     keep = plan.keep_alive and reset
     alive = False
     if reset and not keep:

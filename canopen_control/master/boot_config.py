@@ -331,6 +331,9 @@ def _refused(
             raise boot_error(plan, "J", f"{_name(planned)} cannot be made invalid: {refusal}")
         return
     own = yield from _own(pdo, current, transfers)
+    if plan.motors is not None:
+        mapped_here = (MappedObject(*entry, _UNSIGNED.get(entry[2], DataType.BOOLEAN)) for entry in own.objects)
+        own = replace(own, objects=tuple(entry[:3] for entry in plan.motors.split(mapped_here)))
     if own.cob_id & EXTENDED_BIT or is_restricted(own.cob_id & 0x7FF):
         text = (
             f"{_name(planned)}: {refusal}; its own COB-ID 0x{own.cob_id:X} is none a PDO may have (CiA 301, table 40)"

@@ -390,7 +390,7 @@ _IGNORED_ID = 255  # a node that ros2_canopen's generator leaves out
 
 @dataclass(frozen=True)
 class BusConfig:
-    """One bus: its master, its nodes by name, and the dictionary and plan of each node.
+    """One bus: its master, its nodes by name, and the dictionary (as its axes have it) and plan of each node.
 
     `period_line` is the line of sync_period, 0 without one; `sections` are the nodes in the file by name. `unreadable`
     are the nodes with mistakes in their keys, with their node ids (0: unreadable).
@@ -472,6 +472,7 @@ class _Reader:
         paths = {name: pair[0] for name, pair in read_files.items() if pair is not None}
         dictionaries = {name: pair[1] for name, pair in read_files.items() if pair is not None}
         plans = {name: self._plan(master, *nodes[name], dictionaries[name], paths[name]) for name in paths}
+        dictionaries |= {name: plan.motors.view for name, plan in plans.items() if plan.motors is not None}
         self._check_cob_ids(nodes, plans)
         if not unclear:
             self._check_sync(master, plans)

@@ -281,6 +281,7 @@ class ProcessImage:
         self.outputs: list[SentPdo] = []
         self._inputs: dict[tuple[int, int, int], Input] = {}
         self._outputs: dict[tuple[int, int, int], Output] = {}
+        self._of_axes: dict[tuple[int, int, int], Output] = {}  # in place of an output that several axes share
         self._records: list[bytes] = []
         self._cycle = 0
 
@@ -332,7 +333,18 @@ class ProcessImage:
 
     def output(self, node_id: int, index: int, subindex: int = 0) -> Output | None:
         """Return the output of an object, or None if no RPDO maps it."""
-        return self._outputs.get((node_id, index, subindex))
+        return self._of_axes.get((node_id, index, subindex)) or self._outputs.get((node_id, index, subindex))
+
+    def share(self, node_id: int, address: tuple[int, int], copy: tuple[int, int]) -> None:
+        """Use the input and the output of an object for another address too; no-op if no PDO maps it."""
+        if (present := self._inputs.get((node_id, *address))) is not None:
+            self._inputs[node_id, *copy] = present
+        if (output := self._outputs.get((node_id, *address))) is not None:
+            self._outputs[node_id, *copy] = output
+
+    def put_before(self, node_id: int, index: int, output: Output) -> None:
+        """Return `output` for an object of subindex 0 from now on; what its RPDOs carry stays."""
+        self._of_axes[node_id, index, 0] = output
 
     def collect(self, sync: bytes = b"") -> bytes:
         """Return the records of one cycle: the RPDOs that are due, then the SYNC."""

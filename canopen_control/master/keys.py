@@ -351,6 +351,7 @@ class MotionKeys:
     position_target: int | str | None = None
     velocity_target: int | str | None = None
     effort_target: int | str | None = None
+    motor_subindices: list[int] | None = setting(None, low=1, high=254)  # of each axis, for one object set
     feed_forward: list[Literal["velocity", "effort"]] = field(default_factory=list)
     homing_timeout_seconds: float = setting(10.0, low=0.001, high=3600.0)
     recovery: Literal["boot", "enable"] = "boot"

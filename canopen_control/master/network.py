@@ -19,6 +19,7 @@ from canopen_control.master.boot_config import value_of
 from canopen_control.master.cycle import ProcessImage
 from canopen_control.master.event_log import Event, Level
 from canopen_control.master.remote_node import RemoteNode
+from canopen_control.master.shared_objects import share_objects
 from canopen_control.master.supervision import BusReader, PdoWatch
 from canopen_control.rpc.messages.state import EventDetails
 
@@ -370,6 +371,8 @@ class Network:
                 node.node_id, layout.cob_id, layout.objects, layout.transmission_type, deadline=deadline
             )
             node.sent.append(sent)
+        if node.plan.motors is not None:
+            share_objects(self.image, node.node_id, node.plan.motors)
         return node
 
     def _connect(self, node: RemoteNode) -> None:

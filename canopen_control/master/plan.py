@@ -15,25 +15,25 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.heartbeat import consumer_entry, parse_consumer_entry
 from canopen_control.cia301.pdo import INVALID_BIT
 from canopen_control.cia301.sync import PRODUCER_BIT, SYNC_COB_ID
+from canopen_control.cia402.modes import mode_name
+from canopen_control.cia402.motors import MODES, MotorMap, per_motor, problem_of
 from canopen_control.cia402.objects import (
     AXES,
     CONTROLWORD,
     FEED_CONSTANT,
     GEAR_RATIO,
     POLARITY,
-    POSITION_ACTUAL,
     POSITION_ENCODER_RESOLUTION,
     STATUSWORD,
     TARGET_POSITION,
     TARGET_TORQUE,
     TARGET_VELOCITY,
-    VELOCITY_ACTUAL,
     axis_index,
 )
 from canopen_control.frame import Service, cob_id, is_restricted
@@ -90,7 +90,9 @@ class NodePlan:
     those of a device that is no drive, and of `signals` in bus.yml, by name; `reads` is what the boot reads for them.
     `unsupervised` says why the death of the master would not stop its axes, "" where it does: after all writes.
     `expected` is what the scales of bus.yml count on and nothing writes: polarity, gear and feed, as in the EDS;
-    `turns` are the position counts of one turn by axis (its offset), as bus.yml has them.
+    `turns` are the position counts of one turn by axis (its offset), as bus.yml has them. `motors` is the order of the
+    objects of a device with several motors in one object set: `rpdos`, `tpdos` and `axes` have the addresses of its
+    view, `writes` those of the device.
     """
 
     name: str
@@ -118,6 +120,7 @@ class NodePlan:
     unsupervised: str = ""
     expected: tuple[PlannedWrite, ...] = ()
     turns: dict[int, float] = field(default_factory=dict)
+    motors: MotorMap | None = None
 
     @property
     def supervision_ns(self) -> int:
@@ -160,7 +163,8 @@ def make_plan(plan_input: PlanInput) -> NodePlan:
         plan_input.downloads,
         plan_input.remark,
     )
-    _warn_of_two_motors(builder)
+    motors = _motors(builder)
+    view = od if motors is None else motors.view
     _plan_communication(builder, plan_input.master)
     profile = Profile(node.profile) if node.profile else profile_of(od)
     signals = plan_signals(builder, profile, tuple(_axes(od)))
@@ -175,12 +179,12 @@ def make_plan(plan_input: PlanInput) -> NodePlan:
         plan_input.source,
         _identity(node, od),
         builder.ordered_writes(),
-        tuple(builder.layouts["rpdo"]),
-        tuple(builder.layouts["tpdo"]),
-        tuple(_axes(od)),
+        _of_axes(builder.layouts["rpdo"], motors),
+        _of_axes(builder.layouts["tpdo"], motors),
+        tuple(_axes(view)),
         round(heartbeat_ms * node.supervision.multiplier * _MILLISECOND),
-        {address: entry.name for address, entry in od.entries.items()},
-        {index: info.name for index, info in od.objects.items()},
+        {address: entry.name for each in (od, view) for address, entry in each.entries.items()},
+        {index: info.name for index, info in view.objects.items()},
         guard=guard,
         keep_alive=not node.boot.reset_communication,
         software_version=node.identity.software_version,
@@ -193,7 +197,8 @@ def make_plan(plan_input: PlanInput) -> NodePlan:
         signals=signals,
         reads=tuple(builder.reads),
         expected=tuple(_expected(builder)),
-        turns=_turns(node, od),
+        turns=_turns(node, view),
+        motors=motors,
         unsupervised=_why_unsupervised(builder, plan_input.master, watches=watches),
     )
 
@@ -227,35 +232,52 @@ def _guard(keys: SupervisionKeys) -> tuple[int, int]:
     return keys.guard_time * _MILLISECOND, keys.life_factor
 
 
-_PER_MOTOR = (TARGET_POSITION, TARGET_VELOCITY, TARGET_TORQUE, POSITION_ACTUAL, VELOCITY_ACTUAL)
+def _motors(builder: PlanBuilder) -> MotorMap | None:
+    """Return the order of the objects of a device with several motors in one object set; None for any other."""
+    subindices = builder.node.motion.motor_subindices
+    if subindices is None:
+        _warn_of_two_motors(builder)
+        return None
+    if problem := problem_of(builder.od, subindices):
+        builder.complain("motor_subindices", f"{builder.file}: {problem}")
+        return None
+    for kind in _INTERFACES:
+        mode = getattr(builder.node.motion, f"{kind}_mode")
+        if mode is not None and mode > 0 and mode not in MODES:
+            builder.complain(
+                f"{kind}_mode",
+                f"{mode_name(mode)} starts each motion by bits of the controlword, which is that of all motors of "
+                f"{builder.file} (motor_subindices); give velocity_mode: 3 (PV)",
+            )
+        if builder.node.motion.own_target(kind) is not None:
+            text = "the targets of these motors are found by motor_subindices; remove one of the two keys"
+            builder.complain(f"{kind}_target", text)
+    return MotorMap(builder.od, subindices)
 
 
-def two_motors(od: ObjectDictionary) -> tuple[int, ...]:
-    """Return the objects of axis 0 that have a subindex per motor here, and are variables in CiA 402.
-
-    ZLTECH's ZLAC8015D has two motors behind one controlword and one statusword.
-    """
-    return tuple(index for index in _PER_MOTOR if (index, 1) in od and (index, 2) in od)
+def _of_axes(layouts: Sequence[PlannedPdo], motors: MotorMap | None) -> tuple[PlannedPdo, ...]:
+    """Return the PDOs with their objects as the axes have them."""
+    if motors is None:
+        return tuple(layouts)
+    return tuple(replace(layout, objects=motors.split(layout.objects)) for layout in layouts)
 
 
 def _warn_of_two_motors(builder: PlanBuilder) -> None:
-    """Warn of a drive with its axes in subindices, and state what is supported."""
-    motors = two_motors(builder.od)
+    """Warn of a drive with its axes in subindices, and name the key for it."""
+    motors = per_motor(builder.od)
     if not motors or any((builder.node.motion.own_target(name) or (0,))[0] in motors for name in _INTERFACES):
         return
     names = ", ".join(f"0x{index:04X}" for index in motors)
+    problem = problem_of(builder.od, (1, 2))
+    way = f"; they cannot be moved: {problem}" if problem else "; give `motor_subindices: [1, 2]` to move both"
     target = next((index for index in (TARGET_VELOCITY, TARGET_POSITION, TARGET_TORQUE) if index in motors), None)
-    way = ""
     if target is not None:
         kind = {TARGET_POSITION: "position", TARGET_TORQUE: "effort"}.get(target, "velocity")
-        way = (
-            f"; one of them can be moved, by `{kind}_mode` with `{kind}_target: 0x{target:04X}:01` and an RPDO that "
-            "carries that, without feedback"
-        )
+        way += f", or `{kind}_mode` with `{kind}_target: 0x{target:04X}:01` to move one of them without feedback"
     builder.warn(
         "dcf",
         f"{names} of {builder.file} have a subindex for each of two motors, behind one controlword (as ZLTECH's "
-        f"ZLAC8015D): two joints of one such drive cannot be moved here{way}",
+        f"ZLAC8015D){way}",
     )
 
 

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from canopen_control.cia301.emcy import EmcyMessage
     from canopen_control.cia301.guarding import GuardingEvent
     from canopen_control.cia301.sdo_exchange import SdoRequest
+    from canopen_control.cia402.motors import ObjectPlace
     from canopen_control.errors import CanopenError
     from canopen_control.frame import CanFrame
     from canopen_control.master.boot import BootResult, FinishedStep
@@ -207,7 +208,11 @@ class RemoteNode:
     ) -> None:
         self.config, self.plan, self.od = config, plan, od
         self.name, self.node_id = config.name, config.node_id
-        self.sdo = SdoClient(config.node_id, timeout_ns=config.boot.sdo_timeout_ms * 1_000_000, name=config.name, od=od)
+        motors = plan.motors
+        self._places: Mapping[tuple[int, int], ObjectPlace] = {} if motors is None else motors.places
+        own = od if motors is None else motors.device
+        timeout_ns = config.boot.sdo_timeout_ms * 1_000_000
+        self.sdo = SdoClient(config.node_id, timeout_ns=timeout_ns, name=config.name, od=own)
         self.state = NodeState.WAITING
         self.ready = False
         """Whether its process data are live."""
@@ -270,13 +275,19 @@ class RemoteNode:
         self._settle(now)
 
     def read(self, index: int, subindex: int, done: Callable[[SdoRequest], None]) -> None:
-        """Upload an object; `done` is called with the request at its end, with or without success."""
-        self.sdo.read(index, subindex).context = done
+        """Upload an object of an axis; `done` is called with the request at its end, with or without success."""
+        place = self._places.get((index, subindex))
+        if place is None:
+            self.sdo.read(index, subindex).context = done
+        else:
+            self.sdo.read(place.index, place.subindex).context = _taking(place, done)
         self._wake()
 
     def write(self, index: int, subindex: int, data: bytes, done: Callable[[SdoRequest], None] | None = None) -> None:
-        """Download an object; `done` is called with the request at its end, with or without success."""
-        self.sdo.write(index, subindex, data).context = done
+        """Download an object of an axis; `done` is called with the request at its end, with or without success."""
+        place = self._places.get((index, subindex))
+        address = (index, subindex) if place is None else place.address
+        self.sdo.write(*address, data).context = done
         self._wake()
 
     def lost(self, now: int, text: str, *, kind: str = "bus_lost") -> None:
@@ -496,8 +507,7 @@ class RemoteNode:
         """
         self._farewell_until = now + FAREWELL_NS
         for offset in self.plan.axes:
-            self.sdo.write(CONTROLWORD + offset, 0, _QUICK_STOP)
-        self._wake()
+            self.write(CONTROLWORD + offset, 0, _QUICK_STOP)
 
     def _send_controlwords(self) -> None:
         """Continue the stop during a boot, by RPDOs with a controlword.
@@ -613,3 +623,13 @@ _COMMANDED = {
     NmtCommand.RESET_NODE: NmtState.PRE_OPERATIONAL,
     NmtCommand.RESET_COMMUNICATION: NmtState.PRE_OPERATIONAL,
 }
+
+
+def _taking(place: ObjectPlace, done: Callable[[SdoRequest], None]) -> Callable[[SdoRequest], None]:
+    """Return what calls `done` with the part of an answer that belongs to one motor."""
+
+    def take(request: SdoRequest) -> None:
+        request.data = place.taken(request.data)
+        done(request)
+
+    return take

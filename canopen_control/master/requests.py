@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Generator
 
     from canopen_control.cia301.nmt import NmtCommand, NmtState
+    from canopen_control.cia402.motors import MotorMap
     from canopen_control.master.plan import NodePlan
     from canopen_control.master.plan_builder import PlannedPdo
     from canopen_control.od.model import Value
@@ -105,12 +106,14 @@ Answer = bytes | bool | int | None
 class BootTransfers:
     """SDO requests of one boot, counted, and its results.
 
-    `adopted` are the PDOs used with the node's own configuration, `presets` the initial values of process data.
+    `adopted` are the PDOs used with the node's own configuration, `presets` the initial values of process data. Objects
+    of the axes of a device with several motors in one object set are found by `motors`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, motors: MotorMap | None = None) -> None:
         self.reads = 0
         self.writes = 0
+        self._places = {} if motors is None else motors.places
         self.warnings: list[str] = []
         self.adopted: list[tuple[str, PlannedPdo]] = []
         self.presets: dict[tuple[int, int], Value] = {}
@@ -128,8 +131,10 @@ class BootTransfers:
     def read(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes]:
         """Upload; raises SdoAbort, SdoTimeout, SdoLengthError."""
         self.reads += 1
-        data = yield Read(index, subindex)
-        return data if isinstance(data, bytes) else b""
+        place = self._places.get((index, subindex))
+        data = yield Read(index, subindex) if place is None else Read(place.index, place.subindex)
+        found = data if isinstance(data, bytes) else b""
+        return found if place is None else place.taken(found)
 
     def try_read(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes | None]:
         """Upload an optional object: None if the node refuses.
@@ -161,7 +166,9 @@ class BootTransfers:
         self, index: int, subindex: int, data: bytes, timeout_ns: int | None = None
     ) -> Generator[Request, Answer, None]:
         """Download; SdoAbort, SdoTimeout. Only accepted writes are counted."""
-        yield WriteObject(index, subindex, data, timeout_ns)
+        place = self._places.get((index, subindex))
+        address = (index, subindex) if place is None else place.address
+        yield WriteObject(*address, data, timeout_ns)
         self.writes += 1
 
 

@@ -16,6 +16,7 @@ from canopen_control.cia402.state import POWERED_STATES, State
 from canopen_control.errors import ControlError, DriveError, UnknownName
 from canopen_control.hardware.axis_statechart import Action
 from canopen_control.hardware.mode_choice import listed_modes
+from canopen_control.hardware.system import with_partners
 from canopen_control.master.keys import MotionKeys
 
 if TYPE_CHECKING:
@@ -97,10 +98,15 @@ def axes_of(
 
 
 def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[JointDrive, ...], str]:
-    """Return the joints with those of the same base, and a sentence if there are more."""
-    complete = list(joints)
-    notes = []
-    for joint in joints:
+    """Return the joints with those of the same base and controlword, and a sentence if there are more."""
+    complete = with_partners(joints)
+    notes = [
+        f"{' and '.join(each.joint for each in (joint, *joint.partners))} are motors behind one controlword: "
+        f"{action.value} is for all of them"
+        for joint in joints
+        if any(partner not in joints for partner in joint.partners)
+    ]
+    for joint in list(complete):
         base = joint.base
         if base is None or all(joint in complete for joint in base.joints):
             continue

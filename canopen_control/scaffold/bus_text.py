@@ -190,6 +190,9 @@ def _supervision(robot: NewRobot, node: NewNode) -> list[str]:
 
 def _motion(node: NewNode, drive: DriveChoice) -> list[str]:
     lines = [""]
+    if drive.motors is not None:
+        text = "of axis 0, axis 1: the motors share the controlword, so that they are enabled and stop together"
+        lines.append(remark(f"motor_subindices: {list(drive.motors.subindices)}", text))
     for interface, mode in drive.modes.items():
         lines.append(remark(f"{interface}_mode: {int(mode)}", _MODE_WORDS[mode]))
     if _by_scale(node):
@@ -243,15 +246,18 @@ def _said(axis: AxisChoice) -> str:
 def _writes(robot: NewRobot, node: NewNode, drive: DriveChoice) -> list[str]:
     """Return boot writes other than PDOs: the reaction to a lost master, and missing ramps."""
     lines = []
-    if _takes(node, ABORT_CONNECTION_OPTION, _QUICK_STOP):
+    if _takes(node, ABORT_CONNECTION_OPTION, 0, _QUICK_STOP):
         lines.append(remark("  - {index: 0x6007, sub_index: 0, value: 3}", "when the master is lost: quick stop"))
     for axis in drive.axes:
         unit = 60.0 / math.tau / axis.rpm if axis.rpm else axis.counts / math.tau
         for base, value, words, modes in _RAMPS:
-            index, raw = axis.index(base), round(value * unit)
-            if axis.mode in modes and not _told(node, index) and _takes(node, index, raw):
+            address, raw = (axis.index(base), 0), round(value * unit)
+            address = address if drive.motors is None else drive.motors.address(*address)
+            if axis.mode in modes and not _told(node, *address) and _takes(node, *address, raw):
                 text = f"{words}: {value:g} {'rad/s' if base == PROFILE_VELOCITY else 'rad/s^2'}"
-                lines.append(remark(f"  - {{index: 0x{index:04X}, sub_index: 0, value: {raw}}}", text))
+                line = f"  - {{index: 0x{address[0]:04X}, sub_index: {address[1]}, value: {raw}}}"
+                lines.append(remark(line, text))
+    lines = list(dict.fromkeys(lines))  # an object that axes share is written once
     if len(lines) > 1:
         lines.append("  # the EDS gives no ramp defaults, and some drives do not move without them; if omitted,")
         lines.append("  # the values that the drive has stored apply")
@@ -259,13 +265,13 @@ def _writes(robot: NewRobot, node: NewNode, drive: DriveChoice) -> list[str]:
     return ["sdo:", *lines] if lines else []
 
 
-def _told(node: NewNode, index: int) -> bool:
-    entry = node.device.od.get(index, 0)
+def _told(node: NewNode, index: int, subindex: int) -> bool:
+    entry = node.device.od.get(index, subindex)
     return entry is not None and bool(entry.value)
 
 
-def _takes(node: NewNode, index: int, value: int) -> bool:
-    entry = node.device.od.get(index, 0)
+def _takes(node: NewNode, index: int, subindex: int, value: int) -> bool:
+    entry = node.device.od.get(index, subindex)
     return entry is not None and entry.writable and not outside_limits(entry, value)
 
 

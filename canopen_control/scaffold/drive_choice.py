@@ -10,11 +10,12 @@ defaults (0x608F, 0x6091, 0x6092, 0x60A9), else a guess that is called one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode, mode_name, supported_modes
+from canopen_control.cia402.motors import MODES, MotorMap, motors_of
 from canopen_control.cia402.units import rpm_of_unit, told_counts
 from canopen_control.errors import RobotConfigError
 from canopen_control.scaffold.pdo_choice import PdoRequirement, PdoUse, choose_pdos
@@ -87,11 +88,12 @@ class AxisChoice:
 
 @dataclass(frozen=True, slots=True)
 class DriveChoice:
-    """Control of a drive's axes, and its PDOs."""
+    """Control of a drive's axes, and its PDOs; `motors` of a device with several motors in one object set."""
 
     axes: tuple[AxisChoice, ...]
     rpdos: tuple[PdoUse, ...]
     tpdos: tuple[PdoUse, ...]
+    motors: MotorMap | None = None
 
     @property
     def modes(self) -> dict[str, OperationMode]:
@@ -101,6 +103,7 @@ class DriveChoice:
 
 def axes_of(od: ObjectDictionary) -> tuple[int, ...]:
     """Return the numbers of the axes of a CiA 402 drive, from 0: those with a controlword and a statusword."""
+    od = _view(od)
     return tuple(
         axis
         for axis in range(objects.AXES)
@@ -118,13 +121,31 @@ def choose_drive(od: ObjectDictionary, interfaces: Sequence[Sequence[str]] = ())
 
     `interfaces` are those of the axes in their order, velocity before position for one that has none there.
     """
-    axes = axes_of(od)
+    axes, motors = axes_of(od), motors_of(od)
     tpdos = _feedback_pdos(od, axes)
     chosen, rpdos = _choose_modes(od, axes, [*interfaces, *[(VELOCITY, POSITION)] * len(axes)])
-    carried = {index for use in tpdos for index, _ in use.objects}
-    return DriveChoice(
-        tuple(_axis_choice(od, axis, *how, carried) for axis, how in zip(axes, chosen, strict=True)), rpdos, tpdos
+    sent = [address for use in tpdos for address in use.objects]
+    if motors is not None:
+        sent = [part for address in sent for part in motors.parts(*address) or (address,)]
+    carried, view = {index for index, _ in sent}, _view(od)
+    choices = (_axis_choice(view, axis, *how, carried) for axis, how in zip(axes, chosen, strict=True))
+    return DriveChoice(tuple(choices), rpdos, tpdos, motors)
+
+
+def _view(od: ObjectDictionary) -> ObjectDictionary:
+    """Return the dictionary with the objects of each axis where CiA 402 has them."""
+    motors = motors_of(od)
+    return od if motors is None else motors.view
+
+
+def _pdos_for(od: ObjectDictionary, wish: PdoRequirement) -> tuple[tuple[PdoUse, ...], tuple[Address, ...]]:
+    """Choose the PDOs for objects of the axes, each where the device has it."""
+    if (motors := motors_of(od)) is None:
+        return choose_pdos(od, wish)
+    needed, useful = (
+        tuple(dict.fromkeys(motors.address(*address) for address in each)) for each in (wish.needed, wish.useful)
     )
+    return choose_pdos(od, replace(wish, needed=needed, useful=useful))
 
 
 def _axis_choice(
@@ -149,12 +170,12 @@ def _feedback_pdos(od: ObjectDictionary, axes: Sequence[int]) -> tuple[PdoUse, .
         return tuple((objects.axis_index(index, axis), 0) for axis in axes for index in indices)
 
     useful = each(objects.MODES_OF_OPERATION_DISPLAY, *_FEEDBACK.values(), objects.ERROR_CODE)
-    tpdos, missing = choose_pdos(od, PdoRequirement(False, each(objects.STATUSWORD), useful))
+    tpdos, missing = _pdos_for(od, PdoRequirement(False, each(objects.STATUSWORD), useful))
     if missing:
         raise RobotConfigError(f"no TPDO can carry its statusword ({_named(missing)})")
     for axis in axes:
         for index, why in _MODE_OBJECTS.items():
-            if (objects.axis_index(index, axis), 0) not in od:
+            if (objects.axis_index(index, axis), 0) not in _view(od):
                 raise RobotConfigError(f"no 0x{objects.axis_index(index, axis):04X}, {why}")
     return tpdos
 
@@ -195,9 +216,10 @@ def _choose_mode(
     od: ObjectDictionary, axis: int, interfaces: Sequence[str], chosen: dict[str, OperationMode]
 ) -> tuple[str, OperationMode]:
     """Choose the mode of one axis; `chosen` are those of other axes of the device."""
-    listed = supported_modes(_number(od, objects.axis_index(objects.SUPPORTED_DRIVE_MODES, axis), 0) or 0)
+    listed = supported_modes(_number(_view(od), objects.axis_index(objects.SUPPORTED_DRIVE_MODES, axis), 0) or 0)
+    possible = tuple(OperationMode) if motors_of(od) is None else MODES
     for interface in interfaces:
-        for mode in _CANDIDATES[interface]:
+        for mode in (mode for mode in _CANDIDATES[interface] if mode in possible):
             if (listed and mode not in listed) or chosen.get(interface, mode) is not mode:
                 continue
             if not _rpdos(od, (axis,), [(interface, mode)])[1]:
@@ -221,7 +243,7 @@ def _rpdos(
         needed += [(objects.axis_index(objects.CONTROLWORD, axis), 0), (objects.axis_index(index, axis), subindex)]
     useful = tuple((objects.axis_index(objects.MODES_OF_OPERATION, axis), 0) for axis in axes)
     transmission = 1 if any(mode in _WITH_SYNC for _, mode in chosen) else _ON_ARRIVAL
-    return choose_pdos(od, PdoRequirement(True, tuple(needed), useful, transmission))
+    return _pdos_for(od, PdoRequirement(True, tuple(needed), useful, transmission))
 
 
 def _counts(od: ObjectDictionary, axis: int) -> float | None:

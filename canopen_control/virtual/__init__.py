@@ -7,7 +7,7 @@ From the outside in; a file imports those of its own line and of lines further d
 - their faults: `fault_table`
 - their quirks: `quirks`, `power_quirks`, `motion_quirks`, `communication_quirks`, `quirk_base`
 - what both do to frames and to the node: `fault_frames`, `device_faults`
-- a node: `virtual_node`, of `communication_objects`, `node_pdos`, `program_area`
+- a node: `virtual_node`, of `communication_objects`, `node_pdos`, `program_area`, `device_store`
 - a device that is no drive: `device_function`, `io_device`
 - a drive: `virtual_drive`, of `drive_modes`
 - its modes of operation: `profile_modes`, `cyclic_modes`, `mode_base`

@@ -42,8 +42,9 @@ from canopen_control.virtual.node_events import PdoLeftOff
 from canopen_control.virtual.object_store import refuse
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
+    from canopen_control.cia402.motors import MotorMap
     from canopen_control.frame import CanFrame
     from canopen_control.od.model import Address, Entry, Value
     from canopen_control.virtual.device_model import DeviceModel
@@ -91,6 +92,7 @@ class MappedRpdo:
         self.number = number
         self.codec = PdoCodec(())
         self.entries: tuple[Entry | None, ...] = ()  # None: a gap
+        self.shared: tuple[int, ...] = ()  # whose values the last entries, objects of further axes, take too
         self.consumer = RpdoConsumer(PdoParameters(0, enabled=False), 0)
         self.wrong: set[RpdoEventKind] = set()  # of what came last
         self.set_points: tuple[tuple[int, int], ...] = ()  # axis, and object of axis 0
@@ -164,8 +166,9 @@ class PdoRecords:
     `remaps_valid`: a PDO need not be invalid for another mapping.
     """
 
-    def __init__(self, store: VirtualStore, *, rtr_supported: bool) -> None:
+    def __init__(self, store: VirtualStore, motors: MotorMap | None = None, *, rtr_supported: bool) -> None:
         self._store, self._rtr_supported = store, rtr_supported
+        self._motors, self._od = motors, store.od if motors is None else motors.device
         self.remaps_valid = False
         self._communication = [base + number for base in (RPDO, TPDO) for number in self.numbers(base)]
 
@@ -193,9 +196,9 @@ class PdoRecords:
         )
 
     def _lookup(self, index: int, subindex: int) -> MappingTarget | AbortCode:
-        entry = self._store.od.get(index, subindex)
+        entry = self._od.get(index, subindex)
         if entry is None:
-            subindices = self._store.od.subindices(index)
+            subindices = self._od.subindices(index)
             return AbortCode.NO_SUBINDEX if subindices else AbortCode.NO_OBJECT
         return MappingTarget(entry.data_type.bits or 0, entry.rpdo_mappable, entry.tpdo_mappable)
 
@@ -260,14 +263,26 @@ class PdoRecords:
         objects: list[tuple[MappedObject, Entry | None]] = []
         for sub in range(1, min(64, self._store.number(record)) + 1):
             index, subindex, bits = parse_mapping_entry(self._store.number(record, sub))
-            entry = self._store.od.get(index, subindex)
+            entry = self._od.get(index, subindex)
             if index in DUMMY_TYPES:
                 objects.append((dummy(DUMMY_TYPES[index]), None))
             elif entry is not None:
                 objects.append((MappedObject(index, subindex, bits, entry.data_type), entry))
             else:
                 return []
+        if self._motors is not None:
+            split = self._motors.split(mapped for mapped, _ in objects)
+            return [(mapped, self._store.od.get(mapped.index, mapped.subindex)) for mapped in split]
         return objects
+
+    def shared(self, entries: Sequence[Entry | None]) -> tuple[tuple[int, Entry], ...]:
+        """Return the objects of further axes that entries of an RPDO are too, each with the position of its value."""
+        copies = {} if self._motors is None else self._motors.shared
+        return tuple(
+            (position, self._store.od[copy])
+            for position, entry in enumerate(entries)
+            for copy in (() if entry is None else copies.get(entry.address, ()))
+        )
 
     def codec(self, record: int) -> tuple[PdoCodec, tuple[Entry | None, ...]]:
         """Return the codec of a mapping record, and the mapped entries; None: a gap."""
@@ -354,6 +369,7 @@ class PdoExchange:
         clock: NodeClock,
         model: DeviceModel,
         axes: Mapping[int, AxisPorts],
+        motors: MotorMap | None = None,
         *,
         rebuilt: Callable[[], None],
     ) -> None:
@@ -362,7 +378,7 @@ class PdoExchange:
         self.refused = 0
         self._refusing: set[int] = set()  # RPDOs
         self.input = RpdoInput()
-        self.records = PdoRecords(store, rtr_supported=model.rtr_supported)
+        self.records = PdoRecords(store, motors, rtr_supported=model.rtr_supported)
         self.rpdos = {number: MappedRpdo(number) for number in self.records.numbers(RPDO)}
         self.tpdos = {number: MappedTpdo(number) for number in self.records.numbers(TPDO)}
         self.has_event_pdos = False
@@ -422,7 +438,10 @@ class PdoExchange:
 
     def _make_rpdo(self, number: int) -> None:
         rpdo = self.rpdos[number]
-        rpdo.codec, rpdo.entries = self.records.codec(mapping_of(RPDO + number))
+        rpdo.codec, entries = self.records.codec(mapping_of(RPDO + number))
+        shared = self.records.shared(entries)
+        rpdo.entries = (*entries, *(entry for _, entry in shared))
+        rpdo.shared = tuple(position for position, _ in shared)
         rpdo.consumer.window_ns = self._store.number(0x1007) * 1000
         parameters = self.records.parameters(RPDO + number)
         rpdo.consumer.configure(parameters, rpdo.codec.length)
@@ -566,7 +585,10 @@ class PdoExchange:
             return
         applied: list[tuple[Entry, Value]] = []
         refused = self.refused
-        for entry, value in zip(rpdo.entries, rpdo.codec.unpack(data), strict=True):
+        values = rpdo.codec.unpack(data)
+        if rpdo.shared:
+            values = (*values, *[values[position] for position in rpdo.shared])
+        for entry, value in zip(rpdo.entries, values, strict=True):
             if entry is None:
                 continue
             try:

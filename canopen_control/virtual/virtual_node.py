@@ -29,11 +29,13 @@ from canopen_control.cia301.sdo_codec import ANSWER_BASE, REQUEST_BASE
 from canopen_control.cia301.sdo_server import SdoServer
 from canopen_control.cia301.sync import SyncConsumer, SyncEventKind
 from canopen_control.cia402 import objects as o
+from canopen_control.cia402.motors import motors_of
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, Service, cob_id, is_restricted
 from canopen_control.od.model import DataType, Entry
 from canopen_control.virtual.communication_objects import CommunicationObjects, ErrorControl, Services
 from canopen_control.virtual.device_function import make_function
 from canopen_control.virtual.device_model import GENERIC, DeviceModel
+from canopen_control.virtual.device_store import DeviceStore
 from canopen_control.virtual.injection_point import InjectionPoint
 from canopen_control.virtual.node_events import BitRateActivated, NodeIdChanged
 from canopen_control.virtual.node_outbox import HEARTBEAT_ERROR, NodeClock, NodeOutbox
@@ -247,6 +249,7 @@ class ParameterKeeper(Protocol):
         ...
 
 
+_FAULT_BIT = 1 << 3  # of a statusword
 _SERVO_DRIVE = 0x0002_0192  # device type of a servo drive (CiA 402-2, object 0x1000)
 
 
@@ -279,6 +282,9 @@ class VirtualNode:
         plant: Callable[[int], Plant] | None = None,
     ) -> None:
         od = _with_device_type(od)
+        self.motors = motors = motors_of(od)
+        if motors is not None:
+            od = motors.view
         # Declared, not inferred: the acts of quirks use these in lambdas, and mypyc checks them before this class.
         self.node_id: int = node_id
         self.nmt: NmtSlave = NmtSlave(node_id)
@@ -300,7 +306,7 @@ class VirtualNode:
         self.consumer = HeartbeatConsumer()
         self.guarding = GuardingSlave(node_id)
         self.sync = SyncConsumer()
-        self.sdo = SdoServer(node_id, store)
+        self.sdo = SdoServer(node_id, store if motors is None else DeviceStore(store, motors))
         self.outbox = outbox = NodeOutbox(self.emcy, self.clock)
         self.drives: dict[int, VirtualDrive] = {}
         self.error_control = ErrorControl(store, self.nmt, self.consumer, outbox, model, self.drives)
@@ -309,16 +315,20 @@ class VirtualNode:
             store, services, self.clock, applied=self._reroute, stored=self._stored
         )
         self.communication.identify(node_id if serial is None else serial, model.identity)
-        self.pdos = PdoExchange(store, outbox, self.clock, model, self.drives, rebuilt=self._reroute)
+        self.pdos = PdoExchange(store, outbox, self.clock, model, self.drives, motors, rebuilt=self._reroute)
         self.program = ProgramArea(od, store, self.nmt, self.clock) if od.subindices(CONTROL) else None
         self.lss: NodeLss | None = None
         if od.device.lss_supported:
             self.lss = NodeLss(store, node_id, outbox, assigned=self._power_up_with, stored=self._stored)
         self.routing = self._routes()
-        for axis in range(o.axis_count({entry.index for entry in od})):
-            self._add_drive(axis, None if plant is None else plant(axis))
+        self._add_drives(plant)
         self.function = self.error_control.function = self.pdos.gate = make_function(od, store, outbox, self.clock)
         self._lay_out()
+
+    def _common_statusword(self) -> int:
+        """Return the statusword of a device that has one for all motors: that of the first one in a fault, if any."""
+        words = [drive.statusword() for drive in self.drives.values()]
+        return next((word for word in words if word & _FAULT_BIT), words[0])
 
     def _routes(self) -> FrameRoutes:
         return FrameRoutes(
@@ -354,6 +364,12 @@ class VirtualNode:
         self._first, self._last = tuple(box.waiting for box in first), tuple(box.waiting for box in last)
         self._before_answers, self._process_data = self._first, self.pdos.outgoing
         self._happened = (self.nmt.happened.waiting, self.consumer.happened.waiting, self.guarding.happened.waiting)
+
+    def _add_drives(self, plant: Callable[[int], Plant] | None) -> None:
+        for axis in range(o.axis_count({entry.index for entry in self.od})):
+            self._add_drive(axis, None if plant is None else plant(axis))
+        if self.motors is not None and (o.STATUSWORD, 0) in self.motors.shared:
+            self.store.on_read(o.STATUSWORD, 0, self._common_statusword)
 
     def _add_drive(self, axis: int, plant: Plant | None) -> None:
         self.drives[axis] = VirtualDrive(
@@ -472,6 +488,8 @@ class VirtualNode:
 
     def get(self, index: int, subindex: int = 0) -> Value:
         """Return the present value of an object; KeyError if it does not exist."""
+        if self.motors is not None and len(parts := self.motors.parts(index, subindex)) == 1:
+            return self.store.get(*parts[0])
         return self.store.get(index, subindex)
 
     def _stored(self) -> bool:

@@ -35,10 +35,17 @@ def test_two_motors_of_one_drive_are_named_with_what_can_be_done(tmp_path):
     eds = tmp_path / "zlac.eds"
     eds.write_text(two_motors(data_path("eds", "generic_cia402.eds").read_text()))
     written = write_robot(plan_robot("zl", [Device(1, eds, read_eds(eds, 1).od)]), tmp_path)
-    assert any("two joints of one such drive cannot be moved here" in each for each in written.warnings)
+    assert not written.warnings
+    bus = tmp_path / "zl" / "bus.yml"
+    text = bus.read_text()
+    assert "motor_subindices: [1, 2]" in text
+    assert [f"{{index: 0x60FF, sub_index: {motor}}}" in text for motor in (0, 1, 2)] == [False, True, True]
+    assert [each for each in findings(tmp_path / "zl") if "motor_subindices" in each] == []
+    bus.write_text(re.sub("  motor_subindices: .*\n", "", text))
     found = findings(tmp_path / "zl")
+    assert any("give `motor_subindices: [1, 2]` to move both" in each for each in found)
     assert any("`velocity_target: 0x60FF:01`" in each for each in found)
-    assert not any("map one of them" in each or "map 0x60" in each for each in found)
+    assert [each for each in found if "map one of them" in each or "map 0x60" in each] == []
 
 
 def test_one_of_two_motors_can_be_moved(tmp_path):
@@ -50,7 +57,7 @@ def test_one_of_two_motors_can_be_moved(tmp_path):
             "2: {enabled: false}",
         )
     )
-    assert not any("two joints of one such drive" in each for each in findings(tmp_path))
+    assert not any("motor_subindices" in each for each in findings(tmp_path))
     assert not any("error" in each and "0x60FF" in each for each in findings(tmp_path))
 
 

@@ -1,0 +1,198 @@
+"""Objects of a drive whose motors share one set of objects: where the device has the objects of each axis.
+
+CiA 402-2, 5.1 has the objects of axis a 0x800 * a higher. A drive for two wheels (ZLTECH ZLAC8015D) has them once:
+targets and actual values are in a subindex for each motor, in one more subindex as 16 bits of each, the statusword is
+16 bits of each in an object of 32, and the controlword is that of all motors. `MotorMap` is the one place with this
+order. Master, virtual drive and simulation use the addresses of CiA 402 throughout; SDO and PDO mappings are translated
+where they meet the wire.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia301.pdo import MappedObject
+from canopen_control.cia402 import objects as o
+from canopen_control.cia402.modes import OperationMode
+from canopen_control.od.model import DataType, ObjectCode, ObjectInfo
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from canopen_control.od.model import Address, Entry, ObjectDictionary
+
+
+_MEASURED_AND_COMMANDED: Final = (
+    o.TARGET_POSITION,
+    o.TARGET_VELOCITY,
+    o.TARGET_TORQUE,
+    o.POSITION_ACTUAL,
+    o.VELOCITY_ACTUAL,
+)
+_PACKED: Final = (o.STATUSWORD, o.ERROR_CODE)
+"""Objects of 16 bits in CiA 402 that such a device has once, with 16 bits of each motor."""
+
+_RECORDS: Final = frozenset(
+    (
+        o.VL_MIN_MAX_AMOUNT,
+        o.VL_ACCELERATION,
+        o.VL_DECELERATION,
+        o.VL_QUICK_STOP,
+        o.POSITION_RANGE_LIMIT,
+        o.SOFTWARE_POSITION_LIMIT,
+        o.POSITION_ENCODER_RESOLUTION,
+        o.VELOCITY_ENCODER_RESOLUTION,
+        o.GEAR_RATIO,
+        o.FEED_CONSTANT,
+        o.VELOCITY_FACTOR,
+        o.ACCELERATION_FACTOR,
+        o.HOMING_SPEEDS,
+        o.PROFILE_JERK,
+        o.INTERPOLATION_DATA,
+        o.INTERPOLATION_TIME_PERIOD,
+        o.INTERPOLATION_BUFFER,
+        o.SUPPORTED_HOMING_METHODS,
+        o.ADDITIONAL_POSITION_ACTUAL,
+        o.ADDITIONAL_VELOCITY_ACTUAL,
+        o.VELOCITY_CONTROL_PARAMETERS,
+        o.POSITION_CONTROL_PARAMETERS,
+        o.DIGITAL_OUTPUTS,
+    )
+)
+"""Objects with subindices of their own in CiA 402."""
+
+MODES: Final = (OperationMode.PV, OperationMode.TQ, OperationMode.CSP, OperationMode.CSV, OperationMode.CST)
+"""Modes in which no bit of the controlword starts or ends the motion of one motor."""
+
+_FIRST, _LAST = 0x6000, 0x67FF
+_HALF: Final = 16  # bits of each motor in an object for all
+_PARTS: Final = {True: DataType.INTEGER16, False: DataType.UNSIGNED16}
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectPlace:
+    """Place of an object of an axis in the device: the device's address, and of a part its first bit and its bits."""
+
+    index: int
+    subindex: int
+    shift: int = 0
+    bits: int = 0
+
+    @property
+    def address(self) -> Address:
+        """The device's object."""
+        return self.index, self.subindex
+
+    def taken(self, data: bytes) -> bytes:
+        """Return the bytes of the part in the bytes of the device's object."""
+        return data[self.shift // 8 : (self.shift + self.bits) // 8] if self.bits else data
+
+
+def per_motor(od: ObjectDictionary) -> tuple[int, ...]:
+    """Return the targets and actual values that are variables in CiA 402 and have subindices 1 and 2 in `od`."""
+    return tuple(index for index in _MEASURED_AND_COMMANDED if (index, 1) in od and (index, 2) in od)
+
+
+def motors_of(od: ObjectDictionary) -> MotorMap | None:
+    """Return the map of a device by its dictionary alone, with the subindices 1 and 2; None for any other device."""
+    return MotorMap(od, (1, 2)) if per_motor(od) and not problem_of(od, (1, 2)) else None
+
+
+def problem_of(od: ObjectDictionary, subindices: Sequence[int]) -> str:
+    """Return the reason why a device has no motors in these subindices, without its name; "" if it has."""
+    if len(subindices) < 2 or not all(0 < subindex < 0xFF for subindex in subindices):
+        return f"a subindex for each of two or more motors is needed, such as [1, 2], not {list(subindices)}"
+    if doubled := sorted({subindex for subindex in subindices if list(subindices).count(subindex) > 1}):
+        return f"subindex {doubled[0]} is given twice; each motor has its own"
+    if (o.axis_index(o.CONTROLWORD, 1), 0) in od:
+        return "it has a second controlword (0x6840): its axes are in objects of their own, as CiA 402 has it"
+    several = [index for index in _MEASURED_AND_COMMANDED if any(subindex for subindex in od.subindices(index))]
+    missing = [f"0x{index:04X}:{sub:02X}" for index in several for sub in subindices if (index, sub) not in od]
+    if not several:
+        return "its targets and actual values have no subindices: it has one motor"
+    return f"{', '.join(missing)} is not in it" if missing else ""
+
+
+class MotorMap:
+    """Order of the objects of `device`, whose axis n has its own values in subindex `subindices[n]`.
+
+    `view` is the dictionary as CiA 402 would have it, axis 1 from 0x6800 on; `places` are the addresses of the view
+    that the device has elsewhere. `shared` are the objects that the device has once, with those of the further axes.
+    """
+
+    def __init__(self, device: ObjectDictionary, subindices: Sequence[int]) -> None:
+        self.device, self.subindices = device, tuple(subindices)
+        self.places: dict[Address, ObjectPlace] = {}
+        self.shared: dict[Address, tuple[Address, ...]] = {}
+        self._parts: dict[Address, tuple[Address, ...]] = {}
+        self._axes = range(len(self.subindices))
+        self.view = replace(device, objects=dict(device.objects), entries=dict(device.entries))
+        for index in sorted({entry.index for entry in device if _FIRST <= entry.index <= _LAST}):
+            entry = device.get(index)
+            if index not in _RECORDS and all((index, subindex) in device for subindex in self.subindices):
+                self._divide(index)
+            elif index in _PACKED and entry is not None and entry.data_type.bits == _HALF * len(self.subindices):
+                self._unpack(entry)
+            else:
+                self._share(index)
+
+    def parts(self, index: int, subindex: int) -> tuple[Address, ...]:
+        """Return the addresses of the view in an object of the device, lowest bits first; empty for what is as it is.
+
+        More than one share the bits of the object equally.
+        """
+        return self._parts.get((index, subindex), ())
+
+    def split(self, objects: Iterable[MappedObject]) -> tuple[MappedObject, ...]:
+        """Return the objects of a PDO of the device as objects of the view."""
+        split: list[MappedObject] = []
+        for mapped in objects:
+            parts = self.parts(mapped.index, mapped.subindex)
+            if len(parts) > 1:
+                kind = _PARTS[self.view.entries[parts[0]].data_type.signed]
+                split += [MappedObject(*address, mapped.bits // len(parts), kind) for address in parts]
+            else:
+                split.append(MappedObject(*parts[0], mapped.bits, mapped.data_type) if parts else mapped)
+        return tuple(split)
+
+    def address(self, index: int, subindex: int = 0) -> Address:
+        """Return the device's address of an object of the view."""
+        place = self.places.get((index, subindex))
+        return (index, subindex) if place is None else place.address
+
+    def _divide(self, index: int) -> None:
+        """Give each axis its subindex of an object, and its half of the subindex behind them."""
+        device, view = self.device, self.view
+        for subindex in device.subindices(index):
+            del view.entries[index, subindex]
+        own = [o.axis_index(index, axis) for axis in self._axes]
+        for address, subindex in zip(own, self.subindices, strict=True):
+            self._add(address, 0, device[index, subindex], ObjectPlace(index, subindex))
+            self._parts[index, subindex] = ((address, 0),)
+        both = device.get(index, max(self.subindices) + 1)
+        if both is not None and both.data_type.bits == _HALF * len(own):
+            self._parts[both.address] = tuple((address, 0) for address in own)
+
+    def _unpack(self, entry: Entry) -> None:
+        """Give each axis its bits of an object."""
+        own = [o.axis_index(entry.index, axis) for axis in self._axes]
+        part = replace(entry, data_type=DataType.UNSIGNED16, default=None, low=None, high=None)
+        for axis, address in enumerate(own):
+            self._add(address, 0, part, ObjectPlace(entry.index, 0, axis * _HALF, _HALF))
+        self._parts[entry.address] = tuple((address, 0) for address in own)
+
+    def _share(self, index: int) -> None:
+        """Give each further axis the object of the first one."""
+        for subindex in self.device.subindices(index):
+            copies = [o.axis_index(index, axis) for axis in self._axes[1:]]
+            for copy in copies:
+                self._add(copy, subindex, self.device[index, subindex], ObjectPlace(index, subindex))
+            self.shared[index, subindex] = tuple((copy, subindex) for copy in copies)
+
+    def _add(self, index: int, subindex: int, entry: Entry, place: ObjectPlace) -> None:
+        self.view.entries[index, subindex] = replace(entry, index=index, subindex=subindex)
+        self.places[index, subindex] = place
+        info = self.device.objects.get(place.index)
+        code = ObjectCode.VAR if info is None or place != ObjectPlace(place.index, subindex) else info.code
+        self.view.objects[index] = ObjectInfo(index, entry.name if info is None else info.name, code)
