@@ -1,11 +1,10 @@
 import pytest
 
-from canopen_control.controllers.trajectory.controller import Acceptance
 from canopen_control.controllers.trajectory.goal import ResultCode
 from canopen_control.controllers.trajectory.joint_group import JointGroup
 from canopen_control.controllers.trajectory.params import TrajectoryParams
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
-from canopen_control.controllers.trajectory.validation import PointBuffer
+from canopen_control.controllers.trajectory.validation import Acceptance, PointBuffer
 from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.urdf.joint_element import Joint, UrdfLimits
