@@ -10,8 +10,7 @@ from canopen_control.controllers.controllers_file import ManagerParams
 from canopen_control.controllers.declared import declared_by
 from canopen_control.controllers.diff_drive_params import DiffDriveParams
 from canopen_control.controllers.gpio_command import GpioParams
-from canopen_control.controllers.mecanum_params import MecanumParams
-from canopen_control.controllers.omni_params import OmniParams
+from canopen_control.controllers.holonomic_params import MecanumParams, OmniParams
 from canopen_control.controllers.params import ForwardParams, SingleParams
 
 

@@ -6,7 +6,7 @@ import pytest
 from support.bases import MECANUM, PARAMS
 
 from canopen_control.controllers.base_params import read_checked
-from canopen_control.controllers.mecanum_params import MecanumParams
+from canopen_control.controllers.holonomic_params import MecanumParams
 from canopen_control.controllers.params import Params
 from canopen_control.errors import RobotConfigError
 

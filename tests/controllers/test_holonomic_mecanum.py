@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from support.bases import MECANUM, base, cases, differences
 from support.control import S
 
-from canopen_control.controllers.mecanum import MecanumKinematics
+from canopen_control.controllers.holonomic import MecanumKinematics
 
 WHEELS_OF_KINEMATICS = ("front_left", "front_right", "rear_right", "rear_left")
 

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from canopen_control.controllers.holonomic_base import HOLONOMIC, HolonomicBase
+from canopen_control.controllers.holonomic import HOLONOMIC, HolonomicBase
 from canopen_control.controllers.planar_pose import HolonomicKinematics
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from support.bases import OMNI, base, cases, differences
 from support.control import S
 
-from canopen_control.controllers.omni import OmniKinematics
+from canopen_control.controllers.holonomic import OmniKinematics
 
 NS = 1e9
 
