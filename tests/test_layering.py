@@ -77,7 +77,7 @@ MAY_IMPORT = {
         | {"cia301", "cia402", "data_files", "check", "personality"},
         STDLIB | MARKS | {"distributed", "cloudpickle"},
     ),
-    "service": (
+    "commissioning": (
         # what values mean in words is the trace's to say; host.files keeps what a node held before it was written
         {"od", "cia301", "cia402", "profiles", "client", "host.files", "trace.values", "trace.network_description"}
         | {"trace.bag"},  # a scope's shot is a bag too
@@ -110,12 +110,12 @@ MAY_IMPORT = {
         STDLIB | {"rosbags", "numpy", "cantools"},
     ),
     "monitor": (
-        {"client", "host", "rpc", "bus", "od", "cia301", "cia402", "trace", "service"},
+        {"client", "host", "rpc", "bus", "od", "cia301", "cia402", "trace", "commissioning"},
         STDLIB | {"textual", "rich"},
     ),
-    # what is done at one node is the work of the subpackage service; od and cia301 tell what it holds
+    # what is done at one node is the work of the subpackage commissioning; od and cia301 tell what it holds
     "view": (
-        {"client", "host", "rpc", "urdf", "service", "od", "cia301", "cia402.state"},
+        {"client", "host", "rpc", "urdf", "commissioning", "od", "cia301", "cia402.state"},
         STDLIB | {"nicegui", "fastapi", "starlette", "uvicorn"},
     ),
     "interop": ({"od", "bus", "client"}, STDLIB | {"canopen"}),
@@ -139,7 +139,7 @@ ONLY = {
     "textual": "monitor",
     "rosbags": "trace",
     "cantools": "trace",
-    "matplotlib": "service",
+    "matplotlib": "commissioning",
     "canopen_control_bench": "cli",
     "argcomplete": "cli",
 }

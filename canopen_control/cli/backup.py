@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.open_session import add_session_arguments, open_session, reached, read_all
 from canopen_control.cli.support.output import json_text
+from canopen_control.commissioning.parameter_set import backup_file_text
+from canopen_control.commissioning.restore import unfinished_words
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.files import write_whole
-from canopen_control.service.parameter_set import backup_file_text
-from canopen_control.service.restore import unfinished_words
 
 if TYPE_CHECKING:
     import argparse

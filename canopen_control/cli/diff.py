@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.open_session import add_session_arguments, sides
 from canopen_control.cli.support.output import Table, json_text
+from canopen_control.commissioning.parameter_set import differences
 from canopen_control.rpc.messages.declare import Document
-from canopen_control.service.parameter_set import differences
 
 if TYPE_CHECKING:
     import argparse
 
     from canopen_control.cli.support.open_session import Side
-    from canopen_control.service.parameter_set import ParameterDifference
+    from canopen_control.commissioning.parameter_set import ParameterDifference
 
 
 EXAMPLE = """canopen-control diff left_drive right_drive

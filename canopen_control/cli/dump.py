@@ -15,17 +15,17 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cli.support.object_table import csv_text, live_objects, table_lines, values_of
 from canopen_control.cli.support.open_session import add_session_arguments, open_session
 from canopen_control.cli.support.output import print_result
+from canopen_control.commissioning.object_rows import rows_of, select_objects
 from canopen_control.errors import CanopenError
 from canopen_control.host.files import write_whole
 from canopen_control.od.dcf import dcf_text
-from canopen_control.service.object_rows import rows_of, select_objects
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Sequence
 
-    from canopen_control.service.node_session import NodeSession
-    from canopen_control.service.object_rows import LiveObject
+    from canopen_control.commissioning.node_session import NodeSession
+    from canopen_control.commissioning.object_rows import LiveObject
 
 
 EXAMPLE = """canopen-control dump left_drive "0x60*"

@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING
 from canopen_control.cli.support.arguments import whole, whole_number
 from canopen_control.cli.support.open_session import add_session_arguments, open_session
 from canopen_control.cli.support.output import Progress, json_text, watched
-from canopen_control.errors import CanopenError, ConfigError, DriveError
-from canopen_control.service.program_download import (
+from canopen_control.commissioning.program_download import (
     DownloadProgress,
     ProgramDate,
     ProgramOptions,
@@ -32,10 +31,11 @@ from canopen_control.service.program_download import (
     refuse_no_program,
     refuse_stranger,
 )
-from canopen_control.service.restore import quiet_node
+from canopen_control.commissioning.restore import quiet_node
+from canopen_control.errors import CanopenError, ConfigError, DriveError
 
 if TYPE_CHECKING:
-    from canopen_control.service.node_session import NodeSession
+    from canopen_control.commissioning.node_session import NodeSession
 
 
 EXAMPLE = """canopen-control firmware 3 drive-1.4.bin --can can0

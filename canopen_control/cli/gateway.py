@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from canopen_control.cia301.lss import LssMaster, LssRequest, LssResult
     from canopen_control.cia301.nmt import NmtCommand
-    from canopen_control.service.node_session import NodeSession
+    from canopen_control.commissioning.node_session import NodeSession
 
 
 EXAMPLE = """canopen-control gateway

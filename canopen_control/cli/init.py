@@ -196,7 +196,7 @@ def _from_bus(args: argparse.Namespace) -> list[Device]:
 
 def _take_given(nodes: Iterable[FoundNode], files: Sequence[Path]) -> None:
     """Assign the only file without a product code to the remaining devices of its vendor."""
-    from canopen_control.service.identity import vendor_and_product
+    from canopen_control.commissioning.identity import vendor_and_product
 
     without = [(file, vendor) for file in files for vendor, product in [vendor_and_product(file)] if not product]
     for node in nodes if len(without) == 1 else ():

@@ -31,16 +31,16 @@ from canopen_control.cli.support.open_session import (
 )
 from canopen_control.cli.support.output import json_alone, print_result
 from canopen_control.cli.support.target import parse_node_id, robot_on
+from canopen_control.commissioning.jog_motion import JogKind, JogLimits, JogScale, Quantity, parse_quantity
 from canopen_control.errors import ConfigError
-from canopen_control.service.jog_motion import JogKind, JogLimits, JogScale, Quantity, parse_quantity
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
 
+    from canopen_control.commissioning.driven_axis import JogDrive
     from canopen_control.scaffold.drive_choice import AxisChoice
     from canopen_control.scaffold.new_robot import NewRobot
-    from canopen_control.service.driven_axis import JogDrive
 
 
 EXAMPLE = """canopen-control jog 5 --can can0 --eds my_drive.eds

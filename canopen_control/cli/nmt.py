@@ -28,7 +28,7 @@ from canopen_control.rpc.messages.state import NodeReading
 if TYPE_CHECKING:
     import argparse
 
-    from canopen_control.service.node_session import NodeSession
+    from canopen_control.commissioning.node_session import NodeSession
 
 
 EXAMPLE = """canopen-control nmt preop left_drive

@@ -17,8 +17,8 @@ from canopen_control.cli.support.object_table import live_objects, table_lines, 
 from canopen_control.cli.support.open_session import add_session_arguments, open_session
 from canopen_control.cli.support.output import json_text
 from canopen_control.cli.support.target import find_eds, parse_node_id
+from canopen_control.commissioning.object_rows import LiveObject, rows_of, select_objects
 from canopen_control.od.eds import read_eds
-from canopen_control.service.object_rows import LiveObject, rows_of, select_objects
 
 if TYPE_CHECKING:
     import argparse

@@ -25,6 +25,7 @@ from canopen_control.check.preflight_record import SLOW, config_hash, read_seria
 from canopen_control.cli.run import add_file_arguments, find_files
 from canopen_control.cli.support.arguments import add_new_name, number
 from canopen_control.cli.support.output import json_alone, print_result
+from canopen_control.commissioning.identity import FIELDS, NAME, differences, identity_of, match_eds, read_known
 from canopen_control.errors import CanopenError, ConfigError, SdoAbort, SdoTimeout
 from canopen_control.host.files import write_whole
 from canopen_control.host.sockets import check_name
@@ -34,7 +35,6 @@ from canopen_control.robot import Robot
 from canopen_control.runtime.background import BackgroundRobot
 from canopen_control.runtime.run_session import RunOptions
 from canopen_control.runtime.setup import read_robot
-from canopen_control.service.identity import FIELDS, NAME, differences, identity_of, match_eds, read_known
 from canopen_control.urdf.joint_element import POSITION, VELOCITY
 
 if TYPE_CHECKING:

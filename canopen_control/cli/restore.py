@@ -25,7 +25,7 @@ from canopen_control.cli.support.open_session import (
     open_session,
     restore_into,
 )
-from canopen_control.service.restore import refuse_other_drive
+from canopen_control.commissioning.restore import refuse_other_drive
 
 if TYPE_CHECKING:
     import argparse

@@ -19,15 +19,7 @@ from canopen_control.cli.support.arguments import timeout_seconds
 from canopen_control.cli.support.output import Progress, Table, json_text
 from canopen_control.cli.support.target import LABEL, RobotTarget, find_eds, robot_on
 from canopen_control.client import RobotClient
-from canopen_control.data_files import data_names
-from canopen_control.errors import CanopenError, ConfigError, RemoteError, RobotConfigError, SdoTimeout
-from canopen_control.frame import MAX_NODE_ID
-from canopen_control.master.direct import PARALLEL, DirectBus
-from canopen_control.master.known_drives import known_drive
-from canopen_control.od.eds import SUFFIXES
-from canopen_control.rpc.messages.declare import Document
-from canopen_control.rpc.messages.robot import GetStatus, NodeIdentity, NodePlace
-from canopen_control.service.identity import (
+from canopen_control.commissioning.identity import (
     FIELDS,
     NAME,
     DeviceIdentity,
@@ -36,13 +28,21 @@ from canopen_control.service.identity import (
     match_eds,
     read_known,
 )
+from canopen_control.data_files import data_names
+from canopen_control.errors import CanopenError, ConfigError, RemoteError, RobotConfigError, SdoTimeout
+from canopen_control.frame import MAX_NODE_ID
+from canopen_control.master.direct import PARALLEL, DirectBus
+from canopen_control.master.known_drives import known_drive
+from canopen_control.od.eds import SUFFIXES
+from canopen_control.rpc.messages.declare import Document
+from canopen_control.rpc.messages.robot import GetStatus, NodeIdentity, NodePlace
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterable, Iterator
 
+    from canopen_control.commissioning.node_session import NodeSession
     from canopen_control.personality import Personality
-    from canopen_control.service.node_session import NodeSession
 
 
 EXAMPLE = """canopen-control scan --can can0 --config robby

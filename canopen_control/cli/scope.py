@@ -23,10 +23,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cli.support.arguments import add_duration, number, seconds, whole_number
 from canopen_control.cli.support.open_session import add_session_arguments, open_sessions
 from canopen_control.cli.support.output import Table, json_text
-from canopen_control.errors import ConfigError
-from canopen_control.host.files import write_whole
-from canopen_control.host.signals import on_signals
-from canopen_control.service.scope_capture import (
+from canopen_control.commissioning.scope_capture import (
     Condition,
     ScopeCapture,
     ScopeState,
@@ -38,7 +35,7 @@ from canopen_control.service.scope_capture import (
     refuse_without_pictures,
     write_bag,
 )
-from canopen_control.service.scope_signals import (
+from canopen_control.commissioning.scope_signals import (
     MOST_SIGNALS,
     PolledSource,
     RobotSource,
@@ -48,13 +45,16 @@ from canopen_control.service.scope_signals import (
     signal_of,
     statuswords_of,
 )
+from canopen_control.errors import ConfigError
+from canopen_control.host.files import write_whole
+from canopen_control.host.signals import on_signals
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator, Sequence
 
-    from canopen_control.service.scope_capture import NamedShot, Shot, Trigger
-    from canopen_control.service.scope_signals import ScopeSource, Signal
+    from canopen_control.commissioning.scope_capture import NamedShot, Shot, Trigger
+    from canopen_control.commissioning.scope_signals import ScopeSource, Signal
 
 
 # What becomes of a scope's shots: measures and a curve of characters for people, and files (CSV, PNG, MCAP).

@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING
 from canopen_control.cli.support.arguments import timeout_seconds
 from canopen_control.cli.support.output import Progress, json_text, print_result, watched
 from canopen_control.cli.support.target import add_target_arguments, open_target
+from canopen_control.commissioning.node_session import is_abort
+from canopen_control.commissioning.object_rows import TYPE_NAMES, parse_type, parse_value, show
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.od.address import find_object, parts_of
 from canopen_control.od.codec import decode
 from canopen_control.rpc.messages.declare import Document
-from canopen_control.service.node_session import is_abort
-from canopen_control.service.object_rows import TYPE_NAMES, parse_type, parse_value, show
 from canopen_control.trace.network_description import NodeDescription
 from canopen_control.trace.values import NodeWords, decoded
 
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from contextlib import AbstractContextManager
 
+    from canopen_control.commissioning.node_session import NodeSession
     from canopen_control.od.address import ObjectAddress
     from canopen_control.od.model import DataType
-    from canopen_control.service.node_session import NodeSession
 
 
 EXAMPLE = """canopen-control sdo read left_drive 0x6041

@@ -35,19 +35,26 @@ from canopen_control.cli.support.open_session import (
 from canopen_control.cli.support.output import json_text
 from canopen_control.cli.support.target import parse_node_id, robot_on
 from canopen_control.cli.support.tune_choice import choose_tuned
+from canopen_control.commissioning.jog_motion import JogKind, JogLimits, JogScale, parse_quantity
+from canopen_control.commissioning.scope_capture import refuse_without_pictures
+from canopen_control.commissioning.tune_gains import (
+    GAIN_NAMES,
+    GainPlace,
+    applied,
+    parse_gain,
+    reverted,
+    settable_gains,
+)
+from canopen_control.commissioning.tune_report import CSV, PICTURE, findings, identified, proposed, report
+from canopen_control.commissioning.tune_run import PEAK_S, TuneRequest, TuneRun, TuneTest, torque_index_of
 from canopen_control.errors import ConfigError
 from canopen_control.host.signals import on_signals
-from canopen_control.service.jog_motion import JogKind, JogLimits, JogScale, parse_quantity
-from canopen_control.service.scope_capture import refuse_without_pictures
-from canopen_control.service.tune_gains import GAIN_NAMES, GainPlace, applied, parse_gain, reverted, settable_gains
-from canopen_control.service.tune_report import CSV, PICTURE, findings, identified, proposed, report
-from canopen_control.service.tune_run import PEAK_S, TuneRequest, TuneRun, TuneTest, torque_index_of
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Iterator
 
-    from canopen_control.service.driven_axis import JogDrive
+    from canopen_control.commissioning.driven_axis import JogDrive
 
 
 EXAMPLE = """canopen-control tune 5 --can can0 --eds my_drive.eds --step 30rpm

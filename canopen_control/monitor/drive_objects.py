@@ -14,18 +14,18 @@ import threading
 from collections import deque
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
+from canopen_control.commissioning.live_reader import LiveReader, NodeObjects
+from canopen_control.commissioning.object_rows import EditHistory, LiveObject, rows_of, select_objects
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.environment import clean_environment
 from canopen_control.monitor.monitor_content import Cell, Tone, plain
-from canopen_control.service.live_reader import LiveReader, NodeObjects
-from canopen_control.service.object_rows import EditHistory, LiveObject, rows_of, select_objects
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
+    from canopen_control.commissioning.object_rows import ObjectRow
     from canopen_control.od.model import Address, Entry, ObjectDictionary
     from canopen_control.rpc.messages.robot import NodePlace
-    from canopen_control.service.object_rows import ObjectRow
 
 
 # What may be done with the drive that the monitor looks at: verbs of the command line, each with a line to fill in.

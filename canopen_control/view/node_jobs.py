@@ -14,18 +14,16 @@ from functools import partial
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from canopen_control.client import RobotClient
-from canopen_control.errors import CanopenError, ConfigError, DriveError
-from canopen_control.rpc.messages.robot import MAX_OBJECT
-from canopen_control.service.live_reader import NodeObjects
-from canopen_control.service.object_rows import EditHistory
-from canopen_control.service.parameter_set import (
+from canopen_control.commissioning.live_reader import NodeObjects
+from canopen_control.commissioning.object_rows import EditHistory
+from canopen_control.commissioning.parameter_set import (
     backup_file_text,
     differences,
     parse_backup,
     read_parameters,
     read_same,
 )
-from canopen_control.service.program_download import (
+from canopen_control.commissioning.program_download import (
     DownloadProgress,
     DownloadStep,
     ProgramOptions,
@@ -35,7 +33,7 @@ from canopen_control.service.program_download import (
     is_loader,
     refuse_stranger,
 )
-from canopen_control.service.restore import (
+from canopen_control.commissioning.restore import (
     Reached,
     RestoreOptions,
     guarded_restore,
@@ -43,16 +41,18 @@ from canopen_control.service.restore import (
     refuse_other_drive,
     unfinished_words,
 )
+from canopen_control.errors import CanopenError, ConfigError, DriveError
+from canopen_control.rpc.messages.robot import MAX_OBJECT
 from canopen_control.view.robot_connection import SOURCE, in_thread
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from canopen_control.commissioning.node_session import NodeSession
+    from canopen_control.commissioning.object_rows import Edit
+    from canopen_control.commissioning.parameter_set import ParameterSet
     from canopen_control.od.model import Entry
     from canopen_control.rpc.messages.robot import NodePlace
-    from canopen_control.service.node_session import NodeSession
-    from canopen_control.service.object_rows import Edit
-    from canopen_control.service.parameter_set import ParameterSet
     from canopen_control.view.scope_run import ScopeRun
     from canopen_control.view.tune_job import TuneFound
 
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 # The long work of the Parameters tab at one node: backup, comparison, restore, clone. No toolkit; runs on threads.
 #
 # Each takes a session and the piece of work that pages look at, and returns the sentence at its end. What must not be
-# is refused by the subpackage `service`, in the same words as by the verbs.
+# is refused by the subpackage `commissioning`, in the same words as by the verbs.
 
 
 MOST_PARAMETER_BYTES = 4_000_000  # of a DCF

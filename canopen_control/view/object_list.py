@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.errors import ConfigError
-from canopen_control.od.model import SCALAR_CODES
-from canopen_control.service.object_rows import (
+from canopen_control.commissioning.object_rows import (
     LiveObject,
     axis_word,
     bits_of,
@@ -15,6 +13,8 @@ from canopen_control.service.object_rows import (
     select_objects,
     why_fixed,
 )
+from canopen_control.errors import ConfigError
+from canopen_control.od.model import SCALAR_CODES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

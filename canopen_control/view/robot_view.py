@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Final, cast
 
 from canopen_control.client import RobotClient
 from canopen_control.client.drive_client import DriveClient
+from canopen_control.commissioning.live_reader import LiveReader
 from canopen_control.errors import CanopenError, RemoteError, RobotConfigError
 from canopen_control.host.sockets import drive_name, list_sockets
 from canopen_control.rpc.messages.drive import GetWorld
 from canopen_control.rpc.messages.health import BAD
 from canopen_control.rpc.messages.simulation import GetSimulation
-from canopen_control.service.live_reader import LiveReader
 from canopen_control.urdf.robot_model import RobotModel, read_model
 from canopen_control.view.node_jobs import NodeJobs
 from canopen_control.view.page_content import DriveFaults, FaultClient, PageContent, RecentEvents

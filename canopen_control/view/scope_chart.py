@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from canopen_control.service.frequency_response import Bode
-    from canopen_control.service.scope_capture import NamedShot, Shot
+    from canopen_control.commissioning.frequency_response import Bode
+    from canopen_control.commissioning.scope_capture import NamedShot, Shot
 
 
 MOST_POINTS: Final = 2400

@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.client import RobotClient
-from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.service.object_rows import READS_PER_S
-from canopen_control.service.scope_capture import Condition, ScopeCapture, named_shot, parse_trigger
-from canopen_control.service.scope_signals import (
+from canopen_control.commissioning.object_rows import READS_PER_S
+from canopen_control.commissioning.scope_capture import Condition, ScopeCapture, named_shot, parse_trigger
+from canopen_control.commissioning.scope_signals import (
     MOST_SIGNALS,
     RobotSource,
     Signal,
@@ -25,13 +24,14 @@ from canopen_control.service.scope_signals import (
     signal_of,
     statusword_of,
 )
+from canopen_control.errors import CanopenError, ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.service.live_reader import NodeObjects
-    from canopen_control.service.node_session import NodeSession
-    from canopen_control.service.scope_capture import NamedShot
+    from canopen_control.commissioning.live_reader import NodeObjects
+    from canopen_control.commissioning.node_session import NodeSession
+    from canopen_control.commissioning.scope_capture import NamedShot
 
 
 KEPT: Final = 8  # shots

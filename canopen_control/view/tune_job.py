@@ -12,25 +12,25 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Protocol
 
+from canopen_control.commissioning.driven_axis import drive_of_robot, takes_targets
+from canopen_control.commissioning.jog_motion import JogKind, JogLimits, JogScale, parse_quantity
+from canopen_control.commissioning.scope_capture import NamedShot, Shot
+from canopen_control.commissioning.tune_gains import GainPlace, applied, reverted
+from canopen_control.commissioning.tune_report import bode_of, identified, proposed, report
+from canopen_control.commissioning.tune_run import TuneRequest, TuneRun, TuneTest, torque_index_of
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.rpc.messages.robot import PublishEvent
-from canopen_control.service.driven_axis import drive_of_robot, takes_targets
-from canopen_control.service.jog_motion import JogKind, JogLimits, JogScale, parse_quantity
-from canopen_control.service.scope_capture import NamedShot, Shot
-from canopen_control.service.tune_gains import GainPlace, applied, reverted
-from canopen_control.service.tune_report import bode_of, identified, proposed, report
-from canopen_control.service.tune_run import TuneRequest, TuneRun, TuneTest, torque_index_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from canopen_control.client import RobotClient
+    from canopen_control.commissioning.frequency_response import Bode
+    from canopen_control.commissioning.node_session import NodeSession
+    from canopen_control.commissioning.tune_gains import CascadeGains
+    from canopen_control.commissioning.tune_run import TuneRecord
     from canopen_control.rpc.messages.robot import NodePlace
     from canopen_control.rpc.messages.state import ControllerReading
-    from canopen_control.service.frequency_response import Bode
-    from canopen_control.service.node_session import NodeSession
-    from canopen_control.service.tune_gains import CascadeGains
-    from canopen_control.service.tune_run import TuneRecord
 
 
 GONE_S: Final = 1.0

@@ -7,8 +7,8 @@ import pytest
 from support.onbus import GENERIC, TMCM, OnBus
 
 from canopen_control.cli.main import main
+from canopen_control.commissioning.parameter_set import read_backup
 from canopen_control.master.config import read_bus
-from canopen_control.service.parameter_set import read_backup
 
 
 @pytest.fixture

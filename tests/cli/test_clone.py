@@ -7,12 +7,12 @@ from support.onbus import GENERIC, TMCM, OnBus
 
 from canopen_control.bus.local import ask_hub
 from canopen_control.cli.main import main
+from canopen_control.commissioning.parameter_set import parameters_of
 from canopen_control.data_files import data_path
 from canopen_control.od.dcf import eds_text
 from canopen_control.od.eds import read_eds
 from canopen_control.od.model import DataType, Entry
 from canopen_control.rpc.messages.hub import SetBitrate
-from canopen_control.service.parameter_set import parameters_of
 
 
 @pytest.fixture

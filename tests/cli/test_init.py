@@ -13,10 +13,10 @@ from support.eds import DEVIATIONS
 from canopen_control.cli import init, scan
 from canopen_control.cli.main import main
 from canopen_control.cli.scan import FoundNode, ScanResult
+from canopen_control.commissioning.identity import DeviceIdentity
 from canopen_control.data_files import data_path
 from canopen_control.errors import SdoAbort
 from canopen_control.master import direct
-from canopen_control.service.identity import DeviceIdentity
 
 TMCM = ["--eds", "TMCM-1270.eds"]
 MALFORMED = DEVIATIONS.parent / "malformed"

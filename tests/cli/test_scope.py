@@ -12,15 +12,15 @@ from canopen_control.cli.scope import check_output, cursor_lines, curve, numbere
 from canopen_control.cli.support.jog_robot import choose_jog, own_robot
 from canopen_control.cli.support.target import find_eds
 from canopen_control.cli.support.tune_choice import choose_tuned
+from canopen_control.commissioning.jog_motion import JogKind
+from canopen_control.commissioning.node_session import NodeSession
+from canopen_control.commissioning.scope_capture import Shot
+from canopen_control.commissioning.scope_signals import signal_of
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 from canopen_control.od.eds import read_eds
 from canopen_control.runtime.observer import RobotObserver
 from canopen_control.scaffold.new_robot import Device
-from canopen_control.service.jog_motion import JogKind
-from canopen_control.service.node_session import NodeSession
-from canopen_control.service.scope_capture import Shot
-from canopen_control.service.scope_signals import signal_of
 
 NODE = NodeSession(NodeStub({}), 5, read_eds(data_path("eds", "TMCM-1270.eds"), 5).od)
 SIGNALS = [signal_of("5:0x6064", NODE), signal_of("5:0x606C", NODE)]

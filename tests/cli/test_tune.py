@@ -11,7 +11,7 @@ from support.tuneplant import COULOMB, COUNTS, INERTIA, VISCOUS, loaded
 
 from canopen_control.cia402.state import State
 from canopen_control.cli.main import main
-from canopen_control.service.tune_gains import CascadeGains, PlantModel, phase_margin
+from canopen_control.commissioning.tune_gains import CascadeGains, PlantModel, phase_margin
 
 TURN = 65536
 TRUE_PLANT = PlantModel(INERTIA, VISCOUS, COULOMB, 0.0, 0.0, 1.0)  # of the motor, which `tune` is not told

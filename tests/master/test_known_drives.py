@@ -8,6 +8,7 @@ from support.makers import folder
 
 from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.cli.scan import FoundNode, known_lines
+from canopen_control.commissioning.identity import DeviceIdentity
 from canopen_control.data_files import data_path
 from canopen_control.master.known_drives import known_drive, proposals
 from canopen_control.od.eds import read_eds
@@ -16,7 +17,6 @@ from canopen_control.personality import read_personality
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.scaffold.bus_text import bus_text
 from canopen_control.scaffold.new_robot import Device, plan_robot
-from canopen_control.service.identity import DeviceIdentity
 
 ELMO, DELTA, IPOS = 0x9A, 0x1DD, 0x1A3
 

@@ -10,6 +10,7 @@ from support.host import eventually
 from support.parameter_node import session_with
 
 from canopen_control.cli.support.parsers import parser_of
+from canopen_control.commissioning.object_rows import LiveObject
 from canopen_control.data_files import data_path
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.monitor import drive_objects
@@ -17,7 +18,6 @@ from canopen_control.monitor.drive_objects import OBJECT_COLUMNS, WORKS, DriveOb
 from canopen_control.monitor.monitor_content import Cell, Tone
 from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.robot import NodePlace
-from canopen_control.service.object_rows import LiveObject
 
 LINES = {
     "jog": ("20rpm,3s", "jog left --velocity=20rpm --for=3"),

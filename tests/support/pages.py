@@ -7,9 +7,9 @@ import warnings
 
 from support.samples import controllers_of, sample_of, status_of
 
+from canopen_control.commissioning.node_session import NodeSession
 from canopen_control.rpc.messages.drive import FaultListing
 from canopen_control.rpc.messages.robot import BusPlace, Description, NodeListing, NodePlace
-from canopen_control.service.node_session import NodeSession
 from canopen_control.view.node_jobs import NodeJobs
 from canopen_control.view.page_content import DriveFaults
 from canopen_control.view.robot_connection import read_robot_info

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from canopen_control.cia301.abort import abort_text
 from canopen_control.cia301.sdo_server import SdoServerAbort
+from canopen_control.commissioning.node_session import NodeSession
 from canopen_control.errors import SdoAbort, SdoTimeout
-from canopen_control.service.node_session import NodeSession
 from canopen_control.virtual.device import make_device
 
 BOOTED = 1_000_000_000

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from canopen_control.service.jog_motion import JogEnd, JogKind, JogLimits
-from canopen_control.service.tune_run import TuneMotion, TuneRecord, TuneSample
+from canopen_control.commissioning.jog_motion import JogEnd, JogKind, JogLimits
+from canopen_control.commissioning.tune_run import TuneMotion, TuneRecord, TuneSample
 from canopen_control.virtual.plant import LoadedPlant
 from canopen_control.virtual.trajectory import ramp_to
 

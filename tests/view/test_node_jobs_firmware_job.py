@@ -7,8 +7,8 @@ from support.parameter_node import session_with
 from support.programs import program_od
 
 from canopen_control.cia301.nmt import NmtCommand
+from canopen_control.commissioning.program_download import DownloadStep, ProgramOptions
 from canopen_control.errors import ConfigError, DriveError
-from canopen_control.service.program_download import DownloadStep, ProgramOptions
 from canopen_control.view import node_jobs
 from canopen_control.view.node_jobs import MOST_FIRMWARE_BYTES, NodeJob, check_image, load_program, options_of
 

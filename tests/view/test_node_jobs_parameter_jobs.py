@@ -7,11 +7,11 @@ from support.pages import StubDesk
 from support.parameter_node import session_with
 
 from canopen_control.cia301.nmt import NmtCommand
+from canopen_control.commissioning.parameter_set import parse_backup
+from canopen_control.commissioning.restore import RestoreOptions
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, DriveError, EdsError
 from canopen_control.od.eds import read_eds
-from canopen_control.service.parameter_set import parse_backup
-from canopen_control.service.restore import RestoreOptions
 from canopen_control.view.node_jobs import NodeJob, backup, clone_from, compare, restore, uploaded
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od

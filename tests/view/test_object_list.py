@@ -1,6 +1,6 @@
+from canopen_control.commissioning.object_rows import LiveObject
 from canopen_control.data_files import data_path
 from canopen_control.od.eds import read_eds
-from canopen_control.service.object_rows import LiveObject
 from canopen_control.view.object_list import ObjectList
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od

@@ -3,7 +3,7 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.service.scope_capture import NamedShot, Shot
+from canopen_control.commissioning.scope_capture import NamedShot, Shot
 from canopen_control.view.scope_chart import MOST_POINTS, chart_options, cursor_change, height_of, thinned
 
 ROWS = tuple((100.0 + n / 10, (float(n), None, -float(n))) for n in range(11))

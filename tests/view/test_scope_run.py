@@ -4,11 +4,11 @@ import pytest
 from support.samples import sample_of, status_of
 from support.service_node import NodeStub
 
+from canopen_control.commissioning.node_session import NodeSession
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.robot import GetStatus, MappedValue, NodePlace, ProcessData
-from canopen_control.service.node_session import NodeSession
 from canopen_control.view.node_jobs import NodeJobs
 from canopen_control.view.scope_run import KEPT, ScopeForm, ScopeRun
 

@@ -14,13 +14,13 @@ from canopen_control.cli.support.jog_robot import own_robot
 from canopen_control.cli.support.target import find_eds
 from canopen_control.cli.support.tune_choice import choose_tuned
 from canopen_control.client import RobotClient
+from canopen_control.commissioning.jog_motion import JogKind
+from canopen_control.commissioning.tune_run import TuneTest
 from canopen_control.errors import CanopenError, ConfigError, DriveError
 from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.robot import GetNodes, GetStatus, Stop
 from canopen_control.runtime.observer import RobotObserver
 from canopen_control.scaffold.new_robot import Device
-from canopen_control.service.jog_motion import JogKind
-from canopen_control.service.tune_run import TuneTest
 from canopen_control.view.node_jobs import NodeJob, NodeJobs
 from canopen_control.view.tune_job import (
     PagePresence,

@@ -3,7 +3,7 @@ import math
 
 import pytest
 
-from canopen_control.service.tune_gains import PlantModel, design_velocity_loop
+from canopen_control.commissioning.tune_gains import PlantModel, design_velocity_loop
 from canopen_control.virtual.axis_motion import PERIOD_NS, VelocityLoop
 from canopen_control.virtual.plant import IdealPlant, LoadedPlant, ServoGains
 from canopen_control.virtual.trajectory import cruise, hold, ramp_to

@@ -19,6 +19,10 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.bus.local import ask_hub
 from canopen_control.cli.support.open_session import open_session
 from canopen_control.client.drive_client import DriveClient
+from canopen_control.commissioning.node_session import NodeSession
+from canopen_control.commissioning.parameter_set import parameters_of
+from canopen_control.commissioning.program_download import DownloadProgress, ProgramOptions, download
+from canopen_control.commissioning.restore import quiet_node
 from canopen_control.data_files import data_path
 from canopen_control.errors import CanopenError
 from canopen_control.host.environment import MODULE
@@ -28,10 +32,6 @@ from canopen_control.od.eds import read_eds
 from canopen_control.od.model import DataType, Entry
 from canopen_control.rpc.messages.drive import GetDriveState
 from canopen_control.rpc.messages.hub import SetBitrate
-from canopen_control.service.node_session import NodeSession
-from canopen_control.service.parameter_set import parameters_of
-from canopen_control.service.program_download import DownloadProgress, ProgramOptions, download
-from canopen_control.service.restore import quiet_node
 from canopen_control.virtual.program_area import whole_program
 from canopen_control_bench.figure import AT_LEAST, Figure, limited
 from canopen_control_bench.stage import TIMEOUT_S, stage

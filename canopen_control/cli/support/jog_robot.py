@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.check.preflight_record import limit_speed
 from canopen_control.client import find_robots
+from canopen_control.commissioning.driven_axis import JogDrive
 from canopen_control.controllers.params import Params
 from canopen_control.errors import ConfigError, RobotConfigError
 from canopen_control.runtime.background import BackgroundRobot
@@ -26,7 +27,6 @@ from canopen_control.runtime.run_session import RunOptions
 from canopen_control.runtime.setup import read_robot
 from canopen_control.scaffold.bus_text import bus_text
 from canopen_control.scaffold.new_robot import plan_robot
-from canopen_control.service.driven_axis import JogDrive
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -18,11 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.client import RobotClient
 from canopen_control.client.teleop_keys import KeyDecoder
-from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.host.signals import on_signals
-from canopen_control.rpc.messages.robot import AxisRequest, Subscribe
-from canopen_control.rpc.messages.state import StateSample
-from canopen_control.service.driven_axis import (
+from canopen_control.commissioning.driven_axis import (
     ENABLE_S,
     PERIOD_S,
     AxisCommand,
@@ -32,14 +28,18 @@ from canopen_control.service.driven_axis import (
     ended_words,
     stop_drive,
 )
-from canopen_control.service.jog_motion import HELP, JogEnd, JogKind, JogMotion
+from canopen_control.commissioning.jog_motion import HELP, JogEnd, JogKind, JogMotion
+from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.host.signals import on_signals
+from canopen_control.rpc.messages.robot import AxisRequest, Subscribe
+from canopen_control.rpc.messages.state import StateSample
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import TracebackType
 
-    from canopen_control.service.driven_axis import JogDrive
-    from canopen_control.service.jog_motion import JogLimits, JogScale
+    from canopen_control.commissioning.driven_axis import JogDrive
+    from canopen_control.commissioning.jog_motion import JogLimits, JogScale
 
 
 # A terminal that hands over single keys, and is itself again afterwards, whatever happens.

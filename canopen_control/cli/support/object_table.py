@@ -12,15 +12,15 @@ import time
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.output import Progress, Table
+from canopen_control.commissioning.object_rows import READS_PER_S, LiveObject, ObjectRow, is_scanned
+from canopen_control.commissioning.parameter_set import read_values
 from canopen_control.od.model import SCALAR_CODES
-from canopen_control.service.object_rows import READS_PER_S, LiveObject, ObjectRow, is_scanned
-from canopen_control.service.parameter_set import read_values
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+    from canopen_control.commissioning.node_session import NodeSession
     from canopen_control.od.model import Address, Entry, ObjectDictionary, Value
-    from canopen_control.service.node_session import NodeSession
 
 
 _WIDEST: Final = 60  # of a value in words

@@ -17,26 +17,26 @@ from canopen_control.cli.support.arguments import timeout_seconds
 from canopen_control.cli.support.output import Progress, json_text
 from canopen_control.cli.support.target import RobotTarget, add_target_arguments, find_eds, open_target
 from canopen_control.client import RobotClient
+from canopen_control.commissioning.driven_axis import drive_of_robot, fault_words, why_not_free
+from canopen_control.commissioning.jog_motion import JogScale
+from canopen_control.commissioning.parameter_set import read_backup, read_parameters, read_same
+from canopen_control.commissioning.restore import Reached, RestoreOptions, first_of, guarded_restore, unfinished_words
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.od.eds import SUFFIXES
 from canopen_control.rpc.wire import plain
 from canopen_control.runtime.observer import RobotObserver
-from canopen_control.service.driven_axis import drive_of_robot, fault_words, why_not_free
-from canopen_control.service.jog_motion import JogScale
-from canopen_control.service.parameter_set import read_backup, read_parameters, read_same
-from canopen_control.service.restore import Reached, RestoreOptions, first_of, guarded_restore, unfinished_words
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterable, Iterator
 
+    from canopen_control.commissioning.driven_axis import JogDrive
+    from canopen_control.commissioning.node_session import NodeSession
+    from canopen_control.commissioning.parameter_set import LeftOut, ParameterSet
+    from canopen_control.commissioning.restore import RestoreReport
     from canopen_control.master.event_log import Event
     from canopen_control.scaffold.drive_choice import AxisChoice
     from canopen_control.scaffold.new_robot import Device, NewRobot
-    from canopen_control.service.driven_axis import JogDrive
-    from canopen_control.service.node_session import NodeSession
-    from canopen_control.service.parameter_set import LeftOut, ParameterSet
-    from canopen_control.service.restore import RestoreReport
 
 
 def add_session_arguments(parser: argparse.ArgumentParser, *, node: bool = True) -> None:

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Self
 from canopen_control.bus.channel import parse_channel
 from canopen_control.cia301.nmt import RESETS, NmtUnconfirmed
 from canopen_control.client import RobotClient, find_robots
+from canopen_control.commissioning.node_session import NodeSession, RobotTransfers, Transfers
 from canopen_control.data_files import data_path
 from canopen_control.errors import CanopenError, ConfigError, DriveError, RemoteError
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.master.direct import DirectBus
 from canopen_control.rpc.messages.robot import GetNodes, NodeListing
-from canopen_control.service.node_session import NodeSession, RobotTransfers, Transfers
 
 if TYPE_CHECKING:
     import argparse

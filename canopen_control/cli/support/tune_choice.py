@@ -18,9 +18,9 @@ from canopen_control.cia402.objects import (
 from canopen_control.cli.support.jog_robot import choose_jog
 
 if TYPE_CHECKING:
+    from canopen_control.commissioning.jog_motion import JogKind
     from canopen_control.scaffold.drive_choice import DriveChoice
     from canopen_control.scaffold.new_robot import Device, NewRobot
-    from canopen_control.service.jog_motion import JogKind
 
 
 _CYCLIC: Final = {OperationMode.PV: OperationMode.CSV, OperationMode.TQ: OperationMode.CST}

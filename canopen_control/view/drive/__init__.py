@@ -12,5 +12,5 @@ is a `DriveTabContext`:
 - `context.node` is its name, `context.place` its node id, EDS and joints.
 
 `show(content)` is called a few times a second while the tab is seen, `leave()` when it is not any more: what it reads
-or drives ends there. Tabs contain no logic: what an object means, or whether a file fits, is for `service`.
+or drives ends there. Tabs contain no logic: what an object means, or whether a file fits, is for `commissioning`.
 """

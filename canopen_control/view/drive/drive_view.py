@@ -13,10 +13,10 @@ from urllib.parse import urlencode
 
 from nicegui import background_tasks, ui
 
+from canopen_control.commissioning.driven_axis import error_history
+from canopen_control.commissioning.object_rows import statusword_bits
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.rpc.messages.health import BAD, GOOD, WARN
-from canopen_control.service.driven_axis import error_history
-from canopen_control.service.object_rows import statusword_bits
 from canopen_control.view.drive.drive_tab import DriveTabContext
 from canopen_control.view.drive.parameters_tab import FirmwareTab, ParametersTab
 from canopen_control.view.drive.scope_tab import ScopeTab

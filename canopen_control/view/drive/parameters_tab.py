@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Final
 from nicegui import ui
 
 from canopen_control.cia402.state import POWERED_STATES
+from canopen_control.commissioning.restore import Reached, RestoreOptions
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.rpc.messages.health import BAD, GOOD, IDLE, WARN
 from canopen_control.rpc.messages.robot import NmtRequest
-from canopen_control.service.restore import Reached, RestoreOptions
 from canopen_control.view import node_jobs as jobs
 from canopen_control.view.drive.drive_tab import LOOK_ONLY, WorkBar
 from canopen_control.view.elements.nicegui_elements import FileUpload
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
     from nicegui.events import UploadEventArguments
 
+    from canopen_control.commissioning.node_session import NodeSession
+    from canopen_control.commissioning.parameter_set import ParameterSet
     from canopen_control.rpc.messages.state import NodeReading
-    from canopen_control.service.node_session import NodeSession
-    from canopen_control.service.parameter_set import ParameterSet
     from canopen_control.view.drive.drive_tab import DriveTabContext
     from canopen_control.view.page_content import PageContent
     from canopen_control.view.words import Banner

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 from nicegui import background_tasks, ui
 
+from canopen_control.commissioning.scope_capture import Condition, csv_of, parse_csv, write_bag
+from canopen_control.commissioning.scope_signals import MOST_SIGNALS
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.rpc.messages.health import BAD, GOOD, IDLE
-from canopen_control.service.scope_capture import Condition, csv_of, parse_csv, write_bag
-from canopen_control.service.scope_signals import MOST_SIGNALS
 from canopen_control.view.elements.nicegui_elements import FileUpload
 from canopen_control.view.panels.panel import Html, show_notice
 from canopen_control.view.robot_connection import in_thread
@@ -25,8 +25,8 @@ from canopen_control.view.words import sentence
 if TYPE_CHECKING:
     from nicegui.events import UploadEventArguments
 
+    from canopen_control.commissioning.scope_capture import NamedShot
     from canopen_control.od.model import ObjectDictionary
-    from canopen_control.service.scope_capture import NamedShot
     from canopen_control.view.drive.drive_tab import DriveTabContext
     from canopen_control.view.page_content import PageContent
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 from nicegui import ui
 
 from canopen_control.client import RobotClient
+from canopen_control.commissioning.tune_run import TuneTest
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.health import BAD
-from canopen_control.service.tune_run import TuneTest
 from canopen_control.view import tune_job as jobs
 from canopen_control.view.drive.drive_tab import LOOK_ONLY, WorkBar
 from canopen_control.view.elements.nicegui_elements import PresenceElement
@@ -22,7 +22,7 @@ from canopen_control.view.scope_chart import BODE_HEIGHT, bode_options, chart_op
 from canopen_control.view.words import sentence
 
 if TYPE_CHECKING:
-    from canopen_control.service.node_session import NodeSession
+    from canopen_control.commissioning.node_session import NodeSession
     from canopen_control.view.drive.drive_tab import DriveTabContext
     from canopen_control.view.page_content import PageContent
 

@@ -11,6 +11,7 @@ from canopen_control.cli.main import main
 from canopen_control.cli.support.jog_robot import DEAD_MAN_S, choose_jog, dead_man_words, own_robot
 from canopen_control.cli.support.target import find_eds
 from canopen_control.client import RobotClient
+from canopen_control.commissioning.driven_axis import choose_mode
 from canopen_control.errors import RobotConfigError
 from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.robot import (
@@ -21,7 +22,6 @@ from canopen_control.runtime.observer import RobotObserver
 from canopen_control.scaffold.bus_text import bus_text
 from canopen_control.scaffold.drive_choice import Supervision
 from canopen_control.scaffold.new_robot import Device
-from canopen_control.service.driven_axis import choose_mode
 
 
 def device(eds=GENERIC, without=()):

@@ -6,11 +6,11 @@ from support.service_node import NodeStub
 
 from canopen_control.cli.support import object_table
 from canopen_control.cli.support.object_table import csv_text, live_objects, table_lines, tree_lines, values_of
+from canopen_control.commissioning.node_session import NodeSession
+from canopen_control.commissioning.object_rows import LiveObject, rows_of
 from canopen_control.data_files import data_path
 from canopen_control.errors import SdoTimeout
 from canopen_control.od.eds import read_eds
-from canopen_control.service.node_session import NodeSession
-from canopen_control.service.object_rows import LiveObject, rows_of
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
 HELD = {

@@ -2,12 +2,12 @@ import pytest
 from support.service_node import NodeStub
 
 from canopen_control.cli.support.open_session import as_file, backup_file, like_file, read_like
+from canopen_control.commissioning.identity import DeviceIdentity
+from canopen_control.commissioning.node_session import NodeSession
+from canopen_control.commissioning.parameter_set import ParameterSet
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 from canopen_control.od.eds import read_eds
-from canopen_control.service.identity import DeviceIdentity
-from canopen_control.service.node_session import NodeSession
-from canopen_control.service.parameter_set import ParameterSet
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
 FILE = ParameterSet(OD, 5, DeviceIdentity(), {(0x6081, 0): 3, (0x6083, 0): 4}, "left.dcf")

@@ -7,10 +7,10 @@ from support.parameter_node import session_with
 
 from canopen_control.cli.support.open_session import reached, restore_into
 from canopen_control.cli.support.parsers import parser_of
+from canopen_control.commissioning.parameter_set import read_parameters
+from canopen_control.commissioning.restore import Reached
 from canopen_control.data_files import data_path
 from canopen_control.od.eds import read_eds
-from canopen_control.service.parameter_set import read_parameters
-from canopen_control.service.restore import Reached
 
 TMCM = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
 

@@ -4,10 +4,10 @@ from support.onbus import GENERIC, TMCM
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cli.support.target import find_eds
 from canopen_control.cli.support.tune_choice import choose_tuned
+from canopen_control.commissioning.jog_motion import JogKind
 from canopen_control.od.eds import read_eds
 from canopen_control.scaffold.bus_text import bus_text
 from canopen_control.scaffold.new_robot import Device
-from canopen_control.service.jog_motion import JogKind
 
 
 @pytest.mark.parametrize(

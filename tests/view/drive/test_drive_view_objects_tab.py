@@ -8,10 +8,10 @@ from nicegui import ui
 from support.pages import FakeContext, StubDesk, html, seen, settle, visited
 from support.service_node import NodeStub
 
+from canopen_control.commissioning.object_rows import LiveObject
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 from canopen_control.od.eds import read_eds
-from canopen_control.service.object_rows import LiveObject
 from canopen_control.view.drive.drive_tab import DriveTabContext
 from canopen_control.view.drive.drive_view import ObjectsTab
 from canopen_control.view.elements.nicegui_elements import ObjectTree

@@ -8,10 +8,10 @@ from nicegui import ui
 from support.pages import FakeContext, StubDesk, html, settle, upload, visited
 from support.service_node import NodeStub
 
+from canopen_control.commissioning.scope_capture import NamedShot, Shot, csv_of
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 from canopen_control.od.eds import read_eds
-from canopen_control.service.scope_capture import NamedShot, Shot, csv_of
 from canopen_control.view.drive import scope_tab
 from canopen_control.view.drive.drive_tab import DriveTabContext
 from canopen_control.view.drive.scope_tab import ScopeTab, cursor_table, read_overlay, signals_of

@@ -8,12 +8,12 @@ from msgspec import structs
 from support.pages import FORWARD, TARGET, FakeContext, StubDesk, drive_state, html, settle, state, visited
 from support.service_node import NodeStub
 
+from canopen_control.commissioning.frequency_response import Bode, BodePoint
+from canopen_control.commissioning.scope_capture import NamedShot, Shot
+from canopen_control.commissioning.tune_gains import CascadeGains
+from canopen_control.commissioning.tune_run import TuneTest
 from canopen_control.data_files import data_path
 from canopen_control.od.eds import read_eds
-from canopen_control.service.frequency_response import Bode, BodePoint
-from canopen_control.service.scope_capture import NamedShot, Shot
-from canopen_control.service.tune_gains import CascadeGains
-from canopen_control.service.tune_run import TuneTest
 from canopen_control.view.drive.drive_tab import DriveTabContext
 from canopen_control.view.drive.tune_tab import TuneTab
 from canopen_control.view.tune_job import TuneForm, TuneFound

@@ -1,0 +1,215 @@
+"""Motion of one axis of a running robot from outside its controllers, by a jog or a tuning run.
+
+A drive commanded by a controller is refused, because only one client may move it. The client selects the mode, enables,
+sends commands that end with its connection, and stops and disables at the end, whatever ends it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia301.emcy import error_text, register_text
+from canopen_control.cia402.objects import ERROR_CODE, axis_index
+from canopen_control.cia402.state import State
+from canopen_control.errors import ConfigError, RemoteError
+from canopen_control.od.model import DataType
+from canopen_control.rpc.messages.robot import AxisRequest, CommandController, GetNodes, ListControllers, SdoRead
+
+if TYPE_CHECKING:
+    from canopen_control.client import RobotClient
+    from canopen_control.commissioning.node_session import NodeSession
+    from canopen_control.rpc.messages.state import AxisReading, ControllerReading, StateSample
+
+
+# Why a drive should not be moved now: a fault with what it says of it, or torque that somebody else has given it.
+
+
+_POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
+_FAULTS: Final = (State.FAULT, State.FAULT_REACTION_ACTIVE)
+_REGISTER, _HISTORY = (0x1001, 0), (0x1003, 1)
+_MOST_ERRORS: Final = 32
+
+
+def fault_words(node: NodeSession) -> str:
+    """Return the fault of a drive as text, by 0x603F, 0x1003 and 0x1001; "" without a fault."""
+    axes = [axis for axis, state in node.drive_states().items() if state in _FAULTS]
+    if not axes:
+        return ""
+    words = []
+    code = next(filter(None, (node.number(axis_index(ERROR_CODE, axis), 0, DataType.UNSIGNED16) for axis in axes)), 0)
+    code = code or (node.number(*_HISTORY) or 0) & 0xFFFF
+    if code:
+        words.append(f"0x{code:04X} {error_text(code)}")
+    if register := node.number(*_REGISTER, DataType.UNSIGNED8):
+        words.append(f"error register 0x{register:02X} ({register_text(register)})")
+    return ", ".join(words) or "it does not say which"
+
+
+def error_history(node: NodeSession) -> list[str]:
+    """Read the error history of a node (0x1003), newest first; ConfigError for a node without one."""
+    count = node.number(_HISTORY[0], 0, DataType.UNSIGNED8)
+    if count is None:
+        raise ConfigError(f"{node} keeps no error history (0x1003)")
+    codes = (node.number(_HISTORY[0], subindex) for subindex in range(1, min(count, _MOST_ERRORS) + 1))
+    return [f"0x{code & 0xFFFF:04X} {error_text(code & 0xFFFF)}{_own(code)}" for code in codes if code]
+
+
+def _own(code: int) -> str:
+    """Return the manufacturer-specific part of a history entry."""
+    return f" (0x{code >> 16:04X})" if code >> 16 else ""
+
+
+def why_not_free(node: NodeSession) -> str:
+    """Return a sentence if another client has enabled the drive, "" otherwise."""
+    powered = [state for state in node.drive_states().values() if state in _POWERED]
+    if not powered or powered[0] is None:
+        return ""
+    words = powered[0].name.replace("_", " ")
+    return f"{node} is {words}: another program has enabled it, and two must not move it; end that program first"
+
+
+PERIOD_S: Final = 0.02
+RENEWED_S: Final = 0.1
+CURRENT_S: Final = 0.2
+ENABLE_S: Final = 15.0
+CURRENTS: Final = ((0x6078, 0), (0x6077, 0))
+"""What tells the current in per mille of the rated one: the current, else the torque."""
+_TARGET: Final = "target"
+
+
+@dataclass(frozen=True, slots=True)
+class JogDrive:
+    """Drive by its names in a running robot; `mode` is the mode of operation to request, "" for no change."""
+
+    robot: str
+    node: str
+    joint: str
+    controller: str
+    mode: str = ""
+
+
+def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogDrive:
+    """Return a drive of a robot with a target controller of its own; otherwise ConfigError with advice."""
+    places = client.ask(GetNodes()).nodes
+    place = next((place for place in places if node in (place.name, str(place.node_id))), None)
+    if place is None:
+        names = ", ".join(f"{place.node_id} {place.name}" for place in places) or "none"
+        raise ConfigError(f"robot {client.robot} has no node {node!r}; its nodes: {names}")
+    if not axis < len(place.joints):
+        raise ConfigError(f"node {place.node_id} ({place.name}) of the running robot {client.robot} moves no joint")
+    joint = place.joints[axis]
+    controllers = client.ask(ListControllers())
+    own = next((controller for controller in controllers if takes_targets(controller, joint)), None)
+    if own is not None:
+        return JogDrive(client.robot, place.name, joint, own.name, mode)
+    users = [
+        controller.name
+        for controller in controllers
+        if controller.active and joint in controller.joints and not controller.is_broadcaster
+    ]
+    by = users[0] if users else "no controller"
+    raise ConfigError(
+        f"node {place.node_id} ({place.name}) is {joint} of the running robot {client.robot}, commanded by {by}, and "
+        f"two must not move it; drive it by `canopen-control command` or `teleop`, or end the robot first: "
+        f"canopen-control shutdown --name {client.robot}"
+    )
+
+
+def takes_targets(controller: ControllerReading, joint: str) -> bool:
+    """Return whether an active controller accepts a target for this joint alone."""
+    return controller.active and controller.topic == _TARGET and controller.joints == (joint,)
+
+
+def choose_mode(client: RobotClient, request: AxisRequest) -> None:
+    """Request a mode of operation, again while the drive is not booted yet."""
+    deadline = time.monotonic() + ENABLE_S
+    while True:
+        try:
+            client.ask(request, ENABLE_S)
+        except RemoteError as error:
+            if error.kind != "ControlError" or time.monotonic() > deadline:
+                raise
+            time.sleep(PERIOD_S)
+        else:
+            return
+
+
+class AxisCommand:
+    """Command to `drive` from `source`: `interface` is velocity, position or effort; it ends with the connection."""
+
+    def __init__(self, drive: JogDrive, interface: str, source: str) -> None:
+        self._drive, self._interface, self._source = drive, interface, source
+        self._sent, self._sent_ns = math.nan, 0
+
+    def send(self, client: RobotClient, value: float) -> bool:
+        """Send the command when it changes, and repeat it; return False if the drive is not enabled."""
+        now = time.monotonic_ns()
+        if value == self._sent and (not value or now - self._sent_ns < RENEWED_S * 1e9):
+            return True
+        request = CommandController(
+            controller=self._drive.controller,
+            values=[value],
+            source=self._source,
+            dead_man=True,
+            interface=self._interface,
+        )
+        enabled = True
+        try:
+            client.ask(request, 1.0)
+        except RemoteError as error:
+            if error.kind not in ("NotEnabled", "NotYetEnabled"):
+                raise
+            enabled = False
+        self._sent, self._sent_ns = value, now
+        return enabled
+
+
+class DriveCurrent:
+    """Current of a drive in per mille of the rated one, read by SDO a few times a second; None if it has none."""
+
+    def __init__(self, drive: JogDrive) -> None:
+        self.value: float | None = None
+        self._drive = drive
+        self._currents = [*CURRENTS]
+        self._asked_ns = 0
+
+    def ask(self, client: RobotClient) -> None:
+        """Read the current if the interval has elapsed."""
+        now = time.monotonic_ns()
+        if not self._currents or now - self._asked_ns < CURRENT_S * 1e9:
+            return
+        self._asked_ns = now
+        index, subindex = self._currents[0]
+        try:
+            data = client.ask(SdoRead(node=self._drive.node, index=index, subindex=subindex), 1.0).data
+            self.value = float(int.from_bytes(data[:2], "little", signed=True))
+        except RemoteError as error:
+            if error.kind == "BusClosed":
+                raise
+            del self._currents[0]
+
+
+def axis_reading(sample: StateSample | None, drive: JogDrive) -> AxisReading | None:
+    """Return the axis of a sample; None if it lacks the axis."""
+    node = None if sample is None else sample.nodes.get(drive.node)
+    axes = () if node is None else node.axes
+    return next((axis for axis in axes if axis.joint == drive.joint), None)
+
+
+def stop_drive(client: RobotClient, drive: JogDrive, source: str) -> None:
+    """Ramp to zero and disable, on behalf of `source`; errors of a robot that has ended are ignored."""
+    with contextlib.suppress(RemoteError):
+        client.ask(AxisRequest(action="disable", node=drive.node, joint=drive.joint, source=source), ENABLE_S)
+
+
+def ended_words(sample: StateSample | None, drive: JogDrive) -> str:
+    """Return the state of a drive that is no longer enabled as text."""
+    axis = axis_reading(sample, drive)
+    if axis is None:
+        return "the drive shows no state any more"
+    error = f": {axis.error}" if axis.error else ""
+    return f"the drive is {(axis.state or 'nowhere').replace('_', ' ')}{error}; nothing is reset by itself"

@@ -1,0 +1,172 @@
+"""Reader of the objects shown on screens, of all nodes in turn, at a rate that does not delay a robot.
+
+One thread serves all screens of a process: an object on two screens is read once, and the rate is that of one verb. The
+object read longest ago is next. The thread ends when no screen needs it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.client import RobotClient
+from canopen_control.commissioning.node_session import dictionary_of, session_with
+from canopen_control.commissioning.object_rows import READS_PER_S, LiveObject, is_scanned
+from canopen_control.commissioning.parameter_set import read_values
+from canopen_control.errors import CanopenError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterator
+
+    from canopen_control.commissioning.node_session import NodeSession
+    from canopen_control.od.model import Address, Entry, ObjectDictionary
+    from canopen_control.rpc.messages.robot import NodePlace
+
+
+# The objects of one node of a running robot, for all screens of a process: its EDS, sessions, what was read last.
+
+
+_TIMEOUT_S: Final = 2.0  # for the connection
+
+
+class NodeObjects:
+    """Node at `place` of the running robot `robot`; `source` is the name used for writes, `connect` is for tests.
+
+    `live` contains the last values of its objects, each with a number that grows with every change; `lost` is the
+    reason why they cannot be read.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        place: NodePlace,
+        source: str,
+        connect: Callable[[str, float], RobotClient] = RobotClient.connect,
+    ) -> None:
+        self.robot, self.place = robot, place
+        self.live: dict[Address, tuple[int, LiveObject]] = {}
+        self.lost = ""
+        self._source, self._connect = source, connect
+        self._od: ObjectDictionary | None = None
+        self._has_read, self._reading = False, threading.Lock()
+        self._news = 0
+
+    def dictionary(self) -> ObjectDictionary | None:
+        """Return the EDS of the node, read once; EdsError if it cannot be read. Blocks."""
+        with self._reading:
+            if not self._has_read:
+                self._od, self._has_read = dictionary_of(self.place), True
+            return self._od
+
+    @contextlib.contextmanager
+    def session(self) -> Iterator[NodeSession]:
+        """Open a session with the node on a connection of its own. Blocks: use it on a thread."""
+        od = self.dictionary()
+        with (
+            self._connect(self.robot, _TIMEOUT_S) as client,
+            session_with(client, self.place, od, source=self._source) as session,
+        ):
+            yield session
+
+    def keep(self, live: LiveObject) -> None:
+        """Store the value of an object, with a sequence number of its changes."""
+        before = self.live.get(live.entry.address)
+        if before is None or before[1] != live:
+            self._news += 1
+            self.live[live.entry.address] = self._news, live
+
+
+_LATER_S: Final = 10.0  # an object that the node refuses is asked again
+_LOST_S: Final = 2.0  # a node that does not answer, or a robot that is gone
+_IDLE_S: Final = 0.2  # while nothing is due
+
+
+class LiveReader:
+    """Reader while a screen needs objects; `clock` and `sleep` in s."""
+
+    def __init__(
+        self, clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
+    ) -> None:
+        self._clock, self._sleep = clock, sleep
+        self._lock = threading.Lock()
+        self._wanted: dict[str, tuple[NodeObjects, tuple[Entry, ...]]] = {}
+        self._thread: threading.Thread | None = None
+        self._due: dict[tuple[str, Address], float] = {}
+
+    def watch(self, screen: str, node: NodeObjects, entries: Collection[Entry]) -> None:
+        """Set the objects of a node that a screen shows; none: the screen shows nothing."""
+        with self._lock:
+            scanned = tuple(entry for entry in entries if is_scanned(entry))
+            if scanned:
+                self._wanted[screen] = node, scanned
+            else:
+                self._wanted.pop(screen, None)
+            if self._wanted and self._thread is None:
+                self._thread = threading.Thread(target=self.run, name="live objects", daemon=True)
+                self._thread.start()
+
+    def soon(self, node: NodeObjects, entry: Entry) -> None:
+        """Read an object next, because it was written."""
+        self._due.pop((node.place.name, entry.address), None)
+
+    def run(self) -> None:
+        """Read until no screen needs objects; the body of the thread."""
+        try:
+            self._read_all()
+        except BaseException:  # who looks next begins anew
+            with self._lock:
+                self._thread = None
+            raise
+
+    def _read_all(self) -> None:
+        gap, due = 1.0 / READS_PER_S, self._clock()
+        with contextlib.ExitStack() as sessions:
+            opened: dict[str, NodeSession] = {}
+            while (request := self._next()) is not None:
+                node, entry = request
+                if entry is None:
+                    self._sleep(_IDLE_S)
+                    continue
+                if (wait := due - self._clock()) > 0:
+                    self._sleep(wait)
+                due = self._clock() + gap
+                self._read(node, entry, opened, sessions)
+
+    def _next(self) -> tuple[NodeObjects, Entry | None] | None:
+        """Return the next entry to read, None for the entry while none is due; None at the end."""
+        with self._lock:
+            if not self._wanted:
+                self._thread = None
+                return None
+            choices = [(node, entry) for node, entries in self._wanted.values() for entry in entries]
+        node, entry = min(choices, key=lambda choice: self._due.get((choice[0].place.name, choice[1].address), 0.0))
+        is_due = self._due.get((node.place.name, entry.address), 0.0) <= self._clock()
+        return node, entry if is_due else None
+
+    def _read(
+        self, node: NodeObjects, entry: Entry, opened: dict[str, NodeSession], sessions: contextlib.ExitStack
+    ) -> None:
+        name = node.place.name
+        try:
+            if name not in opened:
+                opened[name] = sessions.enter_context(node.session())
+            values, refused = read_values(opened[name], [entry])
+        except CanopenError as error:
+            opened.pop(name, None)
+            node.lost = str(error)
+            again = self._clock() + _LOST_S
+            with self._lock:
+                watched = [
+                    watched_entry
+                    for other_node, entries in self._wanted.values()
+                    if other_node is node
+                    for watched_entry in entries
+                ]
+            self._due |= {(name, entry.address): again for entry in watched}
+            return
+        why = refused[0].why if refused else ""
+        node.lost = ""
+        node.keep(LiveObject(entry, values.get(entry.address), why))
+        self._due[name, entry.address] = self._clock() + (_LATER_S if why else 0.0)

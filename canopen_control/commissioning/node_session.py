@@ -1,0 +1,298 @@
+"""Service session with one node: typed objects, identity, NMT state and CiA 402 states, over any SDO transport.
+
+Sans-IO except for `Transfers`, which a bare bus and a running robot implement (`cli/support/target.py`), and a
+dictionary in tests. Values have the types of the EDS (CiA 306), states are those of CiA 402. A session writes only on
+request.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+from canopen_control.cia301.nmt import NmtState
+from canopen_control.cia402.objects import CONTROLWORD, STATUSWORD, axis_count, axis_index
+from canopen_control.cia402.state import POWERED_STATES, State, decode_statusword
+from canopen_control.client import RobotClient
+from canopen_control.commissioning.identity import FIELDS, TEXTS, DeviceIdentity, eds_number
+from canopen_control.errors import CanopenError, ConfigError, ControlError, RemoteError, SdoAbort, SdoLengthError
+from canopen_control.od.codec import decode, encode, fitted
+from canopen_control.od.eds import read_eds
+from canopen_control.od.model import DataType
+from canopen_control.rpc.messages.robot import MAX_OBJECT, GetSdoProgress, GetStatus, SdoRead, SdoWrite
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from canopen_control.cia301.nmt import NmtCommand
+    from canopen_control.od.model import Entry, ObjectDictionary, Value
+    from canopen_control.rpc.messages.robot import NodePlace
+    from canopen_control.rpc.messages.state import NodeReading
+
+
+_DECIDING: Final = ("vendor_id", "product_code")  # they say which device it is, the revision which of its firmware
+
+
+class Transfers(Protocol):
+    """SDO transport to one node."""
+
+    def read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
+        """Upload an object; raises RemoteError or RemoteProtocolError."""
+
+    def write(self, index: int, subindex: int, data: bytes) -> None:
+        """Download an object; RemoteError or RemoteProtocolError."""
+
+    def be_patient(self, seconds: float | None) -> None:
+        """Set the time for each answer from now on, in s; None: the default."""
+
+    def command(self, command: NmtCommand) -> None:
+        """Send an NMT command, on a bare bus only; DriveError if the node does not enter the state."""
+
+    def nmt_state(self) -> NmtState | None:
+        """Return the last state of the node; None if unknown."""
+
+    def taken_out(self) -> bool:
+        """Return whether no running robot uses the node; True on a bare bus."""
+
+    def progress(self) -> tuple[int, int | None]:
+        """Return the number of bytes transferred and the size; may be called from another thread."""
+
+    def close(self) -> None:
+        """Close what the transfers have opened for themselves."""
+
+
+class NodeSession:
+    """One node: `name` in bus.yml or "", `od` its EDS or None, `robot` the SDO transport, "" on a bare bus.
+
+    Without `od` it is the file `eds` of the node, read on first use (EdsError).
+
+    Every call may raise the errors of the node or the robot: RemoteProtocolError (SdoAbort, SdoTimeout) or RemoteError.
+    """
+
+    def __init__(
+        self,
+        transfers: Transfers,
+        node_id: int,
+        od: ObjectDictionary | None = None,
+        *,
+        name: str = "",
+        robot: str = "",
+        eds: Path | None = None,
+    ) -> None:
+        self.transfers, self.node_id = transfers, node_id
+        self.name, self.robot, self._eds = name, robot, eds
+        if od is not None:
+            self.od = od
+
+    def __str__(self) -> str:
+        return f"node {self.node_id} ({self.name})" if self.name else f"node {self.node_id}"
+
+    @functools.cached_property
+    def od(self) -> ObjectDictionary | None:
+        """EDS of the node; None without one."""
+        return None if self._eds is None else read_eds(self._eds, self.node_id).od
+
+    @property
+    def dictionary(self) -> ObjectDictionary:
+        """EDS of the node; ConfigError without one."""
+        if self.od is None:
+            raise ConfigError(f"{self}: no file describes its objects; give its EDS with --eds FILE")
+        return self.od
+
+    # -- objects
+
+    def read(self, index: int, subindex: int = 0, *, block: bool = False) -> bytes:
+        """Upload an object as it is."""
+        return self.transfers.read(index, subindex, block=block)
+
+    def write(self, index: int, subindex: int, data: bytes) -> None:
+        """Download the bytes of an object."""
+        self.transfers.write(index, subindex, data)
+
+    def read_value(self, entry: Entry) -> Value:
+        """Upload an object by the type of its entry; SdoLengthError for an answer with another length."""
+        return self.decoded(entry, self.read(entry.index, entry.subindex))
+
+    def decoded(self, entry: Entry, data: bytes) -> Value:
+        """Return uploaded bytes by the type of the entry; SdoLengthError for another length."""
+        padded = fitted(data, entry.data_type)
+        if padded is None:
+            expected = f"{entry.data_type.name} has {((entry.data_type.bits or 0) + 7) // 8}"
+            raise SdoLengthError(self.node_id, entry.index, entry.subindex, data, expected, entry.name, self.name)
+        return decode(padded, entry.data_type)
+
+    def write_value(self, entry: Entry, value: Value) -> None:
+        """Download a value by the type of its entry; ConfigError if it does not fit."""
+        try:
+            data = encode(value, entry.data_type)
+        except ValueError as error:
+            raise ConfigError(f"{self}: 0x{entry.index:04X}:{entry.subindex:02X} {entry.name}: {error}") from None
+        self.write(entry.index, entry.subindex, data)
+
+    def number(self, index: int, subindex: int, data_type: DataType = DataType.UNSIGNED32) -> int | None:
+        """Upload an integer; None if the node aborts, or answers with another length."""
+        try:
+            data = fitted(self.read(index, subindex), data_type)
+        except (SdoAbort, RemoteError) as error:
+            if not is_abort(error):
+                raise
+            return None
+        return None if data is None else int.from_bytes(data, "little", signed=data_type.signed)
+
+    # -- identity
+
+    def identity(self) -> DeviceIdentity:
+        """Read the device type, the identity (0x1018) and the names that the EDS has."""
+        fields: dict[str, Any] = {field: self.number(*address) for field, (address, _) in FIELDS.items()}
+        fields |= {field: self._text(*address) for field, address in TEXTS.items()}
+        return DeviceIdentity(**fields)
+
+    def _text(self, index: int, subindex: int) -> str:
+        entry = None if self.od is None else self.od.get(index, subindex)
+        if entry is None or entry.data_type is not DataType.VISIBLE_STRING:
+            return ""
+        try:
+            value = self.read_value(entry)
+        except CanopenError as error:
+            if not (isinstance(error, SdoLengthError) or is_abort(error)):
+                raise
+            return ""
+        return " ".join(str(value).split())
+
+    def identity_differences(self) -> list[str]:
+        """Return the differences that prove another device than in the EDS; a revision alone does not."""
+        texts = []
+        for (index, subindex), label in (FIELDS[field] for field in _DECIDING):
+            expected, actual = eds_number(self.dictionary, subindex), self.number(index, subindex)
+            if expected and actual != expected:
+                shown = "none" if actual is None else f"0x{actual:08X}"
+                texts.append(f"{label} 0x{expected:08X} in the EDS, {shown} found")
+        return texts
+
+    # -- what it does
+
+    def nmt_state(self) -> NmtState | None:
+        """Return the NMT state; None if unknown."""
+        return self.transfers.nmt_state()
+
+    def axes(self) -> range:
+        """Return the numbers of the axes of a CiA 402 drive; without an EDS the first is assumed."""
+        if self.od is None:
+            return range(1)
+        return range(axis_count({index for index, _ in self.od.entries}))
+
+    def drive_states(self) -> dict[int, State | None]:
+        """Read the states by axis (0x6041): empty for other devices, None for an undefined statusword."""
+        words = {
+            axis: self.number(axis_index(STATUSWORD, axis), 0, DataType.UNSIGNED16)
+            for axis in self.axes()
+            if self.od is None or (axis_index(CONTROLWORD, axis), 0) in self.od
+        }
+        return {axis: decode_statusword(word) for axis, word in words.items() if word is not None}
+
+    def powered_axes(self) -> list[int]:
+        """Return the axes whose motor has, or may have, torque, including those with an undefined state."""
+        return [axis for axis, state in self.drive_states().items() if state is None or state in POWERED_STATES]
+
+
+def is_abort(error: CanopenError) -> bool:
+    """Return whether a node refused one object, directly or through a robot."""
+    return isinstance(error, SdoAbort) or (isinstance(error, RemoteError) and error.kind == SdoAbort.__name__)
+
+
+# The SDO transfers of one node of a running robot: each is asked of the robot, the one client of its SDO server.
+
+
+TIMEOUT_S: Final = 15.0  # with a robot that has other requests for the node waiting
+_BYTES_PER_S: Final = 1_000  # of the slowest transfer worth waiting for
+_WATCH_S: Final = 2.0
+
+
+class RobotTransfers(Transfers):
+    """SDO transport to the node `node_id` through `robot`; `timeout` in s for each answer, None: that of bus.yml.
+
+    `source` is the name in the robot's events about writes, None: that of this program.
+    """
+
+    def __init__(
+        self, robot: RobotClient, node_id: int, timeout: float | None = None, source: str | None = None
+    ) -> None:
+        self._robot, self._node_id, self._source = robot, node_id, source
+        self._timeout = self._given = timeout
+        self._watching: RobotClient | None = None
+
+    def read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
+        """Upload an object."""
+        request = SdoRead(node=str(self._node_id), index=index, subindex=subindex, block=block, timeout=self._timeout)
+        timeout = TIMEOUT_S + (MAX_OBJECT / _BYTES_PER_S if block else 0) + (self._timeout or 0)
+        return self._robot.ask(request, timeout).data
+
+    def write(self, index: int, subindex: int, data: bytes) -> None:
+        """Download an object; ConfigError if it is longer than a robot accepts."""
+        if len(data) > MAX_OBJECT:
+            raise ConfigError(
+                f"{len(data)} bytes are more than the {MAX_OBJECT} a running robot passes on; "
+                "end it and write straight on the bus with --can"
+            )
+        request = SdoWrite(
+            node=str(self._node_id),
+            index=index,
+            subindex=subindex,
+            data=data,
+            timeout=self._timeout,
+            source=self._source,
+        )
+        self._robot.sdo_write(request, TIMEOUT_S + len(data) / _BYTES_PER_S + (self._timeout or 0))
+
+    def be_patient(self, seconds: float | None) -> None:
+        """Set the time for each answer from now on."""
+        self._timeout = seconds or self._given
+
+    def command(self, command: NmtCommand) -> None:
+        """Refuse: the robot is the NMT master of its nodes, and must be asked to remove one."""
+        raise ControlError(f"NMT {command.name.replace('_', ' ').lower()} is the robot's to send; ask it for that")
+
+    def nmt_state(self) -> NmtState | None:
+        """Return the NMT state of the node as the robot has it."""
+        reading = self._reading()
+        return NmtState.__members__.get("" if reading is None else reading.nmt_state or "")
+
+    def taken_out(self) -> bool:
+        """Return the answer of the robot, which otherwise boots the node again."""
+        reading = self._reading()
+        return reading is not None and reading.taken_out
+
+    def progress(self) -> tuple[int, int | None]:
+        """Ask the robot for the progress, on a connection of its own; may be called from another thread."""
+        try:
+            if self._watching is None:
+                self._watching = RobotClient.connect(self._robot.robot, _WATCH_S)
+            progress_read = self._watching.ask(GetSdoProgress(node=str(self._node_id)))
+        except CanopenError:
+            return 0, None  # who waits for the transfer is told what is the matter
+        return progress_read.done, progress_read.total
+
+    def close(self) -> None:
+        """Close the connection for the progress."""
+        if self._watching is not None:
+            self._watching.close()
+
+    def _reading(self) -> NodeReading | None:
+        nodes = self._robot.ask(GetStatus()).nodes
+        return next((node for node in nodes.values() if node.node_id == self._node_id), None)
+
+
+def dictionary_of(place: NodePlace) -> ObjectDictionary | None:
+    """Read the EDS of a node of a robot; None without one, EdsError if it cannot be read."""
+    return read_eds(Path(place.eds), place.node_id).od if place.eds else None
+
+
+@contextlib.contextmanager
+def session_with(
+    robot: RobotClient, place: NodePlace, od: ObjectDictionary | None, *, source: str | None = None
+) -> Iterator[NodeSession]:
+    """Open a session with a node of a running robot."""
+    with contextlib.closing(RobotTransfers(robot, place.node_id, source=source)) as transfers:
+        yield NodeSession(transfers, place.node_id, od, name=place.name, robot=robot.robot)

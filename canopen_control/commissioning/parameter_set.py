@@ -1,0 +1,501 @@
+"""The parameters of one node with its identity: read from the node, and as a DCF file (CiA 306-1).
+
+The file is a complete DCF: the EDS of the node with a ParameterValue for each parameter, so that a bus.yml can name it
+as `dcf` or `configuration_file`, and other tools read it. The section [Backup] says of which device and firmware it is,
+and when it was made; a DCF without that section is read as well, its identity is then that of its objects.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.cia301.pdo import NO_RTR_BIT
+from canopen_control.cia402.objects import (
+    DIGITAL_OUTPUTS,
+    HOME_OFFSET,
+    MODES_OF_OPERATION,
+    MOTION,
+    TOUCH_PROBE_FUNCTION,
+    axis_of,
+)
+from canopen_control.commissioning.identity import OBJECTS, DeviceIdentity
+from canopen_control.commissioning.node_session import is_abort
+from canopen_control.errors import CanopenError, EdsError, SdoLengthError
+from canopen_control.frame import is_restricted
+from canopen_control.od.codec import encode, zero_of
+from canopen_control.od.dcf import dcf_text
+from canopen_control.od.eds import parse_eds, read_eds
+from canopen_control.od.eds_values import format_value, parse_number
+from canopen_control.od.model import SCALAR_CODES, DataType
+from canopen_control.od.pdos import COUNT, MAPPING, is_cob_id
+from canopen_control.profiles.device_type import profile_of
+from canopen_control.profiles.profile_tables import profile_signals
+from canopen_control.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+    from pathlib import Path
+
+    from canopen_control.commissioning.node_session import NodeSession
+    from canopen_control.od.eds import EdsFile
+    from canopen_control.od.model import Address, Entry, ObjectDictionary, Value
+
+    Told = Callable[[int, int], None]
+
+
+# Which objects of a node a backup holds, which of them belong to one device alone, and which follow its node id.
+#
+# An EDS does not say what is volatile. A parameter is what can be read and written (rw, rww, rwr) and is none of these:
+#
+# - what ObjFlags say a tool shall not write or read (CiA 306-1, bits 0 and 1);
+# - commands and live values, by CiA 301, CiA 302 and CiA 402, or by the maker; outputs of the device's profile;
+# - counts of records and arrays, but for those of PDO mappings; DOMAINs.
+#
+# Protected parameters are those of one device: node id and bit rate, and calibration to its own encoder.
+
+
+_MAPPINGS: Final = tuple(range(first, first + COUNT) for first in MAPPING.values())
+_MOST_MAPPED: Final = 64  # above it a count stands for an MPDO
+_NO_TRANSFER: Final = 0b11  # of ObjFlags: refuse the write of a download, the read of a scan
+_COMMANDS: Final = frozenset((0x1003, 0x1010, 0x1011, 0x1013, *range(0x1023, 0x1027), 0x1F25, 0x1F82, 0x1F83))
+_PROGRAM: Final = range(0x1F50, 0x1F59)  # CiA 302-3
+_DRIVE_COMMANDS: Final = (MOTION | {TOUCH_PROBE_FUNCTION}) - {MODES_OF_OPERATION}
+_VENDOR_COMMANDS: Final = {
+    0x286: frozenset((0x210B, 0x2700, 0x2701)),  # Trinamic: position of the motion controller, store and restore
+}
+_OWN_TO_THE_DEVICE: Final = {HOME_OFFSET: "is calibrated to the encoder of its own drive"}
+_VENDOR_OWN: Final = {0x286: dict.fromkeys((0x2704, 0x2705, 0x2706), "is the node id or the bit rate")}
+_MANUFACTURER: Final = range(0x2000, 0x6000)
+_OWN_NAMES: Final = re.compile(r"node[ _-]?id\b|baud|bit[ _-]?rate|serial[ _-]?(number|no\b|nr\b)", re.IGNORECASE)
+_EMCY: Final = (0x1014, 0)
+_NODE_BITS: Final = 0x7F  # of an identifier of the predefined connection set
+_IDENTIFIER: Final = 0x1FFF_FFFF
+
+
+def parameters_of(od: ObjectDictionary) -> list[Entry]:
+    """Return the parameters in a backup of a node with this dictionary, by address."""
+    signals = profile_signals(od, profile_of(od)).values()
+    outputs = frozenset(signal.index for signal in signals if signal.output)
+    commands = outputs | _VENDOR_COMMANDS.get(_vendor(od), frozenset())
+    chosen = (entry for entry in od if _can_be_kept(od, entry) and not _is_command(entry, commands))
+    return sorted(chosen, key=lambda entry: entry.address)
+
+
+def protection_of(od: ObjectDictionary, entry: Entry, *, same_device: bool = False) -> str:
+    """Return the reason why a parameter is not written, "" if it is; calibration data belong to one device."""
+    index = axis_of(entry.index)[0]
+    own = _VENDOR_OWN.get(_vendor(od), {}).get(index, "")
+    if not own and not same_device:
+        own = _OWN_TO_THE_DEVICE.get(index, "")
+    info = od.objects.get(entry.index)
+    names = f"{entry.name}\n{info.name if info is not None else ''}"
+    if not own and index in _MANUFACTURER and _OWN_NAMES.search(names):
+        return "is named as node id, bit rate or serial number"
+    return own
+
+
+def without_unused_slots(values: Mapping[Address, Value]) -> dict[Address, Value]:
+    """Return the values without mapping entries above the count of their PDO, which have no meaning."""
+    used = {}
+    for (index, subindex), value in values.items():
+        count = values.get((index, 0)) if any(index in records for records in _MAPPINGS) else None
+        if not (isinstance(count, int) and count <= _MOST_MAPPED and subindex > count):
+            used[index, subindex] = value
+    return used
+
+
+def follows_node_id(entry: Entry, value: Value, node_id: int) -> bool:
+    """Whether a value depends on the node id, so that another node has its own.
+
+    True for what the file writes with $NODEID, and for identifiers of the predefined connection set that end in it.
+    """
+    if not isinstance(value, int) or entry.data_type is not DataType.UNSIGNED32:
+        return False
+    if entry.relative and isinstance(entry.default, int) and not (value - entry.default) & _IDENTIFIER:
+        return True
+    of_messages = is_cob_id(*entry.address) or entry.address == _EMCY
+    identifier = value & _IDENTIFIER
+    is_own = identifier & _NODE_BITS == node_id and 0x80 < identifier < 0x600
+    return of_messages and is_own and (entry.address == _EMCY or not is_restricted(identifier))
+
+
+def _can_be_kept(od: ObjectDictionary, entry: Entry) -> bool:
+    if not (entry.readable and entry.writable) or entry.data_type is DataType.DOMAIN or entry.obj_flags & _NO_TRANSFER:
+        return False
+    info = od.objects.get(entry.index)
+    is_count = entry.subindex == 0 and (info is None or info.code not in SCALAR_CODES)
+    return not is_count or any(entry.index in records for records in _MAPPINGS)
+
+
+def _is_command(entry: Entry, commands: frozenset[int]) -> bool:
+    index, _ = axis_of(entry.index)
+    if entry.index in _COMMANDS or entry.index in _PROGRAM or entry.index in commands or index in _DRIVE_COMMANDS:
+        return True
+    return (index, entry.subindex) == (DIGITAL_OUTPUTS, 1)
+
+
+def _vendor(od: ObjectDictionary) -> int:
+    entry = od.get(0x1018, 1)
+    value = entry.value if entry is not None and entry.value is not None else od.device.vendor_number
+    return value if isinstance(value, int) else 0
+
+
+SECTION: Final = "Backup"
+_NUMBERS: Final = {
+    "DeviceType": "device_type",
+    "VendorID": "vendor_id",
+    "ProductCode": "product_code",
+    "RevisionNumber": "revision_number",
+    "SerialNumber": "serial_number",
+}
+_NAMES: Final = {"DeviceName": "device_name", "HardwareVersion": "hardware", "SoftwareVersion": "software"}
+_DEFAULT_BITRATE: Final = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterSet:
+    """Values of parameters of `node_id` by address, typed by `od`; `where` is the node or file, for messages.
+
+    `date` is when a file was made (ISO 8601), "" where that is not known. `foreign` are objects that a file gives a
+    value of its own and that are no parameters: read-only ones, commands, live values.
+    """
+
+    od: ObjectDictionary
+    node_id: int
+    identity: DeviceIdentity
+    values: Mapping[Address, Value]
+    where: str
+    date: str = ""
+    foreign: tuple[Address, ...] = ()
+
+    @property
+    def relative(self) -> frozenset[Address]:
+        """Addresses whose values depend on the node id."""
+        return frozenset(
+            address for address, value in self.values.items() if follows_node_id(self.od[address], value, self.node_id)
+        )
+
+    def for_node(self, node_id: int) -> dict[Address, Value]:
+        """Return the values as a node with another id has them."""
+        shift, relative = node_id - self.node_id, self.relative
+        return {
+            address: value + shift if address in relative and isinstance(value, int) else value
+            for address, value in self.values.items()
+        }
+
+
+def same_value(entry: Entry, a: Value, b: Value) -> bool:
+    """Whether two values of an object are the same to the node: the same bytes; bit 30 of a PDO's COB-ID is its own."""
+    if isinstance(a, int) and isinstance(b, int) and is_cob_id(*entry.address):
+        return a & ~NO_RTR_BIT == b & ~NO_RTR_BIT
+    try:
+        return a == b or encode(a, entry.data_type) == encode(b, entry.data_type)
+    except ValueError:  # of two files that do not agree about the type
+        return False
+
+
+def backup_text(
+    parameters: ParameterSet, *, eds_name: str = "", bitrate: int | None = None, node_name: str = ""
+) -> str:
+    """Return the DCF of a backup, stamped with the present time.
+
+    `bitrate` in bit/s is told where it is known, else that of the dictionary or 1 Mbit/s.
+    """
+    now = datetime.now(UTC)
+    od = parameters.od
+    sections = {title: lines for title, lines in od.sections.items() if title.lower() != SECTION.lower()}
+    section = next((title for title in sections if title.lower() == "fileinfo"), "FileInfo")
+    info = {**sections.pop(section, {})}
+    info |= {"LastEDS": eds_name, "ModificationDate": f"{now:%m-%d-%Y}", "ModificationTime": f"{now:%I:%M%p}"}
+    sections |= {section: info, SECTION: _section(parameters, f"{now:%Y-%m-%dT%H:%M:%SZ}")}
+    cleared = {address: replace(entry, parameter_value=None) for address, entry in od.entries.items()}
+    plain = replace(od, sections=sections, entries=cleared)
+    rate = bitrate or od.bitrate or _DEFAULT_BITRATE
+    return dcf_text(
+        plain, parameters.node_id, rate, parameters.values, node_name=node_name, relative=parameters.relative
+    )
+
+
+def _section(parameters: ParameterSet, date: str) -> dict[str, str]:
+    identity = parameters.identity
+    lines = {"Format": "1", "Date": date, "Tool": f"canopen-control {__version__}"}
+    numbers = {key: getattr(identity, name) for key, name in _NUMBERS.items()}
+    lines |= {key: f"0x{value:08X}" for key, value in numbers.items() if value is not None}
+    lines |= {key: getattr(identity, name) for key, name in _NAMES.items() if getattr(identity, name)}
+    empty = [address for address, value in sorted(parameters.values.items()) if value in ("", b"")]
+    if empty:  # a ParameterValue of nothing reads as none
+        lines["Empty"] = " ".join(f"{index:04X}:{subindex:02X}" for index, subindex in empty)
+    return lines
+
+
+def read_backup(path: str | Path, node_id: int | None = None) -> ParameterSet:
+    """Read a DCF for `node_id`, or for the node id of the file; EdsError if it is not valid.
+
+    Values that a backup would not hold are left out, so that a DCF of another tool moves nothing either.
+    """
+    return _backup_of(read_eds(path), str(path), node_id)
+
+
+def parse_backup(data: bytes, name: str) -> ParameterSet:
+    """Return the parameters in the bytes of a DCF; `name` is its name in messages."""
+    return _backup_of(parse_eds(data, name=name), name, None)
+
+
+def _backup_of(file: EdsFile, path: str, node_id: int | None) -> ParameterSet:
+    own = file.od.node_id
+    if own is None:
+        raise EdsError(path, 0, "has no node id ([DeviceComissioning]), so it is an EDS and no DCF of a node")
+    _refuse_unsound(file)
+    od = file.od if node_id is None else file.od.for_node(node_id)
+    chosen = {entry.address: entry.parameter_value for entry in parameters_of(od) if entry.parameter_value is not None}
+    lines = next((texts for title, texts in od.sections.items() if title.lower() == SECTION.lower()), None)
+    for address in _addresses(lines or {}):
+        if (entry := od.get(*address)) is not None:
+            chosen[address] = zero_of(entry.data_type)
+    if not chosen:
+        raise EdsError(path, 0, "holds no ParameterValue of a parameter, so there is nothing to compare or restore")
+    identity = _told(lines, od) if lines is not None else _identity_of(od)
+    date = "" if lines is None else _get(lines, "Date")
+    values = without_unused_slots(dict(sorted(chosen.items())))
+    foreign = tuple(entry.address for entry in od if entry.address not in chosen and _is_set(entry))
+    return ParameterSet(od, node_id or own, identity, values, path, date, foreign)
+
+
+def _refuse_unsound(file: EdsFile) -> None:
+    """Raise EdsError for an invalid value or a truncated backup, which would be restored in part."""
+    is_backup = any(title.lower() == SECTION.lower() for title in file.od.sections)
+    for issue in file.issues:
+        if issue.code == "value-form" and issue.text.startswith("ParameterValue"):
+            raise EdsError(issue.path, issue.line, f"{issue.text.partition(';')[0]}; correct it, or leave the line out")
+        if is_backup and issue.code == "list-object" and issue.text.endswith("has no section"):
+            raise EdsError(issue.path, issue.line, f"{issue.text}: the backup was cut, make a new one")
+
+
+def _is_set(entry: Entry) -> bool:
+    """Whether a file sets another value than the default; identity objects are handled separately."""
+    value = entry.parameter_value
+    return value is not None and value != entry.default and entry.address not in OBJECTS.values()
+
+
+def backup_file_text(parameters: ParameterSet, node_name: str = "") -> tuple[str, list[str]]:
+    """Return the DCF of a backup, and the parameters it cannot hold with the reason."""
+    info = next((lines for title, lines in parameters.od.sections.items() if title.lower() == "fileinfo"), {})
+    eds_name = next((value for key, value in info.items() if key.lower() == "filename"), "")
+    text = backup_text(parameters, eds_name=eds_name, node_name=node_name)
+    lost = lost_in_text(parameters, text)
+    if not lost:
+        return text, []
+    values = {address: value for address, value in parameters.values.items() if address not in lost}
+    reasons = [f"0x{index:04X}:{subindex:02X}: a DCF cannot hold this text" for index, subindex in lost]
+    return backup_text(replace(parameters, values=values), eds_name=eds_name, node_name=node_name), reasons
+
+
+def lost_in_text(parameters: ParameterSet, text: str) -> list[Address]:
+    """Return the parameters that a file could not hold: text with line ends, or with blanks at its ends."""
+    od = parse_eds(text.encode(), parameters.node_id).od
+    return [
+        address
+        for address, value in parameters.values.items()
+        if value not in ("", b"") and not _comes_back(od.get(*address), value)
+    ]
+
+
+def _comes_back(entry: Entry | None, value: Value) -> bool:
+    found = None if entry is None else entry.parameter_value
+    return entry is not None and found is not None and same_value(entry, found, value)
+
+
+def _addresses(lines: Mapping[str, str]) -> list[Address]:
+    words = (word.partition(":") for word in _get(lines, "Empty").split())
+    try:
+        return [(int(index, 16), int(subindex, 16)) for index, _, subindex in words]
+    except ValueError:
+        return []
+
+
+def _get(lines: Mapping[str, str], wanted: str) -> str:
+    return next((value for key, value in lines.items() if key.lower() == wanted.lower()), "")
+
+
+def _told(lines: Mapping[str, str], od: ObjectDictionary) -> DeviceIdentity:
+    """Return the identity in a [Backup] section; an invalid number is None."""
+    fields: dict[str, Any] = {name: _get(lines, key) for key, name in _NAMES.items()}
+    for key, name in _NUMBERS.items():
+        try:
+            fields[name] = parse_number(_get(lines, key)).value
+        except ValueError:
+            fields[name] = getattr(_identity_of(od), name)
+    return DeviceIdentity(**fields)
+
+
+def _identity_of(od: ObjectDictionary) -> DeviceIdentity:
+    """Return the identity in the objects of a file; 0 as product or vendor is None."""
+    entries = {name: od.get(*OBJECTS[name]) for name in _NUMBERS.values()}
+    values = {name: None if entry is None else entry.value for name, entry in entries.items()}
+    numbers: dict[str, Any] = {}
+    numbers |= {name: value if isinstance(value, int) and value else None for name, value in values.items()}
+    numbers["vendor_id"] = numbers["vendor_id"] or od.device.vendor_number or None
+    numbers["product_code"] = numbers["product_code"] or od.device.product_number or None
+    return DeviceIdentity(**numbers)
+
+
+def _shown(value: object) -> str:
+    return f"0x{value:08X}" if isinstance(value, int) else repr(value)
+
+
+# Compares the parameters of two nodes, two files, or one of each.
+#
+# What follows the node id is compared without it: a COB-ID of 0x185 on node 5 and of 0x186 on node 6 are the same
+# parameter. What only one side has is a difference too, unless it was asked of a node that said why it has none.
+
+
+_COMMUNICATION = range(0x1000, 0x2000)  # identifiers and mappings are hexadecimal
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterDifference:
+    """A parameter that two sides have with other values, None: that side has none; the texts are for people."""
+
+    entry: Entry
+    name: str
+    a: Value | None
+    b: Value | None
+    a_text: str
+    b_text: str
+
+
+def differences(a: ParameterSet, b: ParameterSet, skipped: Collection[Address] = ()) -> list[ParameterDifference]:
+    """Return the differences by address, without the `skipped` addresses."""
+    return list(_differences(a, b, skipped))
+
+
+def _differences(a: ParameterSet, b: ParameterSet, skipped: Collection[Address]) -> Iterator[ParameterDifference]:
+    a_relative, b_relative = a.relative, b.relative
+    for address in sorted({*a.values, *b.values}):
+        if address in skipped:
+            continue
+        in_a, in_b = a.values.get(address), b.values.get(address)
+        entry = (a.od if in_a is not None else b.od)[address]
+        follows = address in a_relative, address in b_relative
+        if in_a is not None and in_b is not None and follows[0] == follows[1]:
+            plain_a, plain_b = _without_id(in_a, a, follows[0]), _without_id(in_b, b, follows[1])
+            if same_value(entry, plain_a, plain_b):
+                continue
+        texts = ["" if value is None else parameter_text(side, address) for side, value in ((a, in_a), (b, in_b))]
+        yield ParameterDifference(entry, _name(a if in_a is not None else b, entry), in_a, in_b, *texts)
+
+
+def _without_id(value: Value, side: ParameterSet, follows: bool) -> Value:
+    return value - side.node_id if follows and isinstance(value, int) else value
+
+
+def _name(side: ParameterSet, entry: Entry) -> str:
+    info = side.od.objects.get(entry.index)
+    return entry.name if info is None or info.name == entry.name else f"{info.name}.{entry.name}"
+
+
+def parameter_text(side: ParameterSet, address: Address) -> str:
+    """Return the text of a parameter: `$NODEID+0x180` if it follows the node id, numbers of a drive in decimal."""
+    value, entry = side.values[address], side.od[address]
+    if isinstance(value, int) and address in side.relative:
+        return f"$NODEID+0x{value - side.node_id:X}"
+    return value_text(entry, value)
+
+
+def value_text(entry: Entry, value: Value) -> str:
+    """Return a value for people: numbers of a drive in decimal, identifiers and mappings as a DCF writes them."""
+    if isinstance(value, int | float) and entry.index not in _COMMUNICATION:
+        return str(value)
+    return format_value(value, entry.data_type) if value not in ("", b"") else "(empty)"
+
+
+# Reads the parameters of a node through a service session: for a backup, a comparison, or before they are written.
+#
+# What the node refuses is left out and told with the reason. With `twice` everything is read a second time: what
+# differs then lives by itself, whatever the EDS says, and is no parameter.
+
+
+_VARIES = "two readings differed, so it is no parameter"
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """A parameter that was not read, and why."""
+
+    entry: Entry
+    why: str
+
+    def __str__(self) -> str:
+        return f"{entry_label(self.entry)}: {self.why}"
+
+
+def entry_label(entry: Entry) -> str:
+    """Return address and name of a parameter."""
+    return f"0x{entry.index:04X}:{entry.subindex:02X} {entry.name}"
+
+
+def read_parameters(
+    session: NodeSession, *, twice: bool = True, told: Told | None = None
+) -> tuple[ParameterSet, list[LeftOut]]:
+    """Read identity and parameters; ConfigError without an EDS, RemoteProtocolError where the node does not answer.
+
+    `told(done, of)` hears how far it is.
+    """
+    od = session.dictionary
+    identity = session.identity()
+    entries = parameters_of(od)
+    total = len(entries) * (2 if twice else 1)
+    values, left_out = read_values(session, entries, lambda done: told(done, total) if told else None)
+    if twice:
+        again, _ = read_values(
+            session, [od[value] for value in values], lambda done: told(len(entries) + done, total) if told else None
+        )
+        for address in [
+            address_read for address_read, value in values.items() if not _again(od[address_read], again, value)
+        ]:
+            left_out.append(LeftOut(od[address], _VARIES))
+            del values[address]
+    return ParameterSet(od, session.node_id, identity, without_unused_slots(values), str(session)), left_out
+
+
+def read_same(session: NodeSession, file: ParameterSet, told: Told | None = None) -> tuple[ParameterSet, list[LeftOut]]:
+    """Read the parameters of a file from a node, with the types of the file."""
+    od = file.od.for_node(session.node_id)
+    if session.od is None:
+        session.od = od
+    entries = [od[address] for address in file.values]
+    identity = session.identity()
+    values, left_out = read_values(session, entries, lambda done: told(done, len(entries)) if told else None)
+    return ParameterSet(od, session.node_id, identity, values, str(session)), left_out
+
+
+def _again(entry: Entry, again: Mapping[Address, Value], value: Value) -> bool:
+    return entry.address in again and same_value(entry, again[entry.address], value)
+
+
+def read_values(
+    session: NodeSession, entries: Iterable[Entry], told: Callable[[int], None] | None = None
+) -> tuple[dict[Address, Value], list[LeftOut]]:
+    """Read objects: values by address, and the refused ones."""
+    values: dict[Address, Value] = {}
+    left_out = []
+    for number, entry in enumerate(entries, 1):
+        try:
+            values[entry.address] = session.read_value(entry)
+        except CanopenError as error:
+            if not (isinstance(error, SdoLengthError) or is_abort(error)):
+                raise
+            left_out.append(LeftOut(entry, reason_of(error)))
+        if told is not None:
+            told(number)
+    return values, left_out
+
+
+def reason_of(error: CanopenError) -> str:
+    """Return the reason of a refused object, without its name."""
+    text = str(error)
+    place = text.find("abort 0x")
+    return text[place:] if place >= 0 else text

@@ -1,0 +1,432 @@
+"""Program download to a node: the sequence of CiA 302-3, as CANopenNode's, Lely's and Zephyr's tools do it.
+
+Sans-IO: `program_download` is a generator that yields what is to be done (read, write, pause, pre-operational) and is
+sent what came of it. The law: what is written to 0x1F51 may be answered, or not, or be answered by a boot-up, since the
+node resets into its boot-loader and out of it; believed is only what 0x1F51, 0x1F57 and 0x1F56 say afterwards. A
+transfer that breaks off is started again with a fresh clear, from the first byte: no known device can resume.
+"""
+
+from __future__ import annotations
+
+import datetime
+import enum
+import time
+import zlib
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final, TypeAlias
+
+from canopen_control.cia301.nmt import NmtCommand
+from canopen_control.commissioning.identity import FIELDS
+from canopen_control.commissioning.node_session import is_abort
+from canopen_control.commissioning.parameter_set import reason_of
+from canopen_control.errors import CanopenError, ConfigError, DriveError, RemoteError, SdoRestarted, SdoTimeout
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.commissioning.identity import DeviceIdentity
+    from canopen_control.commissioning.node_session import NodeSession
+
+
+DATA, CONTROL, SOFTWARE_DATE, IDENTIFICATION, FLASH = 0x1F50, 0x1F51, 0x1F52, 0x1F56, 0x1F57
+STOP, START, CLEAR, CONFIRM = 0, 1, 3, 0x80
+_STOPPED: Final = (STOP, CLEAR)
+_RESETTING: Final = (STOP, START)  # what a node may answer by a reset
+_BUSY_S: Final = 30.0  # what erasing or writing a flash may take
+_POLL_S: Final = 0.1
+_SOON_S: Final = 0.01  # before the first look at a flash, each further one twice as late
+_UNTOLD_S: Final = 1.0  # for a flash that does not tell when it is done
+_SILENCE_S: Final = 1.0  # what a missing answer has cost
+_QUICK_S: Final = 0.15  # for an answer of a node that may be resetting: a boot-loader waits for half a second
+_QUICK_ROUNDS: Final = 4  # of so many rounds the last one waits as long as ever
+_FLASH_S: Final = 10.0  # for an answer of a node that erases or writes its flash before it gives one
+_DEVICE_FILE: Final = b"[fileinfo]"  # what every EDS and DCF has
+_TEXT: Final = (b"[", b";")  # what they begin with
+_EPOCH: Final = datetime.date(1984, 1, 1)  # of 0x1F52, as of 0x1020
+_MOST_DAYS: Final = 0xFFFF
+_DAY_MS: Final = 86_400_000
+_SILENT: Final = -1  # instead of a number; as 0x1F57 it is busy
+_ERRORS: Final = {
+    1: "no valid program",
+    2: "unknown data format",
+    3: "format or CRC error",
+    4: "the program was not cleared before",
+    5: "flash write error",
+    6: "address error",
+    7: "the flash is secured",
+    63: "unspecified error",
+}
+
+
+class DownloadStep(enum.Enum):
+    """States of a download; the value is its text."""
+
+    ASKING = "asking what program it has"
+    STOPPING = "stopping the program"
+    CLEARING = "clearing the program"
+    SENDING = "sending"
+    CHECKING = "waiting for the flash"
+    STARTING = "starting the program"
+    CONFIRMING = "confirming the program"
+    DONE = "done"
+
+
+class DownloadAct(enum.Enum):
+    """Kinds of acts requested by the generator."""
+
+    READ = "read"
+    WRITE = "write"
+    PAUSE = "pause"
+    PRE_OPERATIONAL = "pre-operational"
+
+
+@dataclass(frozen=True, slots=True)
+class DownloadOrder:
+    """One act: an object with `data` to write, or a pause in `seconds`.
+
+    `seconds` of an object are what each answer may take, 0: as long as ever.
+    """
+
+    act: DownloadAct
+    index: int = 0
+    subindex: int = 0
+    data: bytes = b""
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class DownloadAnswer:
+    """Result of an act: the data read, or the abort or timeout."""
+
+    data: bytes = b""
+    error: CanopenError | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramDate:
+    """Date of a program in 0x1F52: `day` and milliseconds after midnight (None: the day alone)."""
+
+    day: datetime.date
+    milliseconds: int | None = None
+
+    def __str__(self) -> str:
+        if self.milliseconds is None:
+            return self.day.isoformat()
+        midnight = datetime.datetime.combine(self.day, datetime.time())
+        return (midnight + datetime.timedelta(milliseconds=self.milliseconds)).isoformat(" ", "seconds")
+
+    def fits(self, other: ProgramDate | None) -> bool:
+        """Whether another date equals this one, as far as this one is known."""
+        if other is None or other.day != self.day:
+            return False
+        return self.milliseconds is None or self.milliseconds == other.milliseconds
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramOptions:
+    """Options of a download: `number` of the program, `expected` value of 0x1F56, retry time.
+
+    `expected_date` is what 0x1F52 has to tell; it may name the day alone.
+    """
+
+    number: int = 1
+    expected: int | None = None
+    expected_date: ProgramDate | None = None
+    tries: int = 2
+    start_s: float = 30.0
+    confirm: bool = False
+
+
+@dataclass(slots=True)
+class DownloadProgress:
+    """Progress of a download: step, 0x1F56 and 0x1F52 before and after (None if missing)."""
+
+    step: DownloadStep = DownloadStep.ASKING
+    old: int | None = None
+    new: int | None = None
+    old_date: ProgramDate | None = None
+    new_date: ProgramDate | None = None
+    tries: int = 0
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def untouched(self) -> bool:
+        """Whether the node is as it was, or all is done."""
+        return self.step in (DownloadStep.ASKING, DownloadStep.DONE)
+
+
+Sequence: TypeAlias = Generator[DownloadOrder, DownloadAnswer, None]
+Numbers: TypeAlias = Generator[DownloadOrder, DownloadAnswer, "int | None"]
+
+
+def flash_text(status: int) -> str:
+    """Return the error in 0x1F57 as text, "" without an error."""
+    if status & 1:
+        return "busy"
+    code = status >> 1 & 0x7F
+    if not code:
+        return ""
+    own = f" of the manufacturer (0x{status >> 16:04X})" if code > 63 else ""
+    return _ERRORS.get(code, f"error {code}{own}")
+
+
+def refuse_no_program(image: bytes, name: str = "the program file") -> None:
+    """Raise ConfigError for an empty file, and for the EDS or DCF of a device."""
+    if not image:
+        raise ConfigError(f"{name} is empty; nothing was sent")
+    if image.lstrip()[:1] in _TEXT and _DEVICE_FILE in image[:4096].lower():  # a program may have an EDS inside
+        raise ConfigError(f"{name} is an EDS or DCF, and no program; nothing was sent")
+
+
+def program_download(image: bytes, options: ProgramOptions, progress: DownloadProgress) -> Sequence:
+    """Yield the acts of a download, each answered with its outcome; `progress` is updated.
+
+    Raises ConfigError where the node has no program download or the image is none, DriveError where it fails.
+    """
+    refuse_no_program(image)
+    number = options.number
+    yield from _ask(number, progress)
+    yield DownloadOrder(DownloadAct.PRE_OPERATIONAL)
+    while True:
+        progress.tries += 1
+        yield from _prepare(number, progress, options)
+        progress.step = DownloadStep.SENDING
+        outcome = yield DownloadOrder(DownloadAct.WRITE, DATA, number, image, _FLASH_S)
+        progress.step = DownloadStep.CHECKING
+        if outcome.error is None:
+            why = yield from _flash(number)
+        else:
+            why = reason_of(outcome.error)
+            if is_abort(outcome.error) and (status := (yield from _number(FLASH, number))) and status != _SILENT:
+                why += f", flash: {flash_text(status)}"
+        if not why:
+            break
+        if progress.tries >= options.tries:
+            raise DriveError(
+                f"the program was not taken: {why}; the node has no program now and waits in its boot-loader"
+            )
+        progress.notes.append(f"started again: {why}")
+    yield from _verify(image, number, options, progress)
+    yield from _run(number, options, progress)
+    yield from _verify_date(options, progress)
+    progress.step = DownloadStep.DONE
+
+
+def _ask(number: int, progress: DownloadProgress) -> Sequence:
+    progress.step = DownloadStep.ASKING
+    outcome = yield DownloadOrder(DownloadAct.READ, CONTROL, number)
+    if outcome.error is not None:
+        if not is_abort(outcome.error):
+            raise outcome.error
+        raise ConfigError(
+            f"program {number} of the node cannot be loaded over CANopen: 0x1F51:{number:02X}: "
+            f"{reason_of(outcome.error)}; the manufacturer's tool may have another way"
+        )
+    progress.old = yield from _number(IDENTIFICATION, number)
+    progress.old_date = yield from _date()
+
+
+def _prepare(number: int, progress: DownloadProgress, options: ProgramOptions) -> Sequence:
+    """Stop and clear: each is believed when 0x1F51 shows it."""
+    progress.step = DownloadStep.STOPPING
+    status = yield from _number(CONTROL, number)
+    if status != STOP:
+        yield from _command(number, STOP, _STOPPED, options.start_s, "stop")
+    yield DownloadOrder(DownloadAct.PRE_OPERATIONAL)  # the boot-loader may have booted meanwhile
+    progress.step = DownloadStep.CLEARING
+    yield from _command(number, CLEAR, (CLEAR,), options.start_s, "be cleared")
+    why = yield from _flash(number)
+    if why:
+        raise DriveError(f"the program was not cleared: {why}")
+
+
+def _command(number: int, command: int, expected: tuple[int, ...], seconds: float, word: str) -> Sequence:
+    """Write 0x1F51 and wait until it shows an expected state; a refusal is repeated.
+
+    A node that resets is asked again soon: a boot-loader that nobody talks to starts the program that was to stop.
+    """
+    refusal, rounds, status = "", 0, None
+    while seconds > 0.0:
+        rounds += 1
+        soon = 0.0 if command not in _RESETTING or rounds % _QUICK_ROUNDS == 0 else _QUICK_S
+        outcome = yield DownloadOrder(
+            DownloadAct.WRITE, CONTROL, number, bytes((command,)), _FLASH_S if command == CLEAR else soon
+        )
+        if outcome.error is not None and is_abort(outcome.error):
+            refusal = reason_of(outcome.error)
+            yield DownloadOrder(DownloadAct.PRE_OPERATIONAL)
+        yield DownloadOrder(DownloadAct.PAUSE, seconds=_POLL_S)
+        status = yield from _number(CONTROL, number, soon)
+        if status in expected:
+            return
+        if refusal and (command, status) == (STOP, CONFIRM):
+            raise DriveError(
+                f"the program that runs is on trial and takes no other one (0x1F51:{number:02X} is 0x80, {refusal}): "
+                f"make it permanent with `canopen-control sdo write NODE 1F51:{number} 0x80 --type u8`, or reset the "
+                "node, which brings the one before it back"
+            )
+        seconds -= _POLL_S + ((soon or _SILENCE_S) if status == _SILENT else 0.0)
+    why = f": {refusal}" if refusal else ", and the node gives no answer" if status == _SILENT else ""
+    raise DriveError(f"the program does not {word} (0x1F51 <- {command}){why}")
+
+
+def _flash(number: int) -> Generator[DownloadOrder, DownloadAnswer, str]:
+    """Wait until the flash is not busy; return its error. A node without 0x1F57 reports none."""
+    seconds, pause = _BUSY_S, _SOON_S
+    while seconds > 0.0:
+        status = yield from _number(FLASH, number)
+        if status is None:
+            yield DownloadOrder(DownloadAct.PAUSE, seconds=_UNTOLD_S)
+            return ""
+        if not status & 1:
+            return flash_text(status)
+        yield DownloadOrder(DownloadAct.PAUSE, seconds=pause)
+        seconds -= pause + (_SILENCE_S if status == _SILENT else 0.0)
+        pause = min(2.0 * pause, _POLL_S)
+    return "the flash stays busy, or the node is silent"
+
+
+def _verify(image: bytes, number: int, options: ProgramOptions, progress: DownloadProgress) -> Sequence:
+    progress.new = yield from _number(IDENTIFICATION, number)
+    progress.new = None if progress.new == _SILENT else progress.new
+    if options.expected is not None and progress.new != options.expected:
+        shown = "nothing" if progress.new is None else f"0x{progress.new:08X}"
+        raise DriveError(
+            f"the node identifies its new program as {shown} (0x1F56), expected was 0x{options.expected:08X}; "
+            "it was not started"
+        )
+    if progress.new is not None and progress.new == zlib.crc32(image):
+        progress.notes.append("0x1F56 is the CRC-32 of the file")
+
+
+def _run(number: int, options: ProgramOptions, progress: DownloadProgress) -> Sequence:
+    progress.step = DownloadStep.STARTING
+    yield from _command(number, START, (START, CONFIRM), options.start_s, "start")
+    if options.confirm:
+        progress.step = DownloadStep.CONFIRMING
+        yield DownloadOrder(DownloadAct.PRE_OPERATIONAL)
+        yield from _command(number, CONFIRM, (START,), options.start_s, "become permanent")
+
+
+def _verify_date(options: ProgramOptions, progress: DownloadProgress) -> Sequence:
+    """Verify the date of the running program; a boot-loader may not have it."""
+    progress.new_date = yield from _date()
+    expected = options.expected_date
+    if expected is not None and not expected.fits(progress.new_date):
+        shown = "no date" if progress.new_date is None else str(progress.new_date)
+        raise DriveError(f"the program runs, and reports {shown} (0x1F52); expected was {expected}")
+
+
+def _date() -> Generator[DownloadOrder, DownloadAnswer, ProgramDate | None]:
+    """Read 0x1F52; None for no date, or none that can be."""
+    days = yield from _number(SOFTWARE_DATE, 1)
+    if not days or not 0 < days <= _MOST_DAYS:
+        return None
+    milliseconds = yield from _number(SOFTWARE_DATE, 2)
+    is_set = milliseconds is not None and 0 <= milliseconds < _DAY_MS
+    return ProgramDate(_EPOCH + datetime.timedelta(days=days), milliseconds if is_set else None)
+
+
+def _number(index: int, subindex: int, seconds: float = 0.0) -> Numbers:
+    """Read a number; None if the node has no such object, _SILENT without an answer."""
+    outcome = yield DownloadOrder(DownloadAct.READ, index, subindex, seconds=seconds)
+    if outcome.error is not None:
+        return None if is_abort(outcome.error) else _SILENT
+    return int.from_bytes(outcome.data, "little")
+
+
+# Drives a program download through a service session, and judges the node before and after it.
+
+
+_PROFILE: Final = 0xFFFF
+_VENDOR: Final = FIELDS["vendor_id"][1]
+
+
+def is_loader(identity: DeviceIdentity) -> bool:
+    """Whether the node shows its boot-loader: a device without a profile (0x1000)."""
+    return not (identity.device_type or 0) & _PROFILE
+
+
+def refuse_stranger(session: NodeSession, identity: DeviceIdentity) -> None:
+    """Raise ConfigError where the node is another product than its EDS; a boot-loader may have a code of its own."""
+    if session.od is None:
+        return
+    differences = session.identity_differences()
+    if is_loader(identity):
+        differences = [difference for difference in differences if difference.startswith(_VENDOR)]
+    if differences:
+        raise ConfigError(
+            f"{session} is no device of that EDS: {', '.join(differences)}; nothing was sent; of a boot-loader with an "
+            "identity of its own that is known to be the drive's, leave --eds out"
+        )
+
+
+def download(
+    session: NodeSession,
+    image: bytes,
+    options: ProgramOptions,
+    progress: DownloadProgress,
+    *,
+    pause: Callable[[float], None] = time.sleep,
+) -> None:
+    """Load a program into the node and start it; bus errors are raised, see `program_download`."""
+    sequence = program_download(image, options, progress)
+    outcome: DownloadAnswer | None = None
+    while True:
+        try:
+            order = next(sequence) if outcome is None else sequence.send(outcome)
+        except StopIteration:
+            return
+        outcome = _carry_out(session, order, pause)
+
+
+def interrupted_words(session: NodeSession, progress: DownloadProgress, error: BaseException) -> str:
+    """Return the state of an interrupted download and the next step."""
+    reason = str(error) or "interrupted"
+    warning = "" if isinstance(error, DriveError) else "the old program may be gone: "
+    return f"{session}: {progress.step.value}: {reason}; {warning}the same command starts again"
+
+
+def _carry_out(session: NodeSession, order: DownloadOrder, pause: Callable[[float], None]) -> DownloadAnswer:
+    try:
+        if order.act in (DownloadAct.READ, DownloadAct.WRITE):
+            return DownloadAnswer(_transferred(session, order))
+        if order.act is DownloadAct.PAUSE:
+            pause(order.seconds)
+        elif not session.robot:  # whose robot it is has taken it out of operation
+            session.transfers.command(NmtCommand.ENTER_PRE_OPERATIONAL)
+    except CanopenError as error:
+        if not _is_answer(error):
+            raise
+        return DownloadAnswer(error=error)
+    return DownloadAnswer()
+
+
+def _transferred(session: NodeSession, order: DownloadOrder) -> bytes:
+    """Read or write, and return the data; each answer may take the time of the order, if it has one."""
+    session.transfers.be_patient(order.seconds or None)
+    try:
+        if order.act is DownloadAct.READ:
+            return session.read(order.index, order.subindex)
+        session.write(order.index, order.subindex, order.data)
+        return b""
+    finally:
+        session.transfers.be_patient(None)
+
+
+def _is_answer(error: CanopenError) -> bool:
+    """Whether the node refused, timed out or restarted; otherwise bus or robot failed."""
+    kinds = (SdoTimeout, SdoRestarted, DriveError)
+    is_timeout = isinstance(error, RemoteError) and error.kind in (SdoTimeout.__name__, SdoRestarted.__name__)
+    return is_timeout or isinstance(error, kinds) or is_abort(error)
+
+
+def boot_check(session: NodeSession, before: DeviceIdentity) -> DeviceIdentity:
+    """Return the identity with the new program; DriveError for the boot-loader or another device."""
+    after = session.identity()
+    if is_loader(after):
+        raise DriveError(f"{session}: the new program does not run: the node shows its boot-loader")
+    if not is_loader(before) and (strangers := before.strangers(after)):
+        raise DriveError(f"{session} is another product with the new program: {', '.join(strangers)}")
+    return after

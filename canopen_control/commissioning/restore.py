@@ -1,0 +1,641 @@
+"""Writes parameters into a node and verifies them, or restores the previous values.
+
+What the node holds is read first; only what differs is written, in an order that devices accept. What it refuses is
+tried once more after all others (an object may depend on one that came later), then everything is read back: a value
+that the drive changed on its way in counts as refused. Where anything was refused, what was written is undone, unless
+the caller keeps it; so a refusal leaves the drive as it was. Nothing is stored but by `store`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import enum
+import fnmatch
+import os
+import re
+import shlex
+import time
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia301.nmt import NmtCommand, NmtState
+from canopen_control.cia301.pdo import INVALID_BIT, NO_RTR_BIT
+from canopen_control.cia402 import objects as o
+from canopen_control.commissioning.node_session import is_abort
+from canopen_control.commissioning.parameter_set import (
+    ParameterSet,
+    backup_text,
+    entry_label,
+    lost_in_text,
+    protection_of,
+    read_backup,
+    read_values,
+    reason_of,
+    same_value,
+    value_text,
+)
+from canopen_control.errors import CanopenError, ConfigError, DriveError, SdoTimeout
+from canopen_control.host.files import state_dir, write_whole
+from canopen_control.od.codec import encode
+from canopen_control.od.pdos import COMMUNICATION, MAPPING, pdo_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from canopen_control.commissioning.identity import DeviceIdentity
+    from canopen_control.commissioning.node_session import NodeSession
+    from canopen_control.od.model import Address, Entry, ObjectDictionary, Value
+
+    Told = Callable[[int, int], None]
+
+
+# In which order parameters are written, so that a device takes them (CiA 301, 7.5.2.35 to 38; CiA 402).
+#
+# What others depend on comes first: communication, then each PDO as a whole, the resolution of units, the motor,
+# limits, ramps, gains, the rest by index, the mode of operation, and 0x1020 last of all. Of a pair of limits the side
+# that widens the range comes first. A PDO is made invalid before anything of it is changed, its count is 0 while its
+# entries are written, and it is valid last if it is to be; bit 30 of its COB-ID is the device's own.
+
+
+_PDOS: Final = 1
+_OTHERS: Final = 7
+_RANKS: Final[dict[int, tuple[int, ...]]] = {
+    0: (*range(0x1000, 0x1400),),
+    2: (0x2000, 0x2001, 0x208C, *range(0x608F, 0x6098), o.POLARITY, *range(0x60A8, 0x60AC)),
+    3: (*range(0x2002, 0x208C), *range(0x208D, 0x6000), o.MAX_CURRENT, o.MOTOR_RATED_CURRENT, o.MOTOR_RATED_TORQUE),
+    4: (
+        *(o.MAX_MOTOR_SPEED, o.MAX_PROFILE_VELOCITY, o.MAX_ACCELERATION, o.MAX_DECELERATION, o.MAX_TORQUE),
+        *(o.POSITIVE_TORQUE_LIMIT, o.NEGATIVE_TORQUE_LIMIT, o.POSITION_RANGE_LIMIT, o.SOFTWARE_POSITION_LIMIT),
+    ),
+    5: (0x6007, *range(0x605A, 0x6060), *range(0x6065, 0x6071), *range(0x6081, 0x6089), *range(0x6098, 0x609B)),
+    6: (0x60F6, 0x60F9, 0x60FB),
+    8: (o.MODES_OF_OPERATION,),
+    9: (0x1020,),
+}
+_RANK_OF: Final = {index: rank for rank, indices in _RANKS.items() for index in indices}
+_PAIRS: Final = frozenset((o.POSITION_RANGE_LIMIT, o.SOFTWARE_POSITION_LIMIT))  # subindex 1 the least, 2 the greatest
+_COB_ID: Final = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Write:
+    """One download."""
+
+    address: Address
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class RestoreGroup:
+    """Group written together: one parameter, or the records of one PDO; `name` is for messages."""
+
+    name: str
+    writes: tuple[Write, ...]
+
+
+def restore_groups(
+    od: ObjectDictionary, target: Mapping[Address, Value], current: Mapping[Address, Value]
+) -> list[RestoreGroup]:
+    """Return the ordered writes that change a device from `current` to `target`.
+
+    Both are parameters of `od`; what `held` lacks is not written. Nothing where nothing differs.
+    """
+    common = {address: value for address, value in target.items() if address in current}
+    changed = {
+        address: value for address, value in common.items() if not same_value(od[address], value, current[address])
+    }
+    groups: list[tuple[tuple[int, int, int], RestoreGroup]] = []
+    for kind, number in {pdo for index, _ in changed if (pdo := pdo_of(index)) is not None}:
+        writes = tuple(_pdo_writes(od, kind, number, common, current))
+        place = _PDOS, COMMUNICATION[kind] + number, 0
+        groups.append((place, RestoreGroup(f"{kind.upper()} {number}", writes)))
+    for address, value in changed.items():
+        if pdo_of(address[0]) is None:
+            entry = od[address]
+            write = Write(address, encode(value, entry.data_type))
+            groups.append((_place(address, common, current), RestoreGroup(entry_label(entry), (write,))))
+    return [group for _, group in sorted(groups, key=lambda item: item[0])]
+
+
+def _place(address: Address, target: Mapping[Address, Value], current: Mapping[Address, Value]) -> tuple[int, int, int]:
+    """Return rank, index and subindex order of a parameter."""
+    index, subindex = address
+    base, _ = o.axis_of(index)
+    if base in _PAIRS:
+        new, old = target.get((index, 2)), current.get((index, 2))
+        widens = isinstance(new, int) and isinstance(old, int) and new > old
+        subindex = -subindex if widens else subindex
+    return _RANK_OF.get(base, _OTHERS), index, subindex
+
+
+def _pdo_writes(
+    od: ObjectDictionary, kind: str, number: int, wanted: Mapping[Address, Value], current: Mapping[Address, Value]
+) -> Iterator[Write]:
+    """Yield the writes of one PDO: invalid, settings, count 0, entries, count, final COB-ID."""
+    communication, mapping = COMMUNICATION[kind] + number - 1, MAPPING[kind] + number - 1
+    cob_id = communication, _COB_ID
+    present = current.get(cob_id)
+    can_switch = cob_id in wanted and isinstance(present, int)
+
+    def put(address: Address, value: Value) -> Write:
+        return Write(address, encode(value, od[address].data_type))
+
+    def differs(address: Address) -> bool:
+        return not same_value(od[address], wanted[address], current[address])
+
+    if can_switch and isinstance(present, int) and not present & INVALID_BIT:
+        yield put(cob_id, present | INVALID_BIT)
+    for address in sorted(wanted):
+        if address[0] == communication and address[1] > _COB_ID and differs(address):
+            yield put(address, wanted[address])
+    slots = [address for address in sorted(wanted) if address[0] == mapping and address[1]]
+    if any(differs(address) for address in (*slots, (mapping, 0)) if address in wanted):
+        yield from _mapping_writes(od, (mapping, 0), slots, wanted, current)
+    if can_switch and isinstance(present, int):
+        target = wanted[cob_id]
+        if isinstance(target, int) and not (target & INVALID_BIT and target & ~NO_RTR_BIT == present & ~NO_RTR_BIT):
+            yield put(cob_id, target & ~NO_RTR_BIT | present & NO_RTR_BIT)
+
+
+def _mapping_writes(
+    od: ObjectDictionary,
+    count: Address,
+    slots: list[Address],
+    target: Mapping[Address, Value],
+    current: Mapping[Address, Value],
+) -> Iterator[Write]:
+    """Yield a whole mapping; with a fixed count only the differing entries."""
+    if count not in target:
+        for address in slots:
+            if not same_value(od[address], target[address], current[address]):
+                yield Write(address, encode(target[address], od[address].data_type))
+        return
+    yield Write(count, encode(0, od[count].data_type))
+    used = target[count]
+    for address in slots:
+        if isinstance(used, int) and address[1] <= used:
+            yield Write(address, encode(target[address], od[address].data_type))
+    yield Write(count, encode(used, od[count].data_type))
+
+
+SAVE: Final = b"save"
+_STORE: Final = (0x1010, 1)
+_STORE_S: Final = 15.0  # what writing a flash may take
+_POLL_S: Final = 0.2
+
+
+class RestoreStep(enum.Enum):
+    """Steps of a restore."""
+
+    READING = "reading what the drive holds"
+    WRITING = "writing"
+    VERIFYING = "reading back"
+    UNDOING = "putting back what the drive held"
+    DONE = "done"
+
+
+def check_device(parameters: ParameterSet, identity: DeviceIdentity, session: NodeSession) -> list[str]:
+    """Return differences of revision and software; ConfigError for another product."""
+    if strangers := parameters.identity.strangers(identity):
+        raise ConfigError(
+            f"{parameters.where} is of another product than {session}: {', '.join(strangers)}; nothing was written"
+        )
+    return parameters.identity.variations(identity)
+
+
+def refuse_moving(session: NodeSession) -> None:
+    """Raise DriveError where an axis has, or may have, torque: nothing is written into a drive that may move."""
+    if powered := session.powered_axes():
+        axes = "" if powered == [0] else f" (axis {', '.join(map(str, powered))})"
+        raise DriveError(f"{session} is enabled{axes}; nothing was written: disable it first, `axis disable`")
+
+
+@dataclass(slots=True)
+class Restore:
+    """One restore of `wanted` into the node of `session`, with the types of `od`.
+
+    `keep_held` is called with what the node holds before the first write, and may refuse. `run` may end with an error
+    of the bus or the node in the middle; `step`, `written` and `planned` then say how far it was. `verified` are the
+    parameters that were proven to be as wanted, `undone`: all that was written is as before.
+    """
+
+    session: NodeSession
+    od: ObjectDictionary
+    wanted: Mapping[Address, Value]
+    told: Told | None = None
+    keep_held: Callable[[Mapping[Address, Value]], None] | None = None
+    step: RestoreStep = RestoreStep.READING
+    held: dict[Address, Value] = field(default_factory=dict)
+    planned: int = 0
+    written: list[str] = field(default_factory=list)
+    refused: list[str] = field(default_factory=list)
+    verified: int = 0
+    undone: bool = False
+
+    def run(self, *, keep: bool = False) -> bool:
+        """Write and verify; return whether all values match.
+
+        With `keep` accepted values stay if others were refused.
+        """
+        entries = [self.od[address] for address in self.wanted]
+        self.held, left_out = read_values(self.session, entries)
+        self.refused = list(map(str, left_out))
+        if self.refused and not keep:
+            self.undone, self.step = True, RestoreStep.DONE  # nothing was written yet
+            return False
+        groups = restore_groups(self.od, self.wanted, self.held)
+        if groups and self.keep_held is not None:
+            self.keep_held(self.held)
+        self.step = RestoreStep.WRITING
+        failed = self._write(groups)
+        self._prove({group.name: why for group, why in failed})
+        if self.refused and not keep and self.written:
+            self._undo()
+        self.step = RestoreStep.DONE
+        return not self.refused
+
+    def _write(self, groups: list[RestoreGroup]) -> list[tuple[RestoreGroup, str]]:
+        """Write the groups, and refused ones a second time; return those refused twice."""
+        self.planned = len(groups)
+        failed: list[tuple[RestoreGroup, str]] = []
+        for _ in range(2):
+            failed = []
+            for group in groups:
+                if (why := self._write_group(group)) is None:
+                    self.written.append(group.name)
+                else:
+                    failed.append((group, why))
+                if self.told is not None:
+                    self.told(len(self.written), self.planned)
+            groups = [group for group, _ in failed]
+        return failed
+
+    def _write_group(self, group: RestoreGroup) -> str | None:
+        """Write a group; return the refusal. A PDO with a refused mapping stays invalid."""
+        for write in group.writes:
+            try:
+                self.session.write(*write.address, write.data)
+            except CanopenError as error:
+                if not is_abort(error):
+                    raise
+                return reason_of(error)
+        return None
+
+    def _prove(self, failed: Mapping[str, str]) -> None:
+        """Read all values back: a different one was refused, or changed by the drive."""
+        self.step = RestoreStep.VERIFYING
+        values, left_out = read_values(self.session, [self.od[address] for address in self.held])
+        self.refused += [f"{name}: {why}" for name, why in failed.items()]
+        self.refused += map(str, left_out)
+        for address, value in values.items():
+            entry, target = self.od[address], self.wanted[address]
+            if same_value(entry, target, value):
+                self.verified += 1
+                continue
+            name = entry_label(entry)
+            if name not in failed:
+                target_text, has = value_text(entry, target), value_text(entry, value)
+                self.refused.append(f"{name}: asked {target_text}, the drive has {has}")
+
+    def _undo(self) -> None:
+        """Write the previous values back."""
+        self.step = RestoreStep.UNDOING
+        now, _ = read_values(self.session, [self.od[address] for address in self.held])
+        for group in restore_groups(self.od, self.held, now):
+            self._write_group(group)
+        after, _ = read_values(self.session, [self.od[address] for address in self.held])
+        changed = [address for address, value in self.held.items()
+                if address not in after or not same_value(self.od[address], value, after[address])]  # fmt: skip
+        self.undone = not changed
+        self.refused += [f"{entry_label(self.od[address])}: could not be put back" for address in changed]
+
+
+def store(session: NodeSession, *, pause: Callable[[float], None] = time.sleep) -> None:
+    """Store all parameters (0x1010:01 with its signature), and wait until the drive answers again.
+
+    A drive that writes its flash may be silent meanwhile. ConfigError for one that cannot store, else what it answers.
+    """
+    if _STORE not in session.dictionary:
+        raise ConfigError(f"{session} has no 0x1010:01, so it cannot store; the values are lost with the power")
+    try:
+        session.write(*_STORE, SAVE)
+    except SdoTimeout:
+        _wait_for_answer(session, pause)
+
+
+def _wait_for_answer(session: NodeSession, pause: Callable[[float], None]) -> None:
+    for _ in range(round(_STORE_S / _POLL_S)):
+        pause(_POLL_S)
+        try:
+            session.read(*_STORE)
+        except SdoTimeout:
+            continue
+        return
+    raise DriveError(f"{session}: no answer {_STORE_S:g} s after it was told to store; do not switch it off yet")
+
+
+# What a drive held before somebody changed it, as a DCF in the user's state folder that outlasts this process.
+#
+# A drive is known by vendor, product and serial number, one without serial number by the bus or robot that it is on.
+# The file is a backup like any other, so `restore` takes it as well.
+
+
+class KeptParameters:
+    """File with previous values of the node of `session`, in a folder of the state folder."""
+
+    def __init__(self, folder: str, session: NodeSession, identity: DeviceIdentity, channel: str = "") -> None:
+        self._session, self._identity = session, identity
+        numbers = (identity.vendor_id, identity.product_code, identity.serial_number)
+        device = "-".join("none" if number is None else f"{number:08X}" for number in numbers)
+        place = "" if identity.serial_number else f"-{re.sub(r'[^A-Za-z0-9_.]+', '_', session.robot or channel)}"
+        self.path = state_dir(folder) / f"node{session.node_id}-{device}{place}.dcf"
+
+    @property
+    def parameters(self) -> ParameterSet | None:
+        """Previous values stored in the file, None without it."""
+        return read_backup(self.path, self._session.node_id) if self.path.is_file() else None
+
+    def read(self) -> Mapping[Address, Value]:
+        """Return the values that are kept."""
+        parameters = self.parameters
+        return {} if parameters is None else parameters.values
+
+    def keep(self, od: ObjectDictionary, values: Mapping[Address, Value]) -> None:
+        """Keep values instead of those before; ConfigError where that cannot be."""
+        session = self._session
+        listed = {address: value for address, value in values.items() if address in od}
+        parameters = ParameterSet(od, session.node_id, self._identity, listed, str(session))
+        text = backup_text(parameters)
+        if lost := lost_in_text(parameters, text):  # text that no DCF can hold
+            values_kept = {address: value for address, value in listed.items() if address not in lost}
+            text = backup_text(replace(parameters, values=values_kept))
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(self.path, text.encode())
+            with self.path.open("rb") as file:
+                os.fsync(file.fileno())
+        except (OSError, CanopenError) as error:
+            raise ConfigError(
+                f"{session}: what it holds cannot be kept in {self.path}, so nothing was written into it: {error}; set "
+                "XDG_STATE_HOME to a folder of yours"
+            ) from None
+
+    def forget(self) -> None:
+        """Keep nothing any more."""
+        self.path.unlink(missing_ok=True)
+
+
+# The journal of a restore: what a node held before, as a DCF on the disk, so that a restore that was killed is undone.
+#
+# It is written before the first value is, and gone when all is proven or put back. Who finds one knows that a restore
+# ended half-way, by SIGKILL or with the power of the computer: the same command goes on, since only what differs is
+# written; to restore the journal itself puts back what the node held. What an earlier journal knows of a parameter is
+# older than what the node holds now, and stays.
+
+
+_FOLDER: Final = "restores"
+
+
+@dataclass(frozen=True, slots=True)
+class Reached:
+    """Access to a node by a verb: channel of its bus or name of the robot, and whether all of a backup was written."""
+
+    channel: str = ""
+    robot: str = ""
+    include_protected: bool = False
+
+
+class RestoreJournal:
+    """The journal of the node of `session`; `reached` is how a verb reaches the node."""
+
+    def __init__(self, session: NodeSession, identity: DeviceIdentity, reached: Reached) -> None:
+        self._session, self._reached = session, reached
+        self._kept = KeptParameters(_FOLDER, session, identity, reached.channel)
+        self.path = self._kept.path
+        self._old = self._kept.parameters
+
+    @property
+    def unfinished(self) -> str:
+        """Return a sentence about an interrupted earlier restore and the next step; "" without one."""
+        if self._old is None:
+            return ""
+        return (
+            f"{self._session}: a restore of {self._old.date} ended half-way: the same command again goes on; "
+            f"{self.undo_words} what the node held before it"
+        )
+
+    @property
+    def undo_words(self) -> str:
+        """Return the command that restores the previous values."""
+        return f"`canopen-control restore {shlex.join([str(self.path), *self._words()])}` puts back"
+
+    def begin(self, od: ObjectDictionary, current: Mapping[Address, Value]) -> None:
+        """Store the previous values before writing; ConfigError if they cannot be stored, and nothing is written."""
+        old = {} if self._old is None else self._old.values
+        self._kept.keep(od, {**current, **old})
+
+    def end(self, restore: Restore) -> None:
+        """Delete the stored values after a verified restore or its undo; those of other restores stay."""
+        if restore.refused and restore.undone:
+            kept: Mapping[Address, Value] = {} if self._old is None else self._old.values
+        else:
+            old = {} if self._old is None else self._old.values
+            kept = {address: value for address, value in old.items() if address not in restore.wanted}
+        if kept:
+            self._kept.keep(restore.od, kept)
+        else:
+            self._kept.forget()
+            self._old = None
+
+    def _words(self) -> list[str]:
+        how, node = self._reached, str(self._session.name or self._session.node_id)
+        words = [node, *(["--can", how.channel] if how.channel else ["--name", how.robot] if how.robot else [])]
+        return [*words, *(["--include-protected"] if how.include_protected else [])]
+
+
+def unfinished_words(session: NodeSession, reached: Reached) -> str:
+    """Return a sentence about an interrupted restore of a node, "" without one; its identity is checked first."""
+    if not any(state_dir(_FOLDER).glob(f"node{session.node_id}-*.dcf")):
+        return ""
+    return RestoreJournal(session, session.identity(), reached).unfinished
+
+
+# Writes a parameter set into a node as `restore` and `clone` do: checks before, state meanwhile, report after.
+#
+# Nothing is written into another product, into another drive of the kind by mistake, into an axis with torque, or into
+# a node that a running robot controls. The node is PRE-OPERATIONAL meanwhile, so that no PDO acts on what is half
+# written.
+
+
+_SHOWN: Final = 8  # of what was written, where a restore was interrupted, and of what is never written
+
+
+@dataclass(frozen=True, slots=True)
+class RestoreOptions:
+    """Options of a restore: `protect` lists globs, `keep` keeps accepted values if some were refused."""
+
+    protect: Sequence[str] = ()
+    include_protected: bool = False
+    keep: bool = False
+    store: bool = False
+    reached: Reached = field(default_factory=Reached)
+
+
+@dataclass(frozen=True, slots=True)
+class RestoreReport:
+    """Result of a restore; `refused` and `protected` name objects with the reason.
+
+    `foreign` are objects of the file that no restore writes: read-only ones, commands, live values.
+    """
+
+    source: str
+    written: int
+    verified: int
+    protected: list[str]
+    foreign: list[str]
+    refused: list[str]
+    undone: bool
+    stored: bool
+
+    def words(self, session: NodeSession) -> str:
+        """Return the sentence at the end."""
+        if self.refused:
+            end = "the drive is as it was" if self.undone else "what it took is kept, and not stored"
+            return f"{session}: {len(self.refused)} parameters refused; {end}"
+        end = "stored" if self.stored else "not stored: a power cycle undoes it"
+        return f"{session}: {self.verified} parameters as in {self.source}, {self.written} written; {end}"
+
+
+def refuse_other_drive(file: ParameterSet, session: NodeSession) -> None:
+    """Refuse the backup of another drive at another node; for a replacement at the same node it is allowed."""
+    if file.node_id == session.node_id:
+        return
+    serial = session.identity().serial_number
+    if serial is None or serial != file.identity.serial_number:
+        raise ConfigError(
+            f"{file.where} is of node {file.node_id}, and {session} is another drive; nothing was written: name node "
+            f"{file.node_id}, or say --any-node if it is meant to have these parameters"
+        )
+
+
+def protected(
+    od: ObjectDictionary, addresses: Iterator[Address], globs: Sequence[str], *, same_device: bool
+) -> dict[Address, str]:
+    """Return the protected parameters with the reason; ConfigError for a glob without a match."""
+    reasons: dict[Address, str] = {}
+    used: set[str] = set()
+    for address in addresses:
+        entry = od[address]
+        fitting = [glob for glob in globs if _fits(od, entry, glob)]
+        used.update(fitting)
+        reason = protection_of(od, entry, same_device=same_device) or (f"--protect {fitting[0]}" if fitting else "")
+        if reason:
+            reasons[address] = reason
+    if unused := [glob for glob in globs if glob not in used]:
+        raise ConfigError(f"--protect {unused[0]}: fits no parameter; write an address as in '0x2*', or a name")
+    return reasons
+
+
+def _fits(od: ObjectDictionary, entry: Entry, glob: str) -> bool:
+    info = od.objects.get(entry.index)
+    address = f"0x{entry.index:04x}"
+    names = (address, f"{address}:{entry.subindex:02x}", entry.name, "" if info is None else info.name)
+    return any(fnmatch.fnmatchcase(name.lower(), glob.lower()) for name in names)
+
+
+@contextlib.contextmanager
+def quiet_node(session: NodeSession, *, starts_again: bool = True) -> Iterator[None]:
+    """Keep the node PRE-OPERATIONAL and without torque; DriveError if it cannot be."""
+    refuse_moving(session)
+    state = session.nmt_state()
+    again = state if starts_again else None
+    if session.robot:
+        if state is not NmtState.PRE_OPERATIONAL or not session.transfers.taken_out():
+            raise DriveError(
+                f"{session} is controlled by the running robot {session.robot}; nothing was written: end the robot "
+                f"with `shutdown` and use --can, or take the node out: `nmt preop {session.name or session.node_id}`"
+            )
+        yield
+        return
+    session.transfers.command(NmtCommand.ENTER_PRE_OPERATIONAL)
+    try:
+        yield
+    except BaseException:
+        with contextlib.suppress(CanopenError):  # what went wrong is told, and not what followed from it
+            _start_again(session, again)
+        raise
+    _start_again(session, again)
+
+
+def _start_again(session: NodeSession, state: NmtState | None) -> None:
+    if state is NmtState.OPERATIONAL:
+        session.transfers.command(NmtCommand.START)
+
+
+def guarded_restore(
+    session: NodeSession,
+    source: ParameterSet,
+    options: RestoreOptions,
+    *,
+    note: Callable[[str], None],
+    told: Callable[[int, int], None] | None = None,
+) -> RestoreReport:
+    """Write `source` into the node and prove it.
+
+    `note` hears what is to be known before, `told(done, of)` how far the writing is. ConfigError and DriveError for
+    what must not be; DriveError with what was written where it ended half-way.
+    """
+    identity = session.identity()
+    for line in check_device(source, identity, session):
+        note(line)
+    same_device = source.identity.serial_number is not None and source.identity.serial_number == identity.serial_number
+    target = source.for_node(session.node_id)
+    od = source.od.for_node(session.node_id)
+    reasons = protected(od, iter(target), options.protect, same_device=same_device or options.include_protected)
+    journal = RestoreJournal(session, identity, options.reached)
+    if journal.unfinished and Path(source.where) != journal.path:
+        note(journal.unfinished)
+    restore = Restore(
+        session, od, {address: value for address, value in target.items() if address not in reasons}, told
+    )
+    restore.keep_held = partial(journal.begin, od)
+    stored = False
+    with quiet_node(session), _half_way_told(restore, journal):
+        good = restore.run(keep=options.keep)
+        journal.end(restore)
+        if good and options.store:
+            store(session)
+            stored = True
+    lines = [f"{entry_label(od[address])}: {why}" for address, why in reasons.items()]
+    written = len(restore.written)
+    foreign = [entry_label(od[address]) for address in source.foreign]
+    refused, undone = restore.refused, restore.undone
+    return RestoreReport(source.where, written, restore.verified, lines, foreign, refused, undone, stored)
+
+
+@contextlib.contextmanager
+def _half_way_told(restore: Restore, journal: RestoreJournal) -> Iterator[None]:
+    """Report the written values of an interrupted restore."""
+    try:
+        yield
+    except (CanopenError, KeyboardInterrupt) as error:
+        if restore.step in (RestoreStep.READING, RestoreStep.DONE):
+            raise
+        raise DriveError(_interrupted(restore, journal, error)) from error
+
+
+def _interrupted(restore: Restore, journal: RestoreJournal, error: BaseException) -> str:
+    names = first_of(restore.written)
+    summary = f"{len(restore.written)} of {restore.planned} were written{f' ({names})' if names else ''}"
+    reason = str(error) or "interrupted"
+    return (
+        f"{restore.session}: the restore ended while {restore.step.value}: {reason}; {summary}, nothing was stored; "
+        f"the same command again writes what is missing, {journal.undo_words} what the node held"
+    )
+
+
+def first_of(names: Sequence[str]) -> str:
+    """Return the first names of a long list, as text."""
+    return ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")

@@ -1,0 +1,307 @@
+"""Signals of a scope, `NODE:OBJECT` or `JOINT:velocity`, with their newest values."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Protocol
+
+from canopen_control.cia402.objects import STATUSWORD
+from canopen_control.commissioning.node_session import is_abort
+from canopen_control.commissioning.object_rows import READS_PER_S, unit_of
+from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.od.address import find_object
+from canopen_control.od.codec import decode, fitted
+from canopen_control.rpc.messages.robot import GetStatus, ProcessData, Subscribe
+from canopen_control.rpc.messages.state import StateSample
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from canopen_control.client import RobotClient
+    from canopen_control.commissioning.node_session import NodeSession
+    from canopen_control.od.model import DataType
+    from canopen_control.rpc.messages.state import JointReading
+
+
+# Where a scope's samples come from: TPDOs of a running robot, each cycle, and SDO for what none carries.
+#
+# What a TPDO carries costs nothing and comes at the rate of SYNC; what is polled goes one object
+# at a time, through a robot no faster than `READS_PER_S` in all, so that nothing of the robot waits for a scope.
+
+
+_EVERY_CYCLE: Final = 1000.0  # Hz
+
+
+class ScopeSource(Protocol):
+    """Whoever brings samples; times in Unix seconds."""
+
+    def samples(self, seconds: float) -> Iterator[tuple[float, tuple[float | None, ...]]]:
+        """Yield the samples within `seconds`."""
+
+    def cycles(self) -> tuple[int, int] | None:
+        """Return the numbers of cycles and missed cycles of a robot; None without a robot."""
+
+
+class PolledSource:
+    """Reads every signal by SDO, `rate` times a second as far as the node answers so fast."""
+
+    def __init__(self, values: SignalValues, sessions: Mapping[int, NodeSession], rate: float) -> None:
+        self._values, self._sessions = values, sessions
+        self._period = 1.0 / rate
+        self._due = time.monotonic()
+
+    def cycles(self) -> None:
+        """Return nothing: a bare bus has no cycle."""
+        return
+
+    def samples(self, seconds: float) -> Iterator[tuple[float, tuple[float | None, ...]]]:
+        """Read all signals when it is time."""
+        wait = self._due - time.monotonic()
+        if wait > 0:
+            time.sleep(min(wait, seconds))
+            if wait > seconds:
+                return
+        self._due = max(self._due + self._period, time.monotonic() - self._period)
+        for signal in self._values.objects:
+            read_signal(self._values, self._sessions[signal.node_id], signal)
+        yield time.time(), self._values.row
+
+
+class RobotSource:
+    """Source of a running robot: signals by TPDO, others by polling."""
+
+    def __init__(
+        self, client: RobotClient, values: SignalValues, sessions: Mapping[int, NodeSession], rate: float
+    ) -> None:
+        self._client, self._values, self._sessions = client, values, sessions
+        self._ids = {session.name: node_id for node_id, session in sessions.items()}
+        self._polled = {signal.key: signal for signal in values.objects}
+        self._period = 1.0 / min(rate, READS_PER_S)
+        self._due = time.monotonic() + self._period  # the first message has all that TPDOs carry
+        if values.joints:
+            joints = client.ask(GetStatus()).joints
+            if missing := [joint for joint in values.joints if joint not in joints]:
+                raise ConfigError(f"robot {client.robot} has no joint {missing[0]!r}; its joints: {', '.join(joints)}")
+        client.ask(Subscribe(pdos=bool(values.objects), state_rate=_EVERY_CYCLE if values.joints else None))
+
+    def cycles(self) -> tuple[int, int]:
+        """Return the numbers of cycles and missed cycles of the robot."""
+        cycle = self._client.ask(GetStatus()).cycle
+        return cycle.count, cycle.missed
+
+    @property
+    def polled(self) -> list[ScopeSignal]:
+        """Signals without a TPDO so far."""
+        return list(self._polled.values())
+
+    def samples(self, seconds: float) -> Iterator[tuple[float, tuple[float | None, ...]]]:
+        """Yield a sample for each cycle in which something changed, and for each that was polled."""
+        wait = min(seconds, max(self._due - time.monotonic(), 0.0)) if self._polled else seconds
+        end = time.monotonic() + wait
+        for message in self._client.messages(wait):
+            if (isinstance(message, ProcessData) and self._take(message)) or (
+                isinstance(message, StateSample) and self._values.put_joints(message.joints)
+            ):
+                yield message.time, self._values.row
+            if time.monotonic() >= end:
+                break
+        if self._polled and time.monotonic() >= self._due:
+            yield from self._poll()
+
+    def _take(self, message: ProcessData) -> bool:
+        is_read = False
+        for name, mapped in message.nodes.items():
+            node_id = self._ids.get(name)
+            for entry in mapped if node_id is not None else ():
+                if self._values.put(node_id or 0, entry.index, entry.subindex, entry.data):
+                    self._polled.pop((node_id or 0, entry.index, entry.subindex), None)
+                    is_read = True
+        return is_read
+
+    def _poll(self) -> Iterator[tuple[float, tuple[float | None, ...]]]:
+        """Read one of the polled signals, in turn."""
+        self._due = time.monotonic() + self._period
+        key, signal = next(iter(self._polled.items()))
+        self._polled[key] = self._polled.pop(key)
+        read_signal(self._values, self._sessions[signal.node_id], signal)
+        yield time.time(), self._values.row
+
+
+def read_signal(values: SignalValues, session: NodeSession, signal: ScopeSignal) -> None:
+    """Read a signal by SDO; one that the node refuses has no value."""
+    try:
+        data = session.read(signal.index, signal.subindex)
+    except CanopenError as error:
+        if not is_abort(error):
+            raise
+        data = b""
+    values.put(signal.node_id, signal.index, signal.subindex, data)
+
+
+MOST_SIGNALS: Final = 8
+_QUANTITIES: Final = {"position": "rad or m", "velocity": "rad/s or m/s", "effort": "", "command": ""}
+"""What a robot tells of a joint, with its unit."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScopeSignal:
+    """A number of a node; `name` for people and files, such as left_drive:0x6064."""
+
+    node_id: int
+    index: int
+    subindex: int
+    data_type: DataType
+    name: str
+    label: str = ""
+    unit: str = ""
+
+    @property
+    def key(self) -> tuple[int, int, int]:
+        """Node id and address."""
+        return self.node_id, self.index, self.subindex
+
+    @property
+    def topic(self) -> str:
+        """Topic in a bag, below its owner."""
+        return f"o{self.index:04X}_{self.subindex:02X}"
+
+    def value(self, data: bytes) -> float | None:
+        """Return the number of these bytes; None for another length."""
+        padded = fitted(data, self.data_type)
+        number = None if padded is None else decode(padded, self.data_type)
+        return float(number) if isinstance(number, int | float) else None
+
+
+@dataclass(frozen=True, slots=True)
+class JointSignal:
+    """Signal of a joint of a running robot: position, velocity, effort or command."""
+
+    joint: str
+    quantity: str
+    label: str = "of the joint"
+
+    @property
+    def name(self) -> str:
+        """As it is written."""
+        return f"{self.joint}:{self.quantity}"
+
+    @property
+    def unit(self) -> str:
+        """Its unit."""
+        return _QUANTITIES[self.quantity]
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Joint and quantity."""
+        return self.joint, self.quantity
+
+    @property
+    def topic(self) -> str:
+        """Topic in a bag, below its owner."""
+        return self.quantity
+
+    def value(self, reading: JointReading) -> float | None:
+        """Return its value in a reading."""
+        value: float | None = getattr(reading, self.quantity)
+        return value
+
+
+Signal = ScopeSignal | JointSignal
+
+
+def joint_signal_of(text: str) -> JointSignal | None:
+    """Return the signal `JOINT:velocity`; None for an object of a node."""
+    joint, _, quantity = text.partition(":")
+    return JointSignal(joint, quantity) if joint and quantity in _QUANTITIES else None
+
+
+def node_of(text: str) -> str:
+    """Return the node of `NODE:OBJECT`; ConfigError."""
+    node, colon, item = text.partition(":")
+    if not (node and colon and item):
+        raise ConfigError(
+            f"{text!r} is no signal; write NODE:OBJECT, such as 3:0x6064 or left_drive:0x606C, or of a running robot "
+            f"JOINT:QUANTITY ({', '.join(_QUANTITIES)})"
+        )
+    return node
+
+
+def signal_of(text: str, session: NodeSession) -> ScopeSignal:
+    """Return the signal `NODE:OBJECT`; ConfigError if it is invalid or not a number."""
+    item = text.partition(":")[2]
+    address = find_object(item, session.dictionary)
+    entry = address.entry
+    if entry is None:
+        raise ConfigError(f"{text}: the EDS of {session} has no 0x{address.index:04X}:{address.subindex:02X}")
+    if not (entry.data_type.is_integer or entry.data_type.is_real) or not entry.readable:
+        raise ConfigError(
+            f"{text}: {address.label} is no number that can be read ({entry.data_type.name}, {entry.access})"
+        )
+    sub = f":{entry.subindex:02X}" if entry.subindex else ""
+    return ScopeSignal(
+        session.node_id,
+        entry.index,
+        entry.subindex,
+        entry.data_type,
+        f"{session.name or session.node_id}:0x{entry.index:04X}{sub}",
+        entry.name,
+        unit_of(session.dictionary, entry.index, entry.subindex),
+    )
+
+
+def statuswords_of(signals: Iterable[Signal], sessions: Mapping[int, NodeSession]) -> list[ScopeSignal]:
+    """Return the statusword of each node of the signals, for a trigger on faults; ConfigError if one has none."""
+    nodes = dict.fromkeys(signal.node_id for signal in signals if isinstance(signal, ScopeSignal))
+    if not nodes:
+        raise ConfigError("a trigger on faults looks at drives, and no signal is an object of one; add NODE:0x6041")
+    return [statusword_of(sessions[node_id]) for node_id in nodes]
+
+
+def statusword_of(session: NodeSession) -> ScopeSignal:
+    """Return the statusword of a node; ConfigError if it has none."""
+    return signal_of(f"{session.node_id}:0x{STATUSWORD:04X}", session)
+
+
+class SignalValues:
+    """The newest value of each signal: a row for a `ScopeCapture`."""
+
+    def __init__(self, signals: Iterable[Signal]) -> None:
+        self.signals = tuple(signals)
+        self._values: list[float | None] = [None] * len(self.signals)
+        self._places: dict[tuple[int, int, int], list[tuple[int, ScopeSignal]]] = {}
+        self._joints: list[tuple[int, JointSignal]] = []
+        for place, signal in enumerate(self.signals):
+            if isinstance(signal, JointSignal):
+                self._joints.append((place, signal))
+            else:
+                self._places.setdefault(signal.key, []).append((place, signal))
+
+    @property
+    def objects(self) -> list[ScopeSignal]:
+        """The signals that are objects of nodes."""
+        return [signal for signal in self.signals if isinstance(signal, ScopeSignal)]
+
+    @property
+    def joints(self) -> list[str]:
+        """The joints of the others."""
+        return list(dict.fromkeys(signal.joint for _, signal in self._joints))
+
+    @property
+    def row(self) -> tuple[float | None, ...]:
+        """The values in the order of the signals."""
+        return tuple(self._values)
+
+    def put(self, node_id: int, index: int, subindex: int, data: bytes) -> bool:
+        """Record the bytes of an object; return whether it is one of the signals."""
+        places = self._places.get((node_id, index, subindex), ())
+        for place, signal in places:
+            self._values[place] = signal.value(data)
+        return bool(places)
+
+    def put_joints(self, readings: Mapping[str, JointReading]) -> bool:
+        """Update from joint readings of a robot; return whether a signal is concerned."""
+        for place, signal in self._joints:
+            reading = readings.get(signal.joint)
+            self._values[place] = None if reading is None else signal.value(reading)
+        return bool(self._joints)

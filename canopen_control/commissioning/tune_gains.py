@@ -1,0 +1,395 @@
+"""Gains in a drive: their objects, setting and reverting them, and the texts about it."""
+
+from __future__ import annotations
+
+import cmath
+import math
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Protocol
+
+import numpy as np
+
+from canopen_control.cia402.loop_gains import GainObject, LoopGain, gain_objects, gain_places
+from canopen_control.commissioning.parameter_set import entry_label, read_values, value_text
+from canopen_control.commissioning.restore import KeptParameters, Restore, refuse_moving, store
+from canopen_control.errors import ConfigError, DriveError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from canopen_control.commissioning.node_session import NodeSession
+    from canopen_control.od.model import Address, Entry, ObjectDictionary, Value
+
+
+# Gains of a tuning, written into a drive so that they can be taken back.
+#
+# What the objects held is kept before the first of them changes, and stays kept until it is taken back: gains that are
+# set twice still go back to those before the first time. Writing, proof and undoing of what was half taken are those of
+# every restore. Sans-IO: who keeps it is `KeptGains`.
+
+
+@dataclass(frozen=True, slots=True)
+class GainChange:
+    """Old and new value of one object."""
+
+    label: str
+    before: str
+    after: str
+
+    def __str__(self) -> str:
+        return f"{self.label}: {self.before} -> {self.after}"
+
+
+def gain_values(
+    od: ObjectDictionary, objects: Mapping[LoopGain, GainObject], gains: CascadeGains, units_per_rad: float
+) -> dict[Address, Value]:
+    """Return the object values of gains; ConfigError for a gain that rounds to zero or does not fit.
+
+    `gains` are those of the shaft in rad, of which `units_per_rad` user units of 0x6064 make one.
+    """
+    values = {
+        LoopGain.VELOCITY_P: gains.velocity_p / units_per_rad,
+        LoopGain.VELOCITY_I: gains.velocity_i / units_per_rad,
+        LoopGain.POSITION_P: gains.position_p,
+        LoopGain.VELOCITY_FEED_FORWARD: 1.0,
+    }
+    return {
+        (place.index, place.subindex): _raw(od[place.index, place.subindex], values[gain] / place.scale)
+        for gain, place in objects.items()
+    }
+
+
+def _raw(entry: Entry, value: float) -> Value:
+    if not entry.data_type.is_integer:
+        return value
+    number = round(value)
+    low = entry.data_type.minimum if entry.low is None else entry.low
+    high = entry.data_type.maximum if entry.high is None else entry.high
+    if number == 0 or not low <= number <= high:
+        raise ConfigError(
+            f"{entry_label(entry)} would be {value:.4g}, and it holds {max(1, low)} to {high}: the gain cannot be set "
+            "with this scale; take another --crossover, or check --counts"
+        )
+    return number
+
+
+class KeptGains(Protocol):
+    """Previous gains of a drive, stored on disk."""
+
+    def read(self) -> Mapping[Address, Value]:
+        """Return it; nothing where no gains were set."""
+
+    def keep(self, od: ObjectDictionary, values: Mapping[Address, Value]) -> None:
+        """Keep values of a dictionary; ConfigError where that cannot be."""
+
+    def forget(self) -> None:
+        """Keep it no longer."""
+
+
+def set_gains(session: NodeSession, values: Mapping[Address, Value], kept: KeptGains) -> list[GainChange]:
+    """Write gains and prove them; DriveError where the drive is enabled, or refuses one: it is then as it was."""
+    refuse_moving(session)
+    od = session.dictionary
+    current, left_out = read_values(session, [od[address] for address in values])
+    if left_out:
+        raise DriveError(f"{session} does not show its gains, so they could not be taken back: {left_out[0]}")
+    kept.keep(od, {**current, **kept.read()})
+    _write(session, values)
+    return _changes(od, current, values)
+
+
+def revert_gains(session: NodeSession, kept: KeptGains) -> list[GainChange]:
+    """Restore the gains from before the first `set_gains`; DriveError if there are none."""
+    target = kept.read()
+    if not target:
+        raise DriveError(f"{session}: no gains were set on this drive from here, so there is nothing to take back")
+    refuse_moving(session)
+    od = session.dictionary
+    current, _ = read_values(session, [od[address] for address in target if address in od])
+    _write(session, target)
+    kept.forget()
+    return _changes(od, current, target)
+
+
+def _changes(
+    od: ObjectDictionary, current: Mapping[Address, Value], target: Mapping[Address, Value]
+) -> list[GainChange]:
+    return [
+        GainChange(entry_label(od[address]), value_text(od[address], current[address]), value_text(od[address], value))
+        for address, value in target.items()
+    ]
+
+
+def _write(session: NodeSession, values: Mapping[Address, Value]) -> None:
+    restore = Restore(session, session.dictionary, values)
+    if not restore.run():
+        raise DriveError(f"{session} refused gains, and is as it was: {'; '.join(restore.refused)}")
+
+
+# PI gains of a velocity loop for a phase margin, P of the position loop around it, from an identified plant.
+#
+# The plant is 1/(J s + B) with a dead time Td in the loop; the open loop is to pass 1 at the crossover frequency with
+# the phase margin wanted. All of it is arithmetic on phases; where the phase that the controller would need cannot be
+# had, a PI has no solution and the crossover is too high for this dead time.
+
+
+LOOP_DELAY_S: Final = 0.0005
+"""The dead time of a velocity loop inside a drive, where nobody tells another."""
+_POSITION_SHARE: Final = 4.0  # the position loop is so much slower
+
+
+@dataclass(frozen=True, slots=True)
+class CascadeGains:
+    """`velocity_p` in torque per rad/s, `reset` (Ti) in s, `position_p` in 1/s; crossover in rad/s, margin in rad."""
+
+    velocity_p: float
+    reset: float
+    position_p: float
+    crossover: float
+    margin: float
+
+    @property
+    def velocity_i(self) -> float:
+        """Torque per rad: the P gain divided by the reset time."""
+        return self.velocity_p / self.reset
+
+
+def design_velocity_loop(
+    plant: PlantModel, crossover: float, margin: float, delay: float = LOOP_DELAY_S
+) -> CascadeGains:
+    """Return gains for a crossover in rad/s and a phase margin in rad; ConfigError if none exist."""
+    viscous = max(0.0, plant.viscous)
+    lag = -math.atan2(plant.inertia * crossover, viscous) - crossover * delay
+    needed = margin - math.pi - lag
+    if not -math.pi / 2.0 < needed < 0.0:
+        raise ConfigError(_impossible(needed, crossover, margin, delay))
+    reset = math.tan(needed + math.pi / 2.0) / crossover
+    gain = abs(complex(viscous, plant.inertia * crossover)) / math.hypot(1.0, 1.0 / (crossover * reset))
+    return CascadeGains(gain, reset, crossover / _POSITION_SHARE, crossover, margin)
+
+
+def _impossible(needed: float, crossover: float, margin: float, delay: float) -> str:
+    words = f"a crossover of {crossover / math.tau:.3g} Hz with a phase margin of {math.degrees(margin):.0f} degrees"
+    if needed >= 0.0:
+        return f"no PI gives {words} at a dead time of {delay * 1e3:.3g} ms: take a lower --crossover or --phase-margin"
+    return f"{words} needs no P at all: take a greater --phase-margin, or a higher --crossover"
+
+
+def phase_margin(plant: PlantModel, gains: CascadeGains, delay: float = LOOP_DELAY_S) -> tuple[float, float]:
+    """Return crossover in rad/s and phase margin in rad of gains on a plant, such as one with another load.
+
+    The gain of the open loop falls all the way, so the crossover is found by halving.
+    """
+
+    def loop(omega: float) -> complex:
+        s = complex(0.0, omega)
+        controller = gains.velocity_p * (1.0 + 1.0 / (gains.reset * s))
+        return controller * cmath.exp(-s * delay) / (plant.inertia * s + max(0.0, plant.viscous))
+
+    low, high = 1e-3, 1e6
+    for _ in range(100):
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if abs(loop(middle)) > 1.0 else (low, middle)
+    lag = -math.atan2(plant.inertia * low, max(0.0, plant.viscous)) - low * delay
+    return low, math.pi + lag - math.atan2(1.0, gains.reset * low)
+
+
+# Identifies a motor with its load: inertia, viscous and Coulomb friction, constant load, dead time; least squares.
+#
+# The model is J dw/dt = u - B w - C sgn(w) + g. What is fitted is its integral over each cycle. A torque is held for a
+# cycle, and where in the cycle it changes is unknown; so the dead time is found first, as the one that leaves the least
+# residual, in quarters of a cycle: one cycle that is not accounted for costs a quarter of the inertia. Samples around
+# standstill are left out, since there Coulomb friction is any torque up to C. No friction drives a shaft: where the
+# least residual would need one below 0, as that of an axis without friction does by its noise, it is 0 and the rest is
+# fitted without it. Units: u in per mille of the rated torque (or N m), w in rad/s, so J in per mille s^2/rad (or kg
+# m^2).
+
+
+_MOST_DELAY: Final = 4.0  # cycles
+_STEPS: Final = 4  # of a cycle
+_STANDING: Final = 0.05  # of the greatest speed, below which it stands
+_FEWEST: Final = 50
+_VISCOUS, _COULOMB = 1, 2  # their columns
+_MODELS: Final = ([0, 1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 3])
+"""The columns that are fitted: all, else without a friction that would be below 0; the last ones have none."""
+_TRUSTED: Final = 0.7  # of the changes of speed that the model has to explain
+
+
+@dataclass(frozen=True, slots=True)
+class PlantModel:
+    """Identified plant; `load` is g, `delay` in s, `fit` the explained fraction of speed changes (1: all)."""
+
+    inertia: float
+    viscous: float
+    coulomb: float
+    load: float
+    delay: float
+    fit: float
+
+    @property
+    def time_constant(self) -> float:
+        """J/B in s, infinite without viscous friction."""
+        return self.inertia / self.viscous if self.viscous > 0.0 else math.inf
+
+    def scaled(self, unit: float) -> PlantModel:
+        """Return it with torques in another unit, `unit` for each of this one."""
+        parts = (self.inertia * unit, self.viscous * unit, self.coulomb * unit, self.load * unit)
+        return PlantModel(*parts, self.delay, self.fit)
+
+
+def identify_plant(torque: Sequence[float], speed: Sequence[float], period: float) -> PlantModel:
+    """Identify the plant from samples every `period` s; DriveError if they are insufficient.
+
+    A sample that is not known is nan; it is left out with the cycles behind it in which its torque acts.
+    """
+    u, w = np.asarray(torque, float), np.asarray(speed, float)
+    if len(w) < _FEWEST:
+        raise DriveError(f"{len(w)} samples are too few to identify anything; excite it longer: --for S")
+    fastest = float(np.nanmax(np.abs(w)))
+    if not fastest:
+        raise DriveError("the shaft did not move: the torque does not overcome its friction; take more, or free it")
+    best: tuple[float, NDArray[np.floating], float, float] | None = None
+    first = int(_MOST_DELAY) + 1
+    for quarter in range(round(_MOST_DELAY * _STEPS) + 1):
+        delay = quarter / _STEPS
+        fitted = _fit(_delayed(u, delay, first), w, first, fastest, period)
+        if best is None or fitted[1] < best[2]:
+            best = delay, fitted[0], fitted[1], fitted[2]
+    assert best is not None
+    delay, parts, residual, power = best
+    share = 1.0 - residual / power if power > 0.0 else 0.0
+    if parts[0] <= 0.0 or share < _TRUSTED:
+        raise DriveError(
+            f"the speed does not follow the torque as that of a mass with friction does (it explains {share:.0%} of "
+            "it): excite it more, look whether the shaft is free and whether something else drives it"
+        )
+    inertia = 1.0 / parts[0]
+    viscous, coulomb = abs(parts[_VISCOUS]) * inertia, abs(parts[_COULOMB]) * inertia
+    return PlantModel(inertia, viscous, coulomb, parts[3] * inertia, delay * period, min(1.0, share))
+
+
+def _delayed(u: NDArray[np.float64], delay: float, first: int) -> NDArray[np.float64]:
+    """Return the mean torque between samples from `first` on, delayed by `delay` cycles."""
+    periods = int(delay)
+    part = delay - periods
+    late = u[first - periods : len(u) - periods]
+    later = u[first - periods - 1 : len(u) - periods - 1]
+    return (1.0 - part) * late + part * later
+
+
+def _fit(
+    u: NDArray[np.float64], w: NDArray[np.float64], first: int, fastest: float, period: float
+) -> tuple[NDArray[np.floating], float, float]:
+    """Return 1/J, -B/J, -C/J, g/J, and the sums of squares of the residual and of the changes; DriveError."""
+    before, after = w[first - 1 : -1], w[first:]
+    mean = 0.5 * (before + after)
+    moving = np.minimum(np.abs(before), np.abs(after)) > _STANDING * fastest
+    moving &= (before * after > 0.0) & np.isfinite(u)
+    if int(moving.sum()) < _FEWEST:
+        raise DriveError("the shaft hardly moved: the torque does not overcome its friction; take more, or free it")
+    turned = np.sign(mean[moving])
+    if int(min((turned > 0.0).sum(), (turned < 0.0).sum())) < _FEWEST // 5:
+        raise DriveError("the shaft turned one way only, so that friction and load look the same: excite it more")
+    change = (after - before)[moving]
+    allowed: list[tuple[NDArray[np.floating], float, float]] = []
+    columns = period * np.column_stack([u[moving], mean[moving], turned, np.ones(len(change))])
+    power = float(change @ change)
+    for model in _MODELS:
+        parts = np.zeros(columns.shape[1])
+        parts[list(model)], _, _, _ = np.linalg.lstsq(columns[:, model], change, rcond=None)
+        residual = change - columns @ parts
+        if parts[_VISCOUS] <= 0.0 and parts[_COULOMB] <= 0.0:
+            allowed.append((parts, float(residual @ residual), power))
+            if model == _MODELS[0]:
+                break
+    return min(allowed, key=lambda fit: fit[1])
+
+
+GAIN_NAMES: Final = {gain.name.lower(): gain for gain in LoopGain}
+_GAIN: Final = re.compile(r"(\w+)=0x([0-9a-f]{1,4}):([0-9a-f]{1,2})\*(.+)", re.IGNORECASE)
+_OF_SHAFT: Final = (LoopGain.VELOCITY_P, LoopGain.VELOCITY_I)
+
+
+def parse_gain(text: str) -> tuple[LoopGain, GainObject]:
+    """Read `velocity_p=0x3210:01*0.001`; ConfigError. The scale is of the units in which a proposal is printed."""
+    match = _GAIN.fullmatch(text.strip())
+    if match is None or match[1].lower() not in GAIN_NAMES:
+        raise ConfigError(
+            f"--gain {text}: say which object holds which gain and what 1 in it is worth, as in "
+            f"velocity_p=0x3210:01*0.001; the gains are {', '.join(GAIN_NAMES)}"
+        )
+    try:
+        scale = float(match[4])
+    except ValueError:
+        scale = 0.0
+    if not 0.0 < scale < float("inf"):
+        raise ConfigError(f"--gain {text}: {match[4]!r} is no scale; give a number above 0")
+    return GAIN_NAMES[match[1].lower()], GainObject(int(match[2], 16), int(match[3], 16), scale)
+
+
+def settable_gains(
+    session: NodeSession, axis: int, named: Iterable[str], units_per_rad: float
+) -> Mapping[LoopGain, GainObject]:
+    """Return the gain objects of a drive: as given, else as known for it; ConfigError if unknown.
+
+    What is named is worth what it says at the shaft, of which `units_per_rad` user units make a rad.
+    """
+    od = session.dictionary
+    objects = gain_objects(od, axis)
+    for gain, place in map(parse_gain, named):
+        if (place.index, place.subindex) not in od:
+            raise ConfigError(f"--gain: {session} has no 0x{place.index:04X}:{place.subindex:02X} in its EDS")
+        scale = place.scale / units_per_rad if gain in _OF_SHAFT else place.scale
+        objects[gain] = GainObject(place.index, place.subindex, scale)
+    if missing := [gain.name.lower() for gain in _OF_SHAFT if gain not in objects]:
+        if places := gain_places(od, axis):
+            named_places = (
+                f"--gain {gain.name.lower()}=0x{i:04X}:{sub:02X}*SCALE" for gain, (i, sub) in places.items()
+            )
+            names = ", ".join(f"{entry_label(od[place])} ({gain.name.lower()})" for gain, place in places.items())
+            raise ConfigError(
+                f"{session}: its manufacturer holds gains in {names}; the value of 1 in them is in its manual alone, "
+                f"so nothing is set without: {' '.join(named_places)}"
+            )
+        raise ConfigError(
+            f"{session}: it is unknown which of its objects hold {' and '.join(missing)} "
+            "or what their numbers are worth, if it has such loops (a stepper has none); leave --apply away, or name "
+            "them: --gain velocity_p=0x3210:01*0.001"
+        )
+    return objects
+
+
+@dataclass(frozen=True, slots=True)
+class GainPlace:
+    """Which axis, `named` objects of gains, and the `channel` of a bare bus; `stores`: in the drive too (0x1010)."""
+
+    axis: int = 0
+    named: tuple[str, ...] = ()
+    channel: str = ""
+    stores: bool = False
+
+
+def applied(session: NodeSession, gains: CascadeGains, units_per_rad: float, place: GainPlace) -> Iterator[str]:
+    """Set gains; yield the changes."""
+    objects = settable_gains(session, place.axis, place.named, units_per_rad)
+    values = gain_values(session.dictionary, objects, gains, units_per_rad)
+    yield from _told(session, set_gains(session, values, _kept(session, place)), place)
+
+
+def reverted(session: NodeSession, place: GainPlace) -> Iterator[str]:
+    """Revert the gains; yield the changes."""
+    yield from _told(session, revert_gains(session, _kept(session, place)), place)
+
+
+def _kept(session: NodeSession, place: GainPlace) -> KeptParameters:
+    return KeptParameters("gains", session, session.identity(), place.channel)
+
+
+def _told(session: NodeSession, changes: Iterable[GainChange], place: GainPlace) -> Iterator[str]:
+    yield from map(str, changes)
+    if place.stores:
+        store(session)
+    yield f"{session}: {'stored' if place.stores else 'not stored: a power cycle undoes it'}"

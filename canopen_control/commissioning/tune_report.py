@@ -1,0 +1,306 @@
+"""Results of a tuning run: text, JSON, and its record or frequency response as CSV or PNG."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.commissioning.frequency_response import bode_csv, bode_lines, filled, frequency_response
+from canopen_control.commissioning.scope_capture import plotted
+from canopen_control.commissioning.tune_gains import design_velocity_loop, identify_plant
+from canopen_control.commissioning.tune_run import TuneTest
+from canopen_control.errors import ConfigError, DriveError
+from canopen_control.host.files import write_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from canopen_control.commissioning.frequency_response import Bode
+    from canopen_control.commissioning.jog_motion import JogScale
+    from canopen_control.commissioning.tune_gains import CascadeGains, PlantModel
+    from canopen_control.commissioning.tune_run import TuneRecord, TuneRequest, TuneSample
+
+
+# Step response metrics: delay, rise time, overshoot, settling time, steady-state error, ripple, ITAE.
+#
+# Rise is from 10 to 90 % of the step, settling is into a band around the final value for the rest of the record, the
+# final value is the mean of its last fifth. Times are seconds since the step was commanded, so they hold the dead time
+# of the bus; between two samples the response is a straight line.
+
+
+BAND: Final = 0.02  # of the step
+_FEWEST: Final = 10  # samples behind the step
+_TAIL: Final = 5  # the last part of the record in which it is to stand
+_LEAST: Final = 0.2  # of the step has to arrive, else there is nothing to measure
+
+
+@dataclass(frozen=True, slots=True)
+class StepMetrics:
+    """Step from `before` to `wanted` that settled at `final`; times in s, `settling` None if it did not settle.
+
+    `overshoot` is a part of what was reached, `error` what is missing, `ripple` the root mean square around the final
+    value and `itae` the integral of time times absolute error; in the unit of the response.
+    """
+
+    wanted: float
+    final: float
+    delay: float
+    rise_time: float
+    overshoot: float
+    settling: float | None
+    error: float
+    ripple: float
+    itae: float
+
+
+def step_metrics(times: Sequence[float], values: Sequence[float], target: float, *, band: float = BAND) -> StepMetrics:
+    """Measure the response to a step from 0 to `target` at time 0; earlier samples give the initial value.
+
+    DriveError where it did not follow.
+    """
+    before = [value for time, value in zip(times, values, strict=True) if time < 0.0]
+    rows = [(time, value) for time, value in zip(times, values, strict=True) if time >= 0.0]
+    if len(rows) < _FEWEST:
+        raise DriveError(f"{len(rows)} samples of the step are too few to judge it; take a longer one: --for S")
+    base = before[-1] if before else rows[0][1]
+    tail = [value for _, value in rows[-max(1, len(rows) // _TAIL) :]]
+    final = sum(tail) / len(tail)
+    height = final - base
+    if abs(height) < _LEAST * abs(target - base) or height * (target - base) <= 0.0:
+        raise DriveError(
+            f"the drive did not follow the step: {target - base:g} was asked for and {height:g} came; "
+            "look at its limits, ramps and load"
+        )
+    shares = [(time, (value - base) / height) for time, value in rows]
+    rise_begin, rise_end = _crossing(shares, 0.1), _crossing(shares, 0.9)
+    return StepMetrics(
+        wanted=target,
+        final=final,
+        delay=_crossing(shares, 0.05),
+        rise_time=rise_end - rise_begin,
+        overshoot=max(0.0, max(share for _, share in shares) - 1.0),
+        settling=_settling(shares, band),
+        error=target - final,
+        ripple=math.sqrt(sum((value - final) ** 2 for value in tail) / len(tail)),
+        itae=_itae(rows, target),
+    )
+
+
+def _crossing(shares: Sequence[tuple[float, float]], level: float) -> float:
+    """Return when a level is passed for the first time."""
+    last: tuple[float, float] | None = None
+    for time, share in shares:
+        if share >= level:
+            if last is None or share == last[1]:
+                return time
+            return last[0] + (time - last[0]) * (level - last[1]) / (share - last[1])
+        last = (time, share)
+    return shares[-1][0]
+
+
+def _settling(shares: Sequence[tuple[float, float]], band: float) -> float | None:
+    """Return the time from which it stays within the band; None if it leaves it near the end of the record."""
+    outside = [place for place, (_, share) in enumerate(shares) if abs(share - 1.0) > band]
+    if not outside:
+        return shares[0][0]
+    place = outside[-1] + 1
+    return None if place >= len(shares) - len(shares) // _TAIL else shares[place][0]
+
+
+def _itae(rows: Sequence[tuple[float, float]], target: float) -> float:
+    total = 0.0
+    for (time, value), (after, next_value) in pairwise(rows):
+        total += 0.5 * (after - time) * (time * abs(target - value) + after * abs(target - next_value))
+    return total
+
+
+CSV, PICTURE = ".csv", ".png"
+
+
+def report(record: TuneRecord, request: TuneRequest, scale: JogScale, output: Path | None) -> list[str]:
+    """Return the result; DriveError for an unusable record. The record is saved first."""
+    if output is not None and request.test is not TuneTest.BODE:
+        _write(output, record_picture(record) if output.suffix == PICTURE else record_csv(record).encode())
+    if request.test is TuneTest.STEP:
+        lines = [*step_lines(step_of(record, request.height(scale)), scale)]
+    elif request.test is TuneTest.IDENTIFY:
+        plant = identified(record)
+        lines = [*plant_lines(plant), *proposal_lines(plant, request)]
+    else:
+        bode = bode_of(record, request)
+        if output is not None:
+            _write(output, bode_picture(bode) if output.suffix == PICTURE else bode_csv(bode).encode())
+        bandwidth = bode.bandwidth()
+        lines = [
+            "velocity as commanded to velocity as measured; the phase has the way over the bus in it",
+            *bode_lines(bode),
+            f"bandwidth (-3 dB): {f'{bandwidth:.1f} Hz' if bandwidth is not None else 'beyond what was measured'}",
+        ]
+    return [*lines, *([] if output is None else [f"written: {output}"])]
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """Results of a test for programs: rad/s, s, Hz, dB, degrees, torques in per mille; None for other tests.
+
+    `no_gains` says why nothing is proposed; `velocity_i` is that of `gains`, `bandwidth` that of `bode`.
+    """
+
+    test: str
+    period: float
+    samples: int
+    lost: int
+    step: StepMetrics | None = None
+    plant: PlantModel | None = None
+    gains: CascadeGains | None = None
+    velocity_i: float | None = None
+    no_gains: str | None = None
+    bode: Bode | None = None
+    bandwidth: float | None = None
+
+
+def findings(record: TuneRecord, request: TuneRequest, scale: JogScale) -> Findings:
+    """Return the same for programs; DriveError as `report`."""
+    result = Findings(request.test.name.lower(), record.period, len(record.samples), record.lost)
+    if request.test is TuneTest.STEP:
+        return replace(result, step=step_of(record, request.height(scale)))
+    if request.test is TuneTest.BODE:
+        bode = bode_of(record, request)
+        return replace(result, bode=bode, bandwidth=bode.bandwidth())
+    plant = identified(record)
+    try:
+        gains = proposed(plant, request)
+    except ConfigError as error:
+        return replace(result, plant=plant, no_gains=str(error))
+    return replace(result, plant=plant, gains=gains, velocity_i=gains.velocity_i)
+
+
+def bode_picture(bode: Bode) -> bytes:
+    """Draw gain and phase over the frequency, as PNG."""
+    bandwidth = bode.bandwidth()
+    frequencies = [point.frequency for point in bode.points]
+    rows = [
+        ("gain, dB", frequencies, [point.gain for point in bode.points]),
+        ("phase, degrees", frequencies, [point.phase for point in bode.points]),
+    ]
+    return plotted(rows, "Hz", logarithmic=True, mark=bandwidth)
+
+
+def record_picture(record: TuneRecord) -> bytes:
+    """Draw commanded and measured values over time, as PNG."""
+    times = [record.seconds(sample) for sample in record.samples]
+    rows = [
+        ("command", times, [sample.command for sample in record.samples]),
+        ("rad/s", times, [math.nan if s.velocity is None else s.velocity for s in record.samples]),
+        ("torque, per mille", times, [math.nan if s.effort is None else s.effort for s in record.samples]),
+    ]
+    return plotted(rows, "s")
+
+
+def bode_of(record: TuneRecord, request: TuneRequest) -> Bode:
+    """Return the frequency response of a record; DriveError where nothing of it can be trusted."""
+    return frequency_response(*_pairs(record), record.period, low=request.band[0])
+
+
+def _write(path: Path, content: bytes) -> None:
+    try:
+        write_whole(path, content)
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be written: {error.strerror}") from None
+
+
+def _pairs(record: TuneRecord) -> tuple[list[float], list[float]]:
+    """Return commanded and measured values of each cycle; a lost one is interpolated."""
+    cycles = [sample.cycle for sample in record.samples]
+    commands, speeds = [sample.command for sample in record.samples], list(map(_speed, record.samples))
+    return filled(cycles, commands), filled(cycles, speeds)
+
+
+def _speed(sample: TuneSample) -> float:
+    if sample.velocity is None:
+        raise DriveError("no TPDO of the drive carries its velocity (0x606C), without which nothing can be judged")
+    return sample.velocity
+
+
+def step_of(record: TuneRecord, height: float) -> StepMetrics:
+    """Measure the step of a record; it begins with the cycle that commanded it."""
+    begin = next((sample for sample in record.samples if sample.command), None)
+    if begin is None:
+        raise DriveError("the step was never commanded")
+    zero = record.seconds(begin)
+    samples = [
+        sample
+        for sample in record.samples
+        if sample.velocity is not None and (sample.command or sample.cycle < begin.cycle)
+    ]
+    return step_metrics(
+        [record.seconds(sample) - zero for sample in samples], [sample.velocity or 0.0 for sample in samples], height
+    )
+
+
+def step_lines(metrics: StepMetrics, scale: JogScale) -> Iterator[str]:
+    """Yield the metrics of a step."""
+    settled = "never" if metrics.settling is None else f"{metrics.settling * 1e3:.0f} ms"
+    yield f"rise (10 to 90 %)   {metrics.rise_time * 1e3:.0f} ms, {metrics.delay * 1e3:.0f} ms after the command"
+    yield f"overshoot           {metrics.overshoot:.1%}"
+    yield f"settled to 2 %      {settled}"
+    ripple = scale.velocity_words(metrics.ripple)
+    yield f"steady-state error  {scale.velocity_words(metrics.error)}, ripple {ripple} rms"
+
+
+def identified(record: TuneRecord) -> PlantModel:
+    """Identify the plant of a record, by the measured torque, else by the commanded one."""
+    has_effort = all(sample.effort is not None for sample in record.samples)
+    cycles = 1 + record.samples[-1].cycle - record.begin if record.samples else 0
+    speeds, torques = [math.nan] * cycles, [math.nan] * cycles  # of a cycle that was lost
+    for sample in record.samples:
+        place = sample.cycle - record.begin
+        speeds[place] = _speed(sample)
+        torques[place] = sample.effort if has_effort and sample.effort is not None else sample.command
+    return identify_plant(torques, speeds, record.period)
+
+
+def plant_lines(plant: PlantModel) -> Iterator[str]:
+    """Yield the identified plant, in per mille of the rated torque."""
+    yield f"inertia             {plant.inertia:.4g} per mille s^2/rad"
+    yield f"viscous friction    {plant.viscous:.4g} per mille s/rad"
+    yield f"Coulomb friction    {plant.coulomb:.4g} per mille"
+    yield f"constant load       {plant.load:.4g} per mille"
+    yield f"the model explains  {plant.fit:.1%} of the changes of speed"
+
+
+def proposed(plant: PlantModel, request: TuneRequest) -> CascadeGains:
+    """Return gains for the requested crossover and margin."""
+    return design_velocity_loop(plant, request.crossover, request.margin, request.loop_delay)
+
+
+def proposal_lines(plant: PlantModel, request: TuneRequest) -> Iterator[str]:
+    """Yield the proposed gains, or the reason why there are none."""
+    try:
+        gains = proposed(plant, request)
+    except ConfigError as error:
+        yield f"no proposal: {error}"
+        return
+    yield (
+        f"for a crossover of {gains.crossover / math.tau:.3g} Hz and a phase margin of "
+        f"{math.degrees(gains.margin):.0f} degrees, at {request.loop_delay * 1e3:.3g} ms dead time of the drive's loop:"
+    )
+    yield f"velocity P          {gains.velocity_p:.4g} per mille s/rad"
+    yield f"velocity I          {gains.velocity_i:.4g} per mille/rad (reset time {gains.reset * 1e3:.3g} ms)"
+    yield f"position P          {gains.position_p:.4g} 1/s, velocity feed-forward 1"
+
+
+def record_csv(record: TuneRecord) -> str:
+    """Return the record as CSV: s, rad, rad/s, per mille; empty for unknown values."""
+
+    def text(value: float | None) -> str:
+        return "" if value is None else f"{value:.9g}"
+
+    rows = (
+        ",".join((f"{record.seconds(s):.6f}", text(s.command), text(s.position), text(s.velocity), text(s.effort)))
+        for s in record.samples
+    )
+    return "\n".join(["time_s,command,position_rad,velocity_rad_s,torque_permille", *rows]) + "\n"

@@ -1,0 +1,544 @@
+"""Loop of a tuning run: commands of an excitation, cycle by cycle, and the record of the response.
+
+As in `jog_run`, each command dies with this connection, and every way out of `run` asks for
+the stop and waits until the drive is disabled. Samples carry the number of their cycle, so what was lost is counted.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+import time
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final, Protocol
+
+from canopen_control.cia402.objects import TORQUE_ACTUAL, axis_index
+from canopen_control.client import RobotClient
+from canopen_control.commissioning.driven_axis import (
+    ENABLE_S,
+    AxisCommand,
+    DriveCurrent,
+    axis_reading,
+    choose_mode,
+    ended_words,
+    stop_drive,
+)
+from canopen_control.commissioning.frequency_response import HIGHEST
+from canopen_control.commissioning.jog_motion import JogEnd, JogKind
+from canopen_control.commissioning.tune_gains import LOOP_DELAY_S
+from canopen_control.errors import ConfigError, DriveError
+from canopen_control.rpc.messages.robot import AxisRequest, ProcessData, Subscribe
+from canopen_control.rpc.messages.state import StateSample
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from canopen_control.commissioning.driven_axis import JogDrive
+    from canopen_control.commissioning.jog_motion import JogLimits, JogScale, Quantity
+    from canopen_control.rpc.messages.robot import RobotPush
+
+
+# What a tuning run commands now: an excitation within limits of travel, speed and current, and why it ended.
+#
+# Sans-IO, time is `now` in monotonic nanoseconds. The run ends by itself where the way that is left is no longer than
+# what stopping takes, above the limit of speed, above that of the current for `PEAK_S`, and with a drive that is no
+# longer enabled; nothing is commanded then. A torque moves a free shaft as far as it likes: `STEERED` of the excitation
+# pushes it, both ways in turn as the identification of friction needs it, and back as soon as half of the travel or of
+# the speed is used up.
+
+
+STEERED: Final = 0.6  # of the peak of the excitation
+PEAK_S: Final = 0.1  # for which the current may be higher: a step asks for what the loop can give
+_HALF: Final = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class TuneSample:
+    """Sample of one cycle: number, command, and measured rad, rad/s, per mille."""
+
+    cycle: int
+    command: float
+    position: float | None = None
+    velocity: float | None = None
+    effort: float | None = None
+
+
+@dataclass(slots=True)
+class TuneRecord:
+    """Samples of a run in order, `period` in s; `lost` counts cycles without a sample."""
+
+    period: float
+    samples: list[TuneSample] = field(default_factory=list)
+    lost: int = 0
+
+    def put(self, sample: TuneSample) -> None:
+        """Add the next sample; a second one of the same cycle is ignored."""
+        last = self.samples[-1] if self.samples else None
+        if last is not None:
+            if sample.cycle <= last.cycle:
+                return
+            self.lost += sample.cycle - last.cycle - 1
+        self.samples.append(sample)
+
+    @property
+    def begin(self) -> int:
+        """The cycle of the first sample."""
+        return self.samples[0].cycle if self.samples else 0
+
+    def seconds(self, sample: TuneSample) -> float:
+        """Return the time of a sample since the first one."""
+        return (sample.cycle - self.begin) * self.period
+
+
+class TuneMotion:
+    """Run of an `excitation` by velocity or torque (`kind`).
+
+    The drive stops at `deceleration` in rad/s^2, 0: at once.
+    """
+
+    def __init__(
+        self, kind: JogKind, excitation: Excitation, limits: JogLimits, *, now: int, deceleration: float = 0.0
+    ) -> None:
+        self.kind, self.limits = kind, limits
+        self.ended = JogEnd.NONE
+        self._excitation, self._begin, self._now = excitation, now, now
+        self._deceleration = deceleration
+        self._start: float | None = None
+        self._way, self._speed = math.nan, 0.0
+        self._pushed = 0.0
+        self._too_much_since: int | None = None
+
+    @property
+    def command(self) -> float:
+        """Command to send in rad/s or per mille; 0 after the end."""
+        if self.ended is not JogEnd.NONE:
+            return 0.0
+        value = self._excitation.at((self._now - self._begin) * 1e-9)
+        if self.kind is JogKind.TORQUE:
+            value += self._pushed * STEERED * self._excitation.peak
+        return value
+
+    @property
+    def elapsed(self) -> float:
+        """Elapsed time in s."""
+        return (self._now - self._begin) * 1e-9
+
+    @property
+    def travelled(self) -> float:
+        """Travel of the shaft from the start in rad; nan if unknown."""
+        return self._way
+
+    def tick(self, now: int) -> None:
+        """Advance the time."""
+        self._now = now
+        if now - self._begin >= self._excitation.seconds * 1e9:
+            self.end(JogEnd.OVER)
+
+    def see(self, position: float | None, velocity: float | None, current: float | None, *, enabled: bool) -> None:
+        """Update the measured values: rad, rad/s, per mille, None if missing."""
+        if not enabled:
+            self.end(JogEnd.STATE)
+        self._judge_current(current)
+        if velocity is not None and math.isfinite(velocity):
+            self._speed = velocity
+            if abs(velocity) > self.limits.speed:
+                self.end(JogEnd.SPEED)
+        if position is not None and math.isfinite(position):
+            if self._start is None:
+                self._start = position
+            self._way = position - self._start
+            if abs(self._way) + self._stopping() >= self.limits.travel:
+                self.end(JogEnd.TRAVEL)
+        self._steer()
+
+    def end(self, why: JogEnd) -> None:
+        """Command nothing any more; the first reason counts."""
+        if self.ended is JogEnd.NONE:
+            self.ended = why
+
+    def _judge_current(self, current: float | None) -> None:
+        if current is None or abs(current) <= self.limits.current:
+            self._too_much_since = None
+        elif self._too_much_since is None:
+            self._too_much_since = self._now
+        elif self._now - self._too_much_since > PEAK_S * 1e9:
+            self.end(JogEnd.CURRENT)
+
+    def _stopping(self) -> float:
+        """Return the way that a stop takes, in rad, as far as it leads away from the start."""
+        if not self._deceleration or self._speed * self._way <= 0.0:
+            return 0.0
+        return self._speed * self._speed / (2.0 * self._deceleration)
+
+    def _steer(self) -> None:
+        """Choose the direction of an additional torque: alternating, and back after half of the travel."""
+        elapsed = (self._now - self._begin) * 1e-9 / self._excitation.seconds
+        self._pushed = -1.0 if 0.25 <= elapsed < 0.75 else 1.0
+        way, speed = self._way / self.limits.travel, self._speed / self.limits.speed
+        for share in (speed, 0.0 if math.isnan(way) else way):
+            if abs(share) > _HALF:
+                self._pushed = -math.copysign(1.0, share)
+
+
+_SOURCE: Final = "tune"
+_REMEDIES: Final = {
+    JogEnd.CURRENT: "; excite it less, or raise --max-current, if it is safe",
+    JogEnd.SPEED: "; excite it less, or raise --max-speed, if it is safe",
+    JogEnd.TRAVEL: "; make it shorter (--for), or raise --max-travel, if it is safe",
+}
+_WAIT_S: Final = 1.0  # for the first sample
+_SILENCE_S: Final = 0.3  # without a sample, after which nothing is commanded any more
+
+
+def _newest(client: RobotClient, timeout: float) -> Iterator[RobotPush]:
+    """Yield the next item within a time, and all that are already queued."""
+    for message in client.messages(timeout):
+        yield message
+        break
+    yield from client.messages(0)
+
+
+def torque_index_of(axis: int) -> int:
+    """Return the torque object of an axis: 0x6077 plus the axis's offset."""
+    return axis_index(TORQUE_ACTUAL, axis)
+
+
+class TuneRun:
+    """One excitation of a drive; `run` returns the record, or raises DriveError with the reason of its end.
+
+    `told` is called with the seconds that are over, again and again; what it raises ends the run, which stops first.
+    `effort_unit` is how many per mille of the rated torque the unit of its effort is, None where nobody knows: then its
+    torque is that of the object `torque_index`, if a TPDO carries it.
+    """
+
+    def __init__(
+        self,
+        drive: JogDrive,
+        kind: JogKind,
+        excitation: Excitation,
+        limits: JogLimits,
+        *,
+        deceleration: float,
+        effort_unit: float | None,
+        told: Callable[[float], object] = lambda _seconds: None,
+        torque_index: int = TORQUE_ACTUAL,
+    ) -> None:
+        self._drive, self._kind, self._excitation = drive, kind, excitation
+        self._limits, self._deceleration, self._effort_unit = limits, deceleration, effort_unit
+        self._current = DriveCurrent(drive)
+        self._sender = AxisCommand(drive, kind.value, _SOURCE)
+        self._sample: StateSample | None = None
+        self._gone = self._told = False
+        self._report = told
+        self._torque_index = torque_index
+        self._torque: float | None = None
+
+    def run(self) -> TuneRecord:
+        """Enable, excite, stop and disable."""
+        with RobotClient.connect(self._drive.robot) as client:
+            try:
+                motion, record = self._begin(client)
+                self._move(client, motion, record)
+            finally:
+                stop_drive(client, self._drive, _SOURCE)
+        if motion.ended is JogEnd.STATE:
+            raise DriveError(f"{self._drive.joint}: {ended_words(self._sample, self._drive)}")
+        if motion.ended is not JogEnd.OVER:
+            raise DriveError(
+                f"{motion.ended.value}: stopped and disabled; nothing is concluded of half a run"
+                f"{_REMEDIES.get(motion.ended, '')}"
+            )
+        return record
+
+    def leave(self) -> None:
+        """End the run at the next sample: the drive is stopped and disabled, without a result."""
+        self._gone = True
+
+    def _begin(self, client: RobotClient) -> tuple[TuneMotion, TuneRecord]:
+        """Choose the mode, enable, and return the motion, which starts now."""
+        node, joint = self._drive.node, self._drive.joint
+        if self._drive.mode:
+            choose_mode(
+                client, AxisRequest(action="mode", node=node, joint=joint, mode=self._drive.mode, source=_SOURCE)
+            )
+        client.ask(Subscribe(state_rate=1000.0, pdos=self._effort_unit is None))  # every cycle
+        period = self._first(client)
+        client.ask(AxisRequest(action="enable", node=node, joint=joint, source=_SOURCE), ENABLE_S)
+        for message in client.messages(0):  # of the time before: what has not changed since is not told again
+            if isinstance(message, ProcessData):
+                self._take_torque(message)
+        now = time.monotonic_ns()
+        motion = TuneMotion(self._kind, self._excitation, self._limits, now=now, deceleration=self._deceleration)
+        return motion, TuneRecord(period)
+
+    def _first(self, client: RobotClient) -> float:
+        """Return the period of the cycle by the first sample."""
+        deadline = time.monotonic() + _WAIT_S
+        while time.monotonic() < deadline:
+            for message in client.messages(_WAIT_S):
+                if isinstance(message, ProcessData):
+                    self._take_torque(message)
+                if isinstance(message, StateSample) and message.cycle.period_s:
+                    return message.cycle.period_s
+        raise DriveError(f"{self._drive.joint}: its robot reports nothing of its cycles")
+
+    def _move(self, client: RobotClient, motion: TuneMotion, record: TuneRecord) -> None:
+        heard = time.monotonic()
+        while motion.ended is JogEnd.NONE:
+            for message in _newest(client, record.period):
+                if isinstance(message, StateSample):
+                    heard = time.monotonic()
+                    self._take(message, motion, record)
+                elif isinstance(message, ProcessData):
+                    self._take_torque(message)
+            motion.tick(time.monotonic_ns())
+            self._report(motion.elapsed)
+            if time.monotonic() - heard > _SILENCE_S:
+                motion.end(JogEnd.STATE)
+            if self._gone:
+                motion.end(JogEnd.ASKED)
+            self._command(client, motion)
+        self._keep_torque(record)
+
+    def _take_torque(self, data: ProcessData) -> None:
+        """Store the torque of a TPDO for the cycle of the sample before it."""
+        for mapped in data.nodes.get(self._drive.node, ()):
+            if (mapped.index, mapped.subindex) == (self._torque_index, 0):
+                self._torque = float(int.from_bytes(mapped.data, "little", signed=True))
+
+    def _keep_torque(self, record: TuneRecord) -> None:
+        if self._torque is not None and record.samples and record.samples[-1].effort is None:
+            record.samples[-1] = replace(record.samples[-1], effort=self._torque)
+
+    def _take(self, sample: StateSample, motion: TuneMotion, record: TuneRecord) -> None:
+        """Check a sample and store it."""
+        self._sample = sample
+        joint, axis = sample.joints.get(self._drive.joint), axis_reading(sample, self._drive)
+        enabled = axis is None or axis.enabled
+        if joint is None:
+            motion.see(None, None, None, enabled=enabled)
+            return
+        unit = self._effort_unit
+        self._keep_torque(record)
+        effort = None if joint.effort is None or unit is None else joint.effort * unit
+        torque = self._torque if effort is None else effort
+        motion.see(joint.position, joint.velocity, self._current.value if torque is None else torque, enabled=enabled)
+        cycle = sample.cycle.count + sample.cycle.missed
+        record.put(TuneSample(cycle, joint.command or 0.0, joint.position, joint.velocity, effort))
+        self._told = torque is not None
+
+    def _command(self, client: RobotClient, motion: TuneMotion) -> None:
+        """Send the command, and request the current if no sample contains it."""
+        if not self._told:
+            self._current.ask(client)
+        if not self._sender.send(client, motion.command):
+            motion.end(JogEnd.STATE)
+
+
+# What a tuning run is asked for: the test, its excitation within the limits, and the words that are confirmed.
+
+
+# Excitation signals for tuning and identification: step, logarithmic chirp, pseudo-random binary sequence (PRBS).
+#
+# Sans-IO: a signal is a function of the seconds since it began, in the unit of what is commanded (rad/s, or per mille
+# of the rated torque). A chirp and a PRBS rise and fall over `RAMP_S`, so that neither begins nor ends with a blow; a
+# step is one, which is what is measured. Each is zero at its end and behind it.
+
+
+RAMP_S: Final = 0.2
+LEAD_S: Final = 0.3  # of standstill before a step, by which its beginning is known
+_TAPS: Final = {7: (7, 6), 8: (8, 6, 5, 4), 9: (9, 5), 10: (10, 7), 11: (11, 9)}
+"""Feedback of shift registers whose sequence is the longest there is, 2**bits - 1."""
+
+
+class Excitation(Protocol):
+    """Excitation signal; `seconds` is its length, `peak` its largest magnitude."""
+
+    @property
+    def seconds(self) -> float:
+        """Duration in s."""
+
+    @property
+    def peak(self) -> float:
+        """The most that it commands, either way."""
+
+    def at(self, seconds: float) -> float:
+        """Return the excitation at a time after its start."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepExcitation:
+    """Nothing for `LEAD_S`, then `height` until the end."""
+
+    height: float
+    seconds: float
+
+    @property
+    def peak(self) -> float:
+        """Peak value."""
+        return abs(self.height)
+
+    def at(self, seconds: float) -> float:
+        """Return 0 or the height."""
+        return self.height if LEAD_S <= seconds < self.seconds else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Chirp:
+    """A sine of `amplitude` around `bias`; its frequency rises from `low` to `high` Hz by equal factors in equal times.
+
+    The bias keeps a motor turning one way, so that friction does not change its sign (Coulomb friction is no linear
+    system). Frequencies are above 0.
+    """
+
+    amplitude: float
+    bias: float
+    low: float
+    high: float
+    seconds: float
+
+    @property
+    def peak(self) -> float:
+        """The bias and the amplitude on top."""
+        return abs(self.bias) + abs(self.amplitude)
+
+    def at(self, seconds: float) -> float:
+        """Return the value at a time."""
+        span = self.seconds - 2.0 * RAMP_S
+        rate = math.log(self.high / self.low) / span
+        since = min(max(seconds - RAMP_S, 0.0), span)
+        phase = math.tau * self.low * (math.expm1(rate * since) / rate if rate else since)
+        return _envelope(seconds, self.seconds) * (self.bias + self.amplitude * math.sin(phase))
+
+
+@dataclass(frozen=True, slots=True)
+class Prbs:
+    """`bias` plus or minus `amplitude`, as a shift register of `bits` says, each bit for `hold` seconds."""
+
+    amplitude: float
+    hold: float
+    seconds: float
+    bits: int = 9
+    bias: float = 0.0
+    _sequence: tuple[int, ...] = field(init=False, repr=False, default=())
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_sequence", _maximum_length(self.bits))
+
+    @property
+    def peak(self) -> float:
+        """The bias and the amplitude on top."""
+        return abs(self.bias) + abs(self.amplitude)
+
+    def at(self, seconds: float) -> float:
+        """Return the value at a time."""
+        if not 0.0 <= seconds < self.seconds:
+            return 0.0
+        bit = self._sequence[int(seconds / self.hold) % len(self._sequence)]
+        return _envelope(seconds, self.seconds) * (self.bias + self.amplitude * bit)
+
+
+def _envelope(seconds: float, length: float) -> float:
+    """Return the fade-in factor of a signal, from 0 to 1."""
+    return max(0.0, min(1.0, seconds / RAMP_S, (length - seconds) / RAMP_S))
+
+
+def _maximum_length(bits: int) -> tuple[int, ...]:
+    """Return the sequence of a shift register that begins with ones, as 1 and -1."""
+    register, bits_out = [1] * bits, []
+    for _ in range((1 << bits) - 1):
+        bits_out.append(1 if register[-1] else -1)
+        fed = 0
+        for tap in _TAPS[bits]:
+            fed ^= register[tap - 1]
+        register = [fed, *register[:-1]]
+    return tuple(bits_out)
+
+
+_BIAS, _AMPLITUDE = 1.5, 0.75  # rad/s, of a frequency response: it never turns round
+_LOW_HZ: Final = 0.5
+_BEYOND: Final = 1.15
+_HOLD_CYCLES: Final = 5  # of a PRBS of torque
+_SHORTEST: Final = 2.0 * RAMP_S + LEAD_S + 0.2
+
+
+class TuneTest(enum.Enum):
+    """Kinds of tests."""
+
+    STEP = "step"
+    BODE = "frequency response"
+    IDENTIFY = "identification"
+
+    @property
+    def seconds(self) -> float:
+        """Default duration in s."""
+        return 2.0 if self is TuneTest.STEP else 8.0
+
+
+@dataclass(frozen=True, slots=True)
+class TuneRequest:
+    """A test: `speed` of a step, `torque` of an identification in per mille, `signal` of a frequency response.
+
+    `period` of the cycle in s, `crossover` in rad/s, `margin` in rad, `loop_delay` in s are for the proposal.
+    """
+
+    test: TuneTest
+    seconds: float
+    period: float
+    speed: Quantity | None = None
+    torque: float = 0.0
+    signal: str = "chirp"
+    crossover: float = 20.0 * math.tau
+    margin: float = math.pi / 3.0
+    loop_delay: float = LOOP_DELAY_S
+
+    @property
+    def kind(self) -> JogKind:
+        """Commanded quantity."""
+        return JogKind.TORQUE if self.test is TuneTest.IDENTIFY else JogKind.VELOCITY
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """The frequencies of a frequency response, in Hz: a little beyond a third of the sampling rate."""
+        return _LOW_HZ, _BEYOND * HIGHEST / self.period
+
+    def height(self, scale: JogScale) -> float:
+        """Return the step in rad/s."""
+        assert self.speed is not None
+        return scale.si(self.speed)
+
+    def excitation(self, scale: JogScale) -> Excitation:
+        """Return the signal."""
+        if self.test is TuneTest.STEP:
+            return StepExcitation(self.height(scale), self.seconds + LEAD_S)
+        if self.test is TuneTest.IDENTIFY:
+            return Prbs(self.torque / (1.0 + STEERED), _HOLD_CYCLES * self.period, self.seconds)
+        if self.signal == "prbs":
+            return Prbs(_AMPLITUDE, self.period, self.seconds, bias=_BIAS)
+        return Chirp(_AMPLITUDE, _BIAS, *self.band, self.seconds)
+
+    def check(self, limits: JogLimits, scale: JogScale) -> None:
+        """Raise ConfigError for a test beyond the limits, or too short for a result."""
+        if self.seconds < _SHORTEST:
+            raise ConfigError(f"{self.seconds:g} s are too short for a {self.test.value}; {_SHORTEST:g} s at least")
+        if self.kind is JogKind.TORQUE:
+            if self.torque > limits.current:
+                raise ConfigError(f"a torque of {self.torque:g} per mille is beyond --max-current {limits.current:g}")
+            return
+        peak = self.excitation(scale).peak
+        if peak > limits.speed * (1 + 1e-9):
+            words = scale.velocity_words
+            raise ConfigError(
+                f"{words(peak)} is beyond the limit of {words(limits.speed)}; raise that, if it is safe: --max-speed"
+            )
+
+    def words(self, scale: JogScale) -> str:
+        """Excitation in words."""
+        if self.test is TuneTest.STEP:
+            return f"a step to {scale.velocity_words(self.height(scale))} for {self.seconds:g} s"
+        if self.test is TuneTest.IDENTIFY:
+            return f"a torque of up to {self.torque / 10:g} % of the rated one, both ways, for {self.seconds:g} s"
+        around = f"{scale.velocity_words(_BIAS)} and {scale.velocity_words(_AMPLITUDE)} more or less"
+        low, high = self.band
+        signal = f"a sine from {low:g} to {high:.3g} Hz" if self.signal == "chirp" else "a pseudo-random sequence"
+        return f"{around}, as {signal}, for {self.seconds:g} s"

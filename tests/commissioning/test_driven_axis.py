@@ -1,0 +1,95 @@
+import pytest
+from support.fake_client import FakeClient
+
+from canopen_control.commissioning import driven_axis
+from canopen_control.commissioning.driven_axis import (
+    CURRENTS,
+    DriveCurrent,
+    JogDrive,
+    choose_mode,
+    drive_of_robot,
+    ended_words,
+)
+from canopen_control.errors import ConfigError, RemoteError
+from canopen_control.rpc.messages.robot import (
+    AxisRequest,
+    GetNodes,
+    ListControllers,
+    NodeListing,
+    NodePlace,
+    SdoData,
+    SdoRead,
+)
+from canopen_control.rpc.messages.state import ControllerReading
+
+DRIVE = JogDrive("jog_5", "drive", "joint", "controller", "PV")
+
+
+class FakeRobot:
+    robot = "robby"
+
+    def __init__(self, *controllers):
+        self._controllers = controllers
+
+    def ask(self, request):
+        if isinstance(request, GetNodes):
+            return NodeListing(
+                {}, [NodePlace(name="left", node_id=2, joints=["wheel"]), NodePlace(name="io", node_id=3)]
+            )
+        assert isinstance(request, ListControllers)
+        return self._controllers
+
+
+def controller(name, topic=None, *, active=True, joint="wheel"):
+    return ControllerReading(name=name, type="", state="active" if active else "inactive", joints=(joint,), topic=topic)
+
+
+def test_a_drive_that_takes_targets_by_itself_is_moved_through_its_robot():
+    found = drive_of_robot(FakeRobot(controller("wheel", "target")), "2", 0, "PV")
+    assert (found.robot, found.node, found.joint, found.controller, found.mode) == (
+        "robby",
+        "left",
+        "wheel",
+        "wheel",
+        "PV",
+    )
+
+
+@pytest.mark.parametrize(
+    ("node", "controllers", "why"),
+    [
+        ("left", [controller("forward", "commands")], "commanded by forward, and two must not move it; drive it by"),
+        ("left", [controller("wheel", "target", active=False)], "commanded by no controller"),
+        ("io", [], r"node 3 \(io\) of the running robot robby moves no joint"),
+        ("9", [], "robot robby has no node '9'; its nodes: 2 left, 3 io"),
+    ],
+)
+def test_any_other_drive_of_a_robot_is_left_to_it_with_what_to_do_instead(node, controllers, why):
+    with pytest.raises(ConfigError, match=why):
+        drive_of_robot(FakeRobot(*controllers), node, 0, "PV")
+
+
+def test_a_mode_is_asked_for_again_while_the_drive_boots(monkeypatch):
+    monkeypatch.setattr(driven_axis, "PERIOD_S", 0.0)
+    client = FakeClient(("ControlError", "has not booted yet"), ("ControlError", "has not booted yet"))
+    choose_mode(client, AxisRequest(action="mode", node="drive", mode="PV"))
+    assert len(client.asked) == 3
+
+
+def test_a_mode_that_the_drive_lacks_is_told_at_once():
+    with pytest.raises(RemoteError, match="no PV"):
+        choose_mode(FakeClient(("UnsupportedMode", "no PV")), AxisRequest(action="mode", node="drive", mode="PV"))
+
+
+def test_the_current_is_read_where_the_drive_tells_it_and_else_its_torque():
+    client = FakeClient(("SdoAbort", "no such object"), answers={SdoRead: SdoData(b"\xce\xff")})
+    current = DriveCurrent(DRIVE)
+    for _ in range(2):
+        current._asked_ns = -(10**12)
+        current.ask(client)
+    assert [each.index for each in client.asked] == [index for index, _ in CURRENTS]
+    assert current.value == -50.0
+
+
+def test_a_drive_of_which_nothing_is_known_is_told_as_such():
+    assert ended_words(None, DRIVE) == "the drive shows no state any more"
