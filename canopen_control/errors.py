@@ -132,7 +132,7 @@ class BusError(CanopenError):
 
 
 class BusClosed(BusError):
-    """Use of a channel that is gone or was closed."""
+    """Use of a closed or lost channel."""
 
     def __init__(self, channel: str, reason: str = "closed") -> None:
         self.channel, self.reason = channel, reason
@@ -237,7 +237,7 @@ class SdoRestarted(RemoteProtocolError):
 
 
 class SdoLengthError(RemoteProtocolError):
-    """Upload whose data do not fit the type of the object: `data`; `wanted` names type and length."""
+    """Upload whose `data` do not fit the type of the object; `wanted` is the expected type and length."""
 
     def __init__(
         self, node_id: int, index: int, subindex: int, data: bytes, wanted: str, entry: str = "", name: str = ""
@@ -329,7 +329,7 @@ class RemoteError(CanopenError):
 
     @property
     def of_usage(self) -> bool:
-        """Whether the robot's error is one of usage."""
+        """Whether the robot's error is a usage error."""
         kind = globals().get(self.kind)
         return isinstance(kind, type) and issubclass(kind, _OF_USAGE)
 

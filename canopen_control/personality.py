@@ -1,4 +1,4 @@
-"""Personalities: how the drives of a manufacturer behave, a YAML file each, with its sources line by line.
+"""Personalities: behaviour of a manufacturer's drives in YAML files, each line with its source.
 
     title: Elmo Gold
     identity:                                   # 0x1018:01 and :02; no products: all of the vendor
@@ -40,12 +40,12 @@ _VENDOR: Final = re.compile(r"^ *- \{vendor: (\w+)", re.MULTILINE)  # as the bun
 
 
 class PersonalityError(ConfigError):
-    """The file of a personality holds mistakes."""
+    """Error in the file of a personality."""
 
 
 @dataclass(frozen=True)
 class DriveIdentity:
-    """A vendor id (0x1018:01) and product codes (0x1018:02); none: all products of the vendor."""
+    """Vendor id (0x1018:01) and product codes (0x1018:02); an empty list means all products of the vendor."""
 
     vendor: int = setting(low=1, high=_MOST)
     products: list[int] = setting(factory=list, low=0, high=_MOST)
@@ -54,7 +54,7 @@ class DriveIdentity:
 
 @dataclass(frozen=True)
 class QuirkLine:
-    """A quirk as it is written for `drive --quirk`, and its source."""
+    """Quirk in the notation of `drive --quirk`, and its source."""
 
     quirk: str
     source: str = "unsourced"
@@ -63,7 +63,7 @@ class QuirkLine:
 
 @dataclass(frozen=True)
 class BusKey:
-    """A key of bus.yml with its value, why such a drive needs it, and its source."""
+    """Key of bus.yml with its value, the reason why such a drive needs it, and its source."""
 
     key: str
     value: int | float | bool | str | dict[int, int]
@@ -73,7 +73,7 @@ class BusKey:
 
     @property
     def text(self) -> str:
-        """The line as bus.yml has it."""
+        """Line for bus.yml."""
         value = self.value
         if isinstance(value, bool):
             return f"{self.key}: {'true' if value else 'false'}"
@@ -84,7 +84,7 @@ class BusKey:
 
 @dataclass(frozen=True)
 class PersonalityFile:
-    """The file as a whole."""
+    """Contents of the file."""
 
     title: str
     identity: list[DriveIdentity] = setting(factory=list)
@@ -99,7 +99,7 @@ class PersonalityFile:
 
 @dataclass(frozen=True, slots=True)
 class Personality:
-    """How the drives of a manufacturer behave; `name` is that of the file."""
+    """Behaviour of a manufacturer's drives; `name` is that of the file."""
 
     name: str
     path: Path
@@ -114,15 +114,15 @@ class Personality:
     here: Node
 
     def line_of(self, key: str) -> str:
-        """Return where a key of the file is."""
+        """Return the line of a key in the file."""
         return f"{self.path}:{self.here.keys()[key].line}"
 
     def place(self, line: QuirkLine) -> str:
-        """Return where a line of the file is."""
+        """Return the place of a line in the file."""
         return f"{self.path}:{line.here.line}"
 
     def fits(self, vendor: int | None, product: int | None) -> bool:
-        """Whether a device with this identity is one of them."""
+        """Whether the identity is that of one of these drives."""
         return any(
             identity.vendor == vendor and (not identity.products or product in identity.products)
             for identity in self.identity
@@ -135,7 +135,7 @@ def personality_names() -> list[str]:
 
 
 def read_personality(name: str) -> Personality:
-    """Return a bundled personality by its name, or that of a file; PersonalityError with every mistake and its line."""
+    """Return a bundled personality by its name, or that of a file; PersonalityError with all errors and their lines."""
     bundled = data_path("eds", _FOLDER) / f"{name}.yaml"
     path = bundled if name in personality_names() else Path(name)
     if path is not bundled and not path.is_file():
@@ -169,7 +169,7 @@ def _check(file: PersonalityFile, _problems: Problems) -> None:
 
 @functools.cache
 def _vendors_of(name: str) -> frozenset[int]:
-    """Return the vendor ids that a bundled file names, without reading it as YAML: a start asks for each node."""
+    """Return the vendor ids in a bundled file without parsing YAML, because every start needs them for each node."""
     text = (data_path("eds", _FOLDER) / f"{name}.yaml").read_text(encoding="utf-8")
     return frozenset(int(number, 0) for number in _VENDOR.findall(text))
 

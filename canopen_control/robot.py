@@ -119,7 +119,7 @@ class Robot:
         self._leave()
 
     def shutdown(self) -> None:
-        """Ramp to zero, disable the drives and end the robot, wherever it runs; a second call does nothing."""
+        """Ramp to zero, disable the drives and end the robot, in any process; a second call does nothing."""
         if self._background is None and self._connected is not None:
             self._ask(messages.Shutdown())
         self.close()
@@ -145,7 +145,7 @@ class Robot:
         )
 
     def stop(self, *, latch: bool = False) -> None:
-        """Ramp to zero and disable the drives; returns when no drive is moving under power.
+        """Ramp to zero and disable the drives; returns when no drive moves under power.
 
         With `latch` no client can move the robot before `release`.
         """
@@ -202,7 +202,7 @@ class Robot:
         return self.status().nodes
 
     def controllers(self) -> dict[str, ControllerReading]:
-        """Return the controllers that are loaded, by name."""
+        """Return the loaded controllers by name."""
         return {controller.name: controller for controller in self._ask(messages.ListControllers())}
 
     def status(self) -> Status:

@@ -81,7 +81,7 @@ def _unpacked(data: bytes) -> bytes | None:
 
 
 def _refuse_standstill(data: bytes) -> None:
-    """Raise ValueError for an object that ends before its header does, which would stop the progress of a reader."""
+    """Raise ValueError for an object that ends before its header does, because a reader would never get past it."""
     at = 0
     while (at := data.find(_SIGNATURE, at, at + _PADDING)) >= 0 and at + _SIZE_AT + _SIZE.size <= len(data):
         (length,) = _SIZE.unpack_from(data, at + _SIZE_AT)

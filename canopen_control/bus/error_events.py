@@ -155,7 +155,7 @@ _EVERY_CLASS: Final = (
 
 
 def error_text(frame: CanFrame) -> str:
-    """Return the complete text of an error frame by its classes, never empty; missing bytes are read as zero."""
+    """Return the complete text of an error frame by its classes, never empty; missing bytes count as zero."""
     frame = CanFrame(frame.can_id, frame.data[:_FULL_LENGTH].ljust(_FULL_LENGTH, b"\0"))
     text = "; ".join(_parts(frame))
     if frame.can_id & COUNTERS and not lost_frames(frame):

@@ -48,7 +48,7 @@ class _End:
 
 
 class Hub:
-    """Server of one bus on a reactor; `close` ends it, and `on_end` is called when it ended by itself."""
+    """Server of one bus on a reactor; `close` ends it; `on_end` is called when it ends without a call of `close`."""
 
     def __init__(self, reactor: Reactor, name: str) -> None:
         self.name = name

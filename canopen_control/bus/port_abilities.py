@@ -107,7 +107,7 @@ class Arrivals:
         return records, stamps
 
     def order(self, stamps: list[int]) -> None:
-        """Set missing stamps and make each later than the one before, for callers that read the port themselves."""
+        """Set missing stamps and make each later than the previous one, for callers that read the port themselves."""
         now, earliest = self._clock(), self._earliest
         for number, stamp in enumerate(stamps):
             if stamp < earliest:  # or 0

@@ -328,7 +328,7 @@ class PythonCanPort:
                 self._wake.set()
 
     def _is_broken(self) -> bool:
-        """Whether the adapter has only failed for so long that it should be reopened."""
+        """Whether the adapter has only failed for long enough to be reopened."""
         if self._reopen is None or not self._failing_since:
             return False
         now = time.monotonic()
@@ -384,7 +384,7 @@ def _reason(error: Exception) -> str:
 
 
 def _shut_down(bus: can.BusABC) -> None:
-    """Shut an adapter down, and abandon it if that blocks: python-can-remote 0.3 waits for a server that is gone.
+    """Shut an adapter down; abandon it if that blocks, as in python-can-remote 0.3 when the server is gone.
 
     An abandoned adapter is marked as shut down, or its destructor would try again when the interpreter ends.
     """

@@ -52,7 +52,7 @@ ALL_INTERFACES = ""
 
 
 class CanSocket(Protocol):
-    """Socket methods that the port uses."""
+    """Socket methods used by the port."""
 
     def fileno(self) -> int:
         """Return the descriptor."""
@@ -185,7 +185,7 @@ def _refuse_down(name: str, interface: Path) -> None:
 
 
 def _number(path: Path, base: int) -> int:
-    """Return the number in a file of sysfs, -1 if there is none: the value is unknown then, and all bits are set."""
+    """Return the number in a file of sysfs; -1 if the file is missing and the value is unknown."""
     try:
         return int(path.read_text(), base)
     except (OSError, ValueError):

@@ -148,7 +148,7 @@ def _data_frame(row: dict[str, str], kind: str) -> CanFrame | None:
 
 
 def _report(kind: str, words: list[str], columns: str) -> CanFrame | None:
-    """Return the error frame of an error row; such rows may lack identifier and length."""
+    """Return the error frame of an error row, which may lack identifier and length."""
     direction = next((at for at, word in enumerate(words) if word in ("Rx", "Tx")), columns.find("L"))
     data = bytes(int(word, 16) for word in words[direction + 1 :] if _BYTE.fullmatch(word))
     if kind in _ERROR_TYPES:
@@ -285,7 +285,7 @@ def _blf_reader(file: Any) -> Any:  # noqa: ANN401 - as above
 
 
 class _Format(NamedTuple):
-    """How a format is opened, and which frames it can represent."""
+    """Format of a recording: how it is opened, and which frames it can represent."""
 
     writer: Callable[[Path], can.io.generic.MessageWriter] | None  # None: written here
     reader: Callable[[Any], Any] | None  # None: `lines`, read here

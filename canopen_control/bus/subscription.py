@@ -247,7 +247,7 @@ def chunks_of(data: bytes, before: Chunk) -> Iterator[Chunk]:
 
 
 class Subscription:
-    """Requests of one port: `ids` is None while it receives everything; `echoes` means its own frames too."""
+    """Requests of one port: `ids` is None while it receives everything; `echoes` includes its own frames."""
 
     __slots__ = ("_coming", "echoes", "ids", "stamps")
 
@@ -257,7 +257,7 @@ class Subscription:
         self._coming: set[int] = set()
 
     def take(self, records: bytes) -> bytes:
-        """Apply and remove the request records; return the frames, which are all others."""
+        """Apply and remove the request records; return the remaining records, which are frames."""
         frames = []
         for at in range(0, len(records), RECORD_SIZE):
             if records.startswith(MARK, at):

@@ -27,7 +27,7 @@ class DropRule:
         return self.count is not None and self.lost >= self.count
 
     def takes(self, label: str, can_id: int) -> bool:
-        """Whether this frame is dropped; counts it."""
+        """Whether the rule drops this frame; counts the frame."""
         if self.spent or self.label not in ("", label) or self.can_id not in (None, can_id):
             return False
         self.seen += 1

@@ -267,7 +267,7 @@ class BaseLink:
 
     @contextlib.contextmanager
     def _watching(self) -> Iterator[None]:
-        """Subscribe to state samples for the duration of the context, although none are read."""
+        """Keep a subscription to state samples open during the context, without reading them."""
         self._robot.ask(Subscribe(state_rate=_RATE))
         try:
             yield

@@ -176,7 +176,7 @@ class _Checker:
         return None
 
     def _read_world(self) -> None:
-        """Read the world that an argument names."""
+        """Read the world file of an argument."""
         path = self._files.world
         if path is None:
             return
@@ -191,7 +191,7 @@ class _Checker:
                 self.findings += rules.findings_of(note, str(path), 0, Severity.NOTE)
 
     def _build(self) -> None:
-        """Build the robot as a start does, without opening a bus; a refusal is an error finding."""
+        """Build the robot without opening a bus, as a start does; a refusal becomes an error finding."""
         options = self._options
         try:
             setup = read_robot(

@@ -37,7 +37,7 @@ _FILES: Final = (".yaml", ".yml", ".urdf", ".xacro", ".eds")  # that nothing but
 
 @dataclass
 class _Launch:
-    """A launch file while it is walked through."""
+    """Launch file during its traversal."""
 
     path: str
     robot: CheckedRobot
@@ -46,7 +46,7 @@ class _Launch:
     findings: list[Finding] = field(default_factory=list)
 
     def text(self, element: Element, name: str) -> str:
-        """Return an attribute with the defaults of `$(arg)` in it."""
+        """Return an attribute with `$(arg)` replaced by the argument's default."""
         return _ARG.sub(lambda match: self.arguments.get(match[1], match[0]), element.attributes.get(name, ""))
 
     def add(self, element: Element, severity: Severity, text: str, fix: str) -> None:
@@ -155,7 +155,7 @@ def _python_files(launch: _Launch, file: LaunchFile, text: str, line: int) -> No
 
 
 def _wanted(launch: _Launch, name: str, namespace: str, line: int) -> None:
-    """Hold the name of a controller that is to be spawned against those there are."""
+    """Compare the names of spawned controllers with those of the parameter file."""
     control = launch.robot.control
     if control is not None and name not in control.controllers:
         text = (
@@ -204,7 +204,7 @@ def _spawner(launch: _Launch, element: Element, namespace: str) -> None:
 
 
 def _spawned(words: Sequence[str], namespace: str) -> tuple[list[str], str]:
-    """Return the controllers of a spawner's arguments, and the namespace it works in."""
+    """Return the controllers in a spawner's arguments, and their namespace."""
     names: list[str] = []
     words_left = iter(words)
     for word in words_left:
@@ -231,7 +231,7 @@ def _renamed(launch: _Launch, element: Element, name: str) -> None:
 
 
 def _transmissions(launch: _Launch) -> Iterator[Finding]:
-    """Without a transmission, the controllers that are spawned find no joint."""
+    """Report joints without a transmission, which spawned controllers of ROS 1 would not find."""
     description, robot = launch.robot.description, launch.robot
     if description is None or not launch.spawns or any(not tag.transmissions for tag in description.hardware):
         return

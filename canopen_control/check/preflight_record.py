@@ -48,7 +48,7 @@ _LAG_S = 0.5  # a joint that is further behind than this at the cap has not foll
 
 
 class _Position:
-    """Position that moves to its command at the cap; `last` is the present one, nan before any command."""
+    """Position that follows its command at the speed cap; `last` is the present one, nan before any command."""
 
     __slots__ = ("_command", "_here", "_last", "_limit", "_wanted")
 
@@ -109,7 +109,7 @@ _NEEDS: dict[str, tuple[str, Callable[[CommandInterface, StateInterface, float],
 
 
 class SpeedCap:
-    """Caps the `joints` at `limit` rad/s, or m/s, after another limiter; `unlimited` are the commands it cannot cap."""
+    """Speed limit of `joints`, rad/s or m/s, applied after another limiter; `unlimited` are commands it cannot cap."""
 
     def __init__(
         self, registry: InterfaceRegistry, joints: Container[str], limit: float, before: Limiter | None = None
@@ -165,7 +165,7 @@ _ANSWER_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class PreflightRecord:
-    """A pass: `config` is the hash of the files, `serials` by node name, `time` in Unix seconds, `joints` it covers."""
+    """Passed preflight: `config` is the hash of the files, `serials` are by node name, `time` is in Unix s."""
 
     config: str
     serials: dict[str, int]
@@ -176,14 +176,14 @@ class PreflightRecord:
 
 @dataclass(frozen=True, slots=True)
 class SlowReason:
-    """Why a robot has to be slow, and which of its joints."""
+    """Reason for a speed limit, and the limited joints."""
 
     why: str
     joints: tuple[str, ...]
 
 
 def config_hash(setup: RobotSetup) -> str:
-    """Return the hash of everything a robot is described by, in hexadecimal digits."""
+    """Return the hash of all files that describe a robot, in hexadecimal digits."""
     paths = [*setup.files.buses.values(), setup.files.controllers, setup.files.description]
     paths += sorted({path for bus in setup.buses.values() for path in bus.eds_paths.values()})
     digest = hashlib.sha256()
@@ -222,7 +222,7 @@ def _file(setup: RobotSetup) -> Path:
 
 
 def save_record(setup: RobotSetup, serials: Mapping[str, int], joints: Iterable[str]) -> Path:
-    """Write down that the robot has passed with these joints, instead of any earlier pass of this name.
+    """Save a passed preflight of these joints; it replaces any earlier record of this robot.
 
     Return the file.
     """
@@ -246,7 +246,7 @@ def find_record(setup: RobotSetup) -> PreflightRecord | None:
 
 
 def explain(setup: RobotSetup, passed: PreflightRecord | None, serials: Mapping[str, int | None]) -> str | None:
-    """Return the reason why a record does not clear the robot; None if it does."""
+    """Return the reason why a record does not allow full speed; None if it does."""
     if passed is None:
         return "this robot has not passed a pre-flight on this machine"
     if passed.config != config_hash(setup):
@@ -274,7 +274,7 @@ def slow_reason(setup: RobotSetup) -> SlowReason | None:
 
 
 def _turns(setup: RobotSetup, joint: ControlJoint) -> bool:
-    """Whether a joint may have a drive: one that another device measures cannot be turned."""
+    """Whether a joint may have a drive; False for a joint that is only measured by another device."""
     plans = {name: plan for bus in setup.buses.values() for name, plan in bus.plans.items()}
     device = device_of(joint, {name: plan.node_id for name, plan in plans.items()})
     return not device or bool(plans[device].axes) or bool(joint.command_interfaces)

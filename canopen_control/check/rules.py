@@ -101,7 +101,7 @@ def _frames(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _root(parents: dict[str, Joint], link: str) -> str:
-    """Return the root of the tree a link hangs in."""
+    """Return the root of the tree that contains a link."""
     visited: set[str] = set()
     while link in parents and link not in visited:
         visited.add(link)
@@ -171,7 +171,7 @@ def _scales(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _mirrored(robot: CheckedRobot, base: DriveGeometry) -> Iterator[Finding]:
-    """Two drives that face each other turn opposite ways: one of the signs between motor and wheel is negative."""
+    """Report two drives mounted face to face without opposite signs between motor and wheel."""
     assert robot.bus is not None  # asked by `_scales`
     left = [each for name in base.left if (each := _drive(robot, name)) is not None]
     right = [each for name in base.right if (each := _drive(robot, name)) is not None]
@@ -186,7 +186,7 @@ def _mirrored(robot: CheckedRobot, base: DriveGeometry) -> Iterator[Finding]:
 
 
 def _drive(robot: CheckedRobot, joint: str) -> tuple[NodeConfig, bool] | None:
-    """Return the node behind a joint, and whether it turns against the joint."""
+    """Return the node of a joint, and whether it is reversed."""
     if robot.bus is None or robot.description is None:
         return None
     for tag in robot.description.hardware:
@@ -415,7 +415,7 @@ def _line_naming(config: ControllerConfig, joint: str) -> int:
 
 
 def _devices(robot: CheckedRobot) -> Iterator[Finding]:
-    """Hold the drives that the description names against the nodes of bus.yml."""
+    """Compare the drives in the description with the nodes of bus.yml."""
     bus, description = robot.bus, robot.description
     if bus is None or description is None or robot.mock:
         return
@@ -433,7 +433,7 @@ def _devices(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _is_unreadable(robot: CheckedRobot, joint: ControlJoint) -> bool:
-    """Whether the keys of a joint's node have a mistake, or may have, where the joint names a node id."""
+    """Whether the keys of a joint's node have an error, or may have if the joint gives a node id."""
     unreadable = {} if robot.bus is None else robot.bus.unreadable
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id")
     return name in unreadable or (name is None and any(str(unread) in (node_id, "0") for unread in unreadable.values()))
@@ -557,12 +557,12 @@ UNEVEN: Final = 0.01
 
 
 def _whole(syncs: float) -> int:
-    """Return the number of SYNCs per controller update: the nearest integer, the smaller of two."""
+    """Return the integer number of SYNCs per controller update; of two equally near ones the smaller."""
     return max(1, math.ceil(syncs - 0.5))
 
 
 def _publish_rates(robot: CheckedRobot) -> Iterator[Finding]:
-    """Compare publish rates of controllers with those of ROS and bags."""
+    """Compare publish rates of controllers with the cycle."""
     if robot.control is None:
         return
     sync = robot.bus.master.sync_period if robot.bus is not None else 0

@@ -82,24 +82,24 @@ class StopCase:
 
 @dataclass(frozen=True, slots=True)
 class StopTime:
-    """The stop times of one axis, a case for each reason."""
+    """Stop times of one axis, one case per reason."""
 
     facts: AxisFacts
     cases: tuple[StopCase, ...]
 
     @property
     def longest(self) -> StopCase:
-        """The reason after which it takes longest."""
+        """Stop reason with the longest stop time."""
         return max(self.cases, key=lambda case: (case.total_s, not case.bound, case.detection_s))
 
     @property
     def longest_s(self) -> float:
-        """The longest stop in s; inf where nothing bounds it."""
+        """Longest stop time in s; inf without a bound."""
         return self.longest.total_s
 
     @property
     def words(self) -> str:
-        """The longest stop in one line."""
+        """Longest stop time in one line."""
         facts, case = self.facts, self.longest
         title = f"stop of {facts.joint} ({facts.node})"
         if math.isinf(facts.speed) and case.bound:

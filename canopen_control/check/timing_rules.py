@@ -62,7 +62,7 @@ class Finding:
 
 
 def sorted_findings(findings: list[Finding]) -> list[Finding]:
-    """Return them by file and line, the worst of a line first, each once."""
+    """Return findings by file and line, the most severe of a line first, without duplicates."""
     once = dict.fromkeys(findings)
     return sorted(once, key=lambda finding: (finding.path, finding.line, _ORDER.index(finding.severity), finding.text))
 
@@ -166,7 +166,7 @@ def _in_the_middle(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Findin
 
 
 def _repeated(config: BusConfig, control: ControllersFile | None, axes: list[CyclicAxis]) -> Iterator[Finding]:
-    """Hold how often controllers run against how often drives take their set-points."""
+    """Compare the rate of controllers with the rate at which drives evaluate set-points."""
     line = 0 if control is None else control.manager_lines.get("update_rate", 0)
     joints = [axis.joint for axis in axes if axis.mode is OperationMode.CSP]
     if control is None or not line or not joints:
@@ -221,7 +221,7 @@ def _held_back(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
 
 
 class _Found:
-    """Findings by place: one caused by `defaults` is listed once for several nodes; `{}` in the key is the PDO."""
+    """Findings by place; one caused by `defaults` is listed once for several nodes; `{}` in the key is the PDO."""
 
     def __init__(self, config: BusConfig, key: str) -> None:
         self._config, self._key = config, key
@@ -233,7 +233,7 @@ class _Found:
         self._by_place.setdefault((place.line, place.column), (place, text, fix, set()))[3].add(node.name)
 
     def findings(self) -> Iterator[Finding]:
-        """Yield one for each place."""
+        """Yield one finding per place."""
         for place, text, fix, names in self._by_place.values():
             more = f" and of {len(names) - 1} more" if len(names) > 1 else ""
             sentence = text.replace("{more}", more)

@@ -33,12 +33,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure and print; 1 with --check when something is short."""
+    """Measure and print; 1 with --check if a result is below its target."""
     return int(_command().run(args))
 
 
 def _command() -> ModuleType:
-    """Return the command of the bench; raises ConfigError where its package is not installed."""
+    """Return the command of the benchmark; ConfigError if its package is not installed."""
     try:
         from canopen_control_bench import command
     except ModuleNotFoundError as error:

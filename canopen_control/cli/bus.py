@@ -127,7 +127,7 @@ def _listener(listener: Listener) -> str:
 
 
 def _does(listener: Listener) -> list[str]:
-    """Return what a socket receives or lets the kernel send, and on which interfaces."""
+    """Return the data that a socket receives or lets the kernel send, and the interfaces."""
     tasks = [f"lets the kernel send 0x{can_id:03X} every {us / 1000:g} ms" for can_id, us in listener.tasks]
     if tasks or listener.protocol == "CAN_BCM":
         return tasks or ["uses the kernel's broadcast manager"]
@@ -227,7 +227,7 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _links() -> list[can_interfaces.CanInterface]:
-    """Return the CAN interfaces; where iproute2 is missing there is a hint instead, and none."""
+    """Return the CAN interfaces; without iproute2 print a hint and return none."""
     try:
         return can_interfaces.list_can_interfaces()
     except ConfigError as error:
@@ -355,7 +355,7 @@ _REQUESTS: dict[str, Callable[[argparse.Namespace], Request[Done]]] = {
 
 
 def _label(spec: ChannelSpec, word: str) -> str:
-    """Return the label of whom a user means; ConfigError with those there are."""
+    """Return the label for a user's word; ConfigError with the existing labels."""
     status = ask_hub(spec.name, hub.GetHubStatus())
     labels = [member.label for member in status.members]
     present = {*labels, *status.cut, *status.bus_off, *status.delays_ms}  # who is cut may be gone as well
@@ -370,7 +370,7 @@ def _label(spec: ChannelSpec, word: str) -> str:
 
 
 def _named(label: str, nodes: Sequence[KnownNode]) -> str:
-    """Return a label with the name that the running robot has for it: ``left_drive (drive 3)``."""
+    """Return a label with its name in the running robot: ``left_drive (drive 3)``."""
     name = next((node.name for node in nodes if _DRIVE.format(node.node_id) == label), None)
     return label if name is None else f"{name} ({label})"
 

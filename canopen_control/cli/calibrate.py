@@ -161,7 +161,7 @@ def _ends(args: argparse.Namespace, plan: CalibrationPlan, *, simulated: bool) -
 
 
 class _YamlCopy:
-    """The copy of the robot's YAML; `path` is None where no file was named."""
+    """Copy of the robot's YAML; `path` is None without a file."""
 
     def __init__(self, args: argparse.Namespace, link: BaseLink) -> None:
         from canopen_control.errors import ConfigError
@@ -178,7 +178,7 @@ class _YamlCopy:
             raise ConfigError(f"{self._copy} is there already; give another --output, or --overwrite")
 
     def _require_the_robots(self, link: BaseLink) -> None:
-        """Raise ConfigError where the file and the running robot have different values."""
+        """Raise ConfigError if the file and the running robot have different values."""
         from canopen_control.calibration.base_link import FACTORS
         from canopen_control.calibration.corrected_file import given_in
         from canopen_control.errors import ConfigError

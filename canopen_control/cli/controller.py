@@ -106,7 +106,7 @@ def _list(args: argparse.Namespace, robot: RobotClient) -> int:
 
 
 def _commands(controller: ControllerReading) -> str:
-    """Return the commands of a controller; unknown for one that is not loaded."""
+    """Return the command interfaces of a controller; unknown if it is not loaded."""
     if controller.state == "unloaded":
         return "-"
     nothing = "nothing: it broadcasts" if controller.is_broadcaster else "-"

@@ -29,7 +29,7 @@ EXAMPLE = """canopen-control diff left_drive right_drive
 
 
 class ParameterDocument(Document, frozen=True, kw_only=True):
-    """A parameter that differs, as `diff --json` prints it: values as a DCF writes them, null: that side has none."""
+    """Different parameter in `diff --json`: values as in a DCF; null if one side lacks the object."""
 
     index: int
     subindex: int

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 
 def state_lines(state: DriveState) -> Iterator[str]:
-    """Yield the state of a node: one line for it and some for each axis."""
+    """Yield the state of a node: one line for the node and several for each axis."""
     errors = "".join(f", error 0x{code:04X}" for code in state.errors)
     faults = f"; faults that are on: {', '.join(state.faults)}" if state.faults else ""
     quirks = f"; quirks: {', '.join(state.quirks)}" if state.quirks else ""

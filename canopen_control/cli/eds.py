@@ -90,7 +90,7 @@ class Difference(Document, frozen=True):
 
 
 class ChangeDocument(Document, frozen=True, kw_only=True, omit_defaults=True):
-    """An entry that two files do not have alike; `change` is "added", "removed" or "changed", by `fields`."""
+    """Entry that differs between two files; `change` is "added", "removed" or "changed", with the changed `fields`."""
 
     index: str
     subindex: int
@@ -109,7 +109,7 @@ class MappedDocument(Document, frozen=True):
 
 
 class PdoDocument(Document, frozen=True, kw_only=True):
-    """A PDO by default; `cob_id_entry` has the flags of its entry too."""
+    """Default of a PDO; `cob_id_entry` includes the flags of the entry."""
 
     pdo: str
     enabled: bool
@@ -279,7 +279,7 @@ def _files_of(args: argparse.Namespace) -> list[str]:
 
 
 def _path(name: str) -> Path:
-    """Return the file, or the bundled one of that name."""
+    """Return the file, or the bundled file with that name."""
     path = Path(name)
     if path.exists() or path.name != name:
         return path
@@ -374,7 +374,7 @@ _ENTRY_HEADER = ("address", "name", "type", "access", "PDO", "default", _CONFIGU
 
 
 def _entry_row(od: ObjectDictionary, entry: Entry, *, configured: bool) -> tuple[str, ...]:
-    """Return the cells of an entry; `configured` is whether there is a column for the ParameterValues of a DCF."""
+    """Return the cells of an entry; `configured` adds a column for the ParameterValues of a DCF."""
     values = [(entry.default, entry.relative), (entry.parameter_value, entry.parameter_relative)]
     texts = [_value_text(entry, *pair, od.node_id) or "-" for pair in (values if configured else values[:1])]
     mappable = ("R" if entry.rpdo_mappable else "") + ("T" if entry.tpdo_mappable else "")
@@ -479,7 +479,7 @@ class ConvertedDocument(Document, frozen=True):
 
 
 def _convert(args: argparse.Namespace) -> int:
-    """Write a file in the format that the ending of the output names."""
+    """Write a file in the format of the output's suffix."""
     output = Path(args.output)
     ending = output.suffix.lower()
     if ending not in SUFFIXES:

@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the verb; 1 when a recording could not be read to its end."""
+    """Run the verb; 1 if a recording could not be read to its end."""
     if args.json and args.output is None:
         raise ConfigError("--json reports about a file, and standard output is for the data here; give -o FILE")
     return _dbc(args) if args.kind == "dbc" else _csv(args)

@@ -62,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the verb: 0 good, 1 the drive is not there, 2 wrong usage."""
+    """Run the verb: 0 good, 1 the drive does not exist, 2 wrong usage."""
     if args.what == "list":
         return _list(args)
     channel, node_id = drive_of(args.what, args.can)
@@ -99,7 +99,7 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _sentence(does: str) -> str:
-    """Return the effect of a fault, or the difference of the drive itself."""
+    """Return the effect of a fault or quirk as a sentence."""
     return f"I{does[1:]}" if does.startswith("its ") else f"The drive {does}"
 
 
@@ -166,7 +166,7 @@ def _check(name: str) -> Fault:
 
 
 def connect_to(channel: str, node_id: int) -> DriveClient:
-    """Connect to the control socket of a virtual drive; RemoteError with the drives that there are."""
+    """Connect to the control socket of a virtual drive; RemoteError with the existing drives."""
     try:
         return DriveClient.connect(channel, node_id)
     except RemoteError as error:
@@ -177,7 +177,7 @@ def connect_to(channel: str, node_id: int) -> DriveClient:
 
 
 def _others(bus: str) -> str:
-    """Return the names of the virtual drives, on this bus or else anywhere, as text."""
+    """Return the names of the existing virtual drives, on this bus or else on any, as text."""
     drives: dict[str, list[int]] = {}
     for other, _, number in (name.rpartition("-") for name in list_sockets("drive")):
         if number.isdecimal():

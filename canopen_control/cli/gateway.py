@@ -95,7 +95,7 @@ def _network(args: argparse.Namespace) -> Iterator[RobotNetwork | BusNetwork]:
 
 @contextlib.contextmanager
 def _listening(args: argparse.Namespace, label: str) -> Iterator[socket.socket]:
-    """Listen on the socket that the arguments name, and print where."""
+    """Listen on the socket in the arguments, and print its address."""
     listener = _unix_listener(args.unix, label) if args.tcp is None else _tcp_listener(args.tcp)
     try:
         if args.tcp is None:
@@ -155,7 +155,7 @@ class RobotNetwork:
         return self._robot.fileno()
 
     def take_in(self) -> None:
-        """Store the robot's events; RemoteError after its end."""
+        """Store the robot's events; RemoteError after the robot has ended."""
         for message in self._robot.messages(0):
             if isinstance(message, RobotEvent):
                 where = f"{message.node}: " if message.node else ""
@@ -180,7 +180,7 @@ class RobotNetwork:
             raise GatewayRefusal(WRONG_NMT_STATE, f"{names}: {wanted} is not shown within {timeout:g} s")
 
     def lss(self, ask: Callable[[LssMaster], LssRequest], scan_s: float | None = None) -> LssResult:  # noqa: ARG002 - refused
-        """Refuse: LSS would take the robot's nodes away."""
+        """Raise an error: LSS would take nodes away from the robot."""
         advice = f"end it first: canopen-control shutdown --name {self._robot.robot}"
         raise GatewayRefusal(INTERNAL_STATE, f"LSS would take away the nodes of {self.label}; {advice}")
 
@@ -200,7 +200,7 @@ class RobotNetwork:
 
 
 class BusNetwork:
-    """Nodes of a bare bus, but those of a robot that runs on it; `label` names it."""
+    """Nodes of a bare bus, except those of a robot that runs on it; `label` names the bus."""
 
     def __init__(self, target: BusTarget) -> None:
         self._target, self._bus = target, target.bus
@@ -215,7 +215,7 @@ class BusNetwork:
         return self._bus.port.fileno()
 
     def take_in(self) -> None:
-        """Receive from the bus; BusClosed after its loss."""
+        """Receive from the bus; BusClosed once the bus is lost."""
         try:
             self._bus.listen(_TAKE_IN_S)
         except BusClosed:

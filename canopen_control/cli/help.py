@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the overview, or leave as `VERB --help` does."""
+    """Print the overview, or exit like `VERB --help`."""
     from canopen_control.cli.main import main
     from canopen_control.cli.verbs import VERBS, overview
 

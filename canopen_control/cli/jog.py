@@ -101,7 +101,7 @@ class _Wish:
     travel: Quantity | None
 
     def limits(self, scale: JogScale, current: float) -> tuple[float, JogLimits]:
-        """Return the value in SI or per mille, and the limits; ConfigError for a value beyond them."""
+        """Return the value in SI or per mille, and the limits; ConfigError if the value exceeds them."""
         speed = _SPEED if self.kind is JogKind.POSITION else _MAX_SPEED
         limits = JogLimits(_limit(scale, self.speed, speed), _limit(scale, self.travel, _MAX_TRAVEL), current)
         value = scale.si(self.value) if isinstance(self.value, Quantity) else self.value
@@ -168,7 +168,7 @@ def _running(
 
 @contextlib.contextmanager
 def _own(args: argparse.Namespace, request: _Wish) -> Iterator[tuple[JogDrive, JogScale]]:
-    """Identify the drive on its bare bus, then run a robot with it alone."""
+    """Identify the drive on its bare bus, then run a robot with this drive alone."""
     if args.eds is None:
         raise ConfigError(f"node {args.node}: give the EDS of the drive: --eds FILE (bundled: generic_cia402.eds, ...)")
     parse_node_id(args.node)

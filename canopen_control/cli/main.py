@@ -62,7 +62,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def _flush() -> int:
-    """Flush the output while a failure can be reported without a traceback."""
+    """Flush the output here, so that a failure is reported without a traceback."""
     try:
         if sys.stdout is not None:  # closed before we began
             sys.stdout.flush()
@@ -114,7 +114,7 @@ def _no_verb(word: str) -> str:
 
 
 def _with_action(word: str) -> list[str]:
-    """Return the verbs that have an action of this name, with it."""
+    """Return the verbs with an action of this name, and the action."""
     from canopen_control.cli.support.parsers import parser_of
 
     return [

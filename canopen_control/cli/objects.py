@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _of_file(args: argparse.Namespace) -> tuple[ObjectDictionary, int]:
-    """Return the dictionary of an EDS, for the node id if the node is one."""
+    """Return the dictionary of an EDS, for NODE if it is a node id."""
     node_id = None
     with contextlib.suppress(ValueError):
         int(args.node, 0)

@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the plans; 0 good, 1 when a node of --against does not answer, 2 for mistakes in the files."""
+    """Print the plans; 0 good, 1 if a node of --against does not answer, 2 for mistakes in the files."""
     from canopen_control.master.config import read_bus
 
     how = {"peer_merge": args.peer_merge, "allow_unsupervised": args.allow_unsupervised}
@@ -95,7 +95,7 @@ def _files(args: argparse.Namespace) -> Mapping[str, Path]:
 
 
 def _chosen(buses: dict[str, BusConfig], names: list[str]) -> list[tuple[str, NodePlan]]:
-    """Return (bus, plan) of the nodes asked for, or of all."""
+    """Return (bus, plan) of the selected nodes, or of all."""
     from canopen_control.errors import ConfigError, nearest
 
     plans = [(bus, plan) for bus, config in buses.items() for plan in config.plans.values()]
@@ -148,7 +148,7 @@ def _channels(buses: dict[str, BusConfig], options: Iterable[str]) -> dict[str, 
 
 
 def _differences(bus: DirectBus, plan: NodePlan) -> tuple[list[PlannedWrite], str | None]:
-    """Return the writes that the node needs, and why it could not be read."""
+    """Return the writes that the node needs, and the reason if it could not be read."""
     from canopen_control.errors import BusError, CanopenError, SdoAbort
     from canopen_control.master.boot_config import groups, needed, reads_of
 

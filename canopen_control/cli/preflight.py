@@ -144,7 +144,7 @@ def _remark(remark: str, revision: int | None) -> str:
 
 
 def _readings(direct: DirectBus, od: ObjectDictionary, node_id: int, title: str) -> Iterator[PreflightStep]:
-    """Read the objects of errors, which must be 0, and of limits, which are printed."""
+    """Read the error objects, which must be 0, and the limits, which are printed."""
     addresses = [address for address in (*_ERRORS, *_STATE) if address in od]
     values: dict[tuple[int, int], int] = {}
     for address in addresses:
@@ -196,7 +196,7 @@ def jog_interfaces(setup: RobotSetup) -> dict[str, str | None]:
 
 
 class Jog:
-    """The robot with a controller for each interface of its `joints`; `with` boots and stops it, enabled.
+    """Robot with a controller for each interface of its `joints`; its context boots, enables and stops it.
 
     `turned` are the joints that turned as they should.
     """
@@ -234,7 +234,7 @@ class Jog:
         self._folder.cleanup()
 
     def no_room(self, joint: str) -> str | None:
-        """Return the reason why a joint has no room for a jog, None if it has."""
+        """Return the reason why a joint cannot travel as far as a jog needs, None if it can."""
         if self._interfaces[joint] != POSITION:
             return None
         here, needed = self._of(joint)["position"], self.speed * (self._hold_s + _SPARE_S)
@@ -288,7 +288,7 @@ class Jog:
         return PreflightStep("STOP", still and took <= _STOP_S, f"drives disabled {took:.2f} s after STOP: {text}")
 
     def _is_fast(self, joint: str, start: Mapping[str, float]) -> bool:
-        """Whether a joint has the speed of the jog; one that is led by its position, whether it is well under way."""
+        """Whether a joint has reached the jog's speed, or, if it follows positions, has clearly started."""
         sample = self._of(joint)
         if joint in self._targets:
             return abs(sample["position"] - start[joint]) >= self.speed * _RUN_UP_S
@@ -396,7 +396,7 @@ class Preflight:
     covered: list[str] = field(default_factory=list)  # the joints that turned as they should
 
     def note(self, steps: Iterable[PreflightStep]) -> bool:
-        """Print steps as they end; return whether all passed."""
+        """Print steps as they are completed; return whether all passed."""
         good = True
         for step in steps:
             self.steps.append(step)
@@ -414,7 +414,7 @@ class Preflight:
         return good
 
     def move(self) -> bool:
-        """Jog and stop; False after the first failed step or a no."""
+        """Jog and stop; False after the first failed step or a refusal by the user."""
         for joint, interface in jog_interfaces(self.setup).items():
             if interface is None:
                 self.note(
@@ -461,7 +461,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _read_setup(args: argparse.Namespace) -> RobotSetup:
-    """Read the files that the arguments name, for real drives; ConfigError."""
+    """Read the files in the arguments, for real drives; ConfigError."""
     from canopen_control.runtime.setup import read_robot
 
     files = find_files(args)

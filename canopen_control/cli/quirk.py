@@ -1,4 +1,4 @@
-"""Switch quirks of a running virtual drive, as of a manufacturer's drives.
+"""Enable and disable quirks of a running virtual drive, such as those of a manufacturer's drives.
 
 A quirk is a documented way in which a healthy drive departs from CiA 301 or CiA 402; what breaks is a fault.
 `quirk list` explains every quirk, its strength and its source. `quirk NODE NAME on|off` switches one, for all axes of
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the verb: 0 good, 1 the drive is not there, 2 wrong usage."""
+    """Run the verb: 0 good, 1 the drive does not exist, 2 wrong usage."""
     if args.what == "list":
         return _list(args)
     if args.name is not None:

@@ -60,7 +60,7 @@ class RecordedBag:
     left_out: str | None = None
 
     def sentence(self) -> str:
-        """Return it for people."""
+        """Return the result as a sentence."""
         text = (
             f"{self.bag}: {self.messages} messages of {self.robot} in {self.seconds:.1f} s "
             f"({self.samples} samples, {self.events} events)"
@@ -156,7 +156,7 @@ class Recorded:
         return RecordDocument(self.file, self.channel, self.frames, self.lost, self.left_out, round(self.seconds, 3))
 
     def sentence(self) -> str:
-        """Return it for people."""
+        """Return the result as a sentence."""
         text = f"{self.file}: {self.frames} frames of {self.channel} in {self.seconds:.1f} s"
         text += f", {self.lost} lost: they came faster than they were read" if self.lost else ", none lost"
         return text + (f", {self.left_out} left out: the format cannot hold them" if self.left_out else "")

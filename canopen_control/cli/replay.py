@@ -76,7 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the verb; 1 when the recording could not be read to its end."""
+    """Run the verb; 1 if the recording could not be read to its end."""
     if args.page:
         return _be_watched(args)
     if args.can is None:
@@ -123,7 +123,7 @@ def _be_watched(args: argparse.Namespace) -> int:
 
 
 def _end_with_a_robot(reactor: Reactor, name: str) -> None:
-    """End once a robot runs that could be stopped."""
+    """End the replay once a real robot runs, so that STOP refers to that robot only."""
     if robots := [socket for socket in list_sockets("robot") if socket != name]:
         print(f"canopen-control: robot {robots[0]} runs now; the recording makes way for it", file=sys.stderr)
         reactor.stop()
@@ -145,7 +145,7 @@ def _description(args: argparse.Namespace) -> Description:
 
 
 def _tell_a_new_bus(channel: str) -> None:
-    """Print a notice that the bus did not exist and has no listeners yet, in case of a typing error."""
+    """Print a notice that the bus is new and has no listeners yet, in case its name is mistyped."""
     spec = parse_channel(channel)
     if spec.kind is ChannelKind.LOCAL and spec.name not in (buses := list_sockets("bus")):
         names = ", ".join(f"local:{bus}" for bus in buses) or "none"
@@ -212,7 +212,7 @@ def _refuse_where_somebody_is(recording: Source, channel: str) -> None:
 
 
 def _heard(channel: str) -> tuple[set[int], bool]:
-    """Listen for a while: return the nodes that send, and whether a master does."""
+    """Listen for a while; return the nodes that send, and whether a master sends."""
     from canopen_control.trace.listen import batches
 
     nodes, has_master = set(), False
@@ -229,7 +229,7 @@ def _heard(channel: str) -> tuple[set[int], bool]:
 
 
 def _answering(channel: str, node_ids: Iterable[int]) -> set[int]:
-    """Ask each for its device type; an abort is an answer too."""
+    """Read the device type of each node; an abort counts as an answer."""
     from canopen_control.master.direct import DirectBus
 
     with DirectBus.open(channel, label=LABEL, timeout_s=ANSWER_S, retries=0) as bus:

@@ -43,7 +43,7 @@ def list_parameters(graph: Graph, args: argparse.Namespace) -> int:
 
 
 def get_parameter(graph: Graph, args: argparse.Namespace) -> int:
-    """Print the value of a parameter; CanopenError if the node has none of that name."""
+    """Print the value of a parameter; CanopenError if the node lacks it."""
     from canopen_control.ros.controller_nodes import wanted_by
 
     values = _call_service(graph, args, "get_parameters", "GetParameters", {"names": [args.name]}).values
@@ -102,7 +102,7 @@ def _call_service(graph: Graph, args: argparse.Namespace, service: str, kind: st
 
 
 class _Named:
-    """A value with its name, as rcl_interfaces/msg/Parameter has them."""
+    """Parameter name and value, as in rcl_interfaces/msg/Parameter."""
 
     def __init__(self, name: str, value: object) -> None:
         self.name, self.value = name, value
@@ -224,7 +224,7 @@ def _bridge(arguments: list[str]) -> int:
 
 
 def begin_ros() -> None:
-    """Raise ConfigError without ROS; restart this process if its environment hides the wheels' libraries."""
+    """Raise ConfigError without ROS; restart this process if its environment hides the libraries of the wheels."""
     from canopen_control.ros.installation import require_ros
 
     require_ros()

@@ -76,7 +76,7 @@ def _require_shared_parts(args: argparse.Namespace) -> None:
 
 
 def _options(args: argparse.Namespace) -> list[str]:
-    """Return the options that each robot gets."""
+    """Return the options that apply to each robot."""
     options = [f"--{name.replace('_', '-')}" for name in _FLAGS if getattr(args, name)]
     if not args.flight_recorder:
         options.append("--no-flight-recorder")
@@ -209,7 +209,7 @@ def add_file_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def find_files(args: argparse.Namespace) -> RobotFiles:
-    """Return the files that the arguments name; ConfigError."""
+    """Return the files in the arguments; ConfigError."""
     from canopen_control.runtime.robot_files import find_robot
 
     return find_robot(
@@ -243,7 +243,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def names_robot(args: argparse.Namespace) -> bool:
-    """Whether a robot is named, by its folder or its files."""
+    """Whether the arguments select a robot, by its folder or its files."""
     return any(
         option is not None for option in (args.config, args.launch, args.bus, args.controllers, args.description)
     )
@@ -373,7 +373,7 @@ def _check_like(args: argparse.Namespace, setup: RobotSetup) -> None:
 
 
 def _check_physics(args: argparse.Namespace, setup: RobotSetup) -> None:
-    """Raise ConfigError if physics is not available, or has nothing to move."""
+    """Raise ConfigError if physics is not available, or if there is nothing to move."""
     from canopen_control.physics import require_physics
     from canopen_control.runtime.physics_plant import check_physics
 
@@ -384,7 +384,7 @@ def _check_physics(args: argparse.Namespace, setup: RobotSetup) -> None:
 
 
 def _plant(args: argparse.Namespace, setup: RobotSetup) -> Path | None:
-    """Return the plant file of the drives, None without one; ConfigError for errors in it, or options against it."""
+    """Return the plant file of the drives, None without one; ConfigError for errors in it or conflicting options."""
     if getattr(args, "plant", None) is None:
         return None
     for name in ("physics", "real", "mock", "no_drives"):
@@ -445,7 +445,7 @@ def _slow_down(session: RunSession, unclear: SlowReason) -> None:
 
 
 def read_setup(args: argparse.Namespace) -> RobotSetup:
-    """Read the files that the arguments name; raises ConfigError."""
+    """Read the files in the arguments; ConfigError."""
     from canopen_control.host.sockets import check_name
     from canopen_control.urdf.description import DescriptionReader
 
@@ -487,7 +487,7 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
 
 
 def world_of(args: argparse.Namespace, files: RobotFiles) -> Path | None:
-    """Return the world file of --world or an argument; ConfigError if they differ."""
+    """Return the world file of --world or of an argument; ConfigError if the two differ."""
     path = None if getattr(args, "world", None) is None else Path(args.world).resolve()
     if path is not None and files.world not in (None, path):
         raise ConfigError(f"{files.asked.world_word} contradicts --world {args.world}; leave one of them away")

@@ -79,7 +79,7 @@ class ScanResult:
 
 
 class NodeDocument(Document, frozen=True, kw_only=True):
-    """Node as in `scan --json`; `name` and `expected` of bus.yml, null if it is not there."""
+    """Node as in `scan --json`; `name` and `expected` are those of bus.yml, null if it lacks the node."""
 
     node_id: int
     answers: bool
@@ -184,7 +184,7 @@ def _survey_bus(channel: str, timeout: float) -> ScanResult:
 
 
 def _ask(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, FoundNode]:
-    """Read 0x1000 of all node ids, and the other objects of those that answer."""
+    """Read 0x1000 of all node ids, then the other objects of the nodes that answered."""
     requests = [(node_id, *_OBJECTS[0]) for node_id in node_ids]
     there: dict[tuple[int, int, int], bytes | CanopenError] = {}
     with Progress(f"asking on {bus.port.channel}", "node ids") as progress:
@@ -232,7 +232,7 @@ def _survey_robot(robot: RobotTarget, timeout: float) -> ScanResult:
 
 
 def _through_robot(node: NodeSession) -> DeviceIdentity | None:
-    """Ask a node of the robot; None if it does not answer."""
+    """Read a node through the robot; None if it does not answer."""
     data = dict[tuple[int, int], object]()
     for address in _OBJECTS:
         try:
@@ -286,7 +286,7 @@ def _report(survey: ScanResult, *, as_json: bool) -> None:
 
 
 def known_lines(nodes: Iterable[FoundNode]) -> Iterator[str]:
-    """Yield the personality of the drives of a manufacturer, and their keys in bus.yml."""
+    """Yield the personality of a manufacturer's drives, and their keys in bus.yml."""
     by_name: dict[str, tuple[Personality, list[int]]] = {}
     for node in nodes:
         identity = node.identity or DeviceIdentity()

@@ -66,7 +66,7 @@ _WIDTH: Final = 60
 
 
 def check_output(text: str) -> Path:
-    """Return the file or the folder of a bag; ConfigError for another ending or a place that is not there."""
+    """Return the file, or the folder of a bag; ConfigError for another suffix or a missing folder."""
     path = Path(text).expanduser()
     if path.suffix not in (CSV, BAG, PICTURE):
         raise ConfigError(
@@ -90,7 +90,7 @@ def read_overlay(text: str) -> NamedShot:
 
 
 def numbered(path: Path, number: int, *, several: bool) -> Path:
-    """Return the place of the shot `number`, from 1: scope.csv, or of several scope_1.csv."""
+    """Return the path of a capture by its `number` (from 1): scope.csv, or scope_1.csv of several."""
     return path.with_name(f"{path.stem}_{number}{path.suffix}") if several else path
 
 
@@ -101,7 +101,7 @@ def write_shot(
     overlay: NamedShot | None = None,
     cursors: tuple[float, float] | None = None,
 ) -> Path:
-    """Write a shot, and return the file or the folder of the bag; ConfigError and DiskFull."""
+    """Write a capture; return its file, or the folder of the bag; ConfigError and DiskFull."""
     if path.suffix == CSV:
         write_whole(path, csv_of(named_shot(shot, signals)).encode())
         return path
@@ -114,7 +114,7 @@ def write_shot(
 
 
 def shot_lines(shot: Shot, signals: Sequence[Signal], overlay: NamedShot | None = None) -> Iterator[str]:
-    """Yield measurements and a curve for each signal, with those of the overlay."""
+    """Yield measurements and a curve for each signal, and those of the overlay."""
     begin, end = shot.time_range
     yield f"{len(shot.rows)} samples from {begin:.3f} s to {end:.3f} s" + (
         "" if shot.triggered is None else " of the trigger"
@@ -131,7 +131,7 @@ def shot_lines(shot: Shot, signals: Sequence[Signal], overlay: NamedShot | None 
 def _shot_document(
     shot: Shot, signals: Sequence[Signal], cursors: tuple[float, float] | None, written: Path | None
 ) -> dict[str, object]:
-    """Return a capture for --json: measures and cursors of each signal, and the samples, times from its zero."""
+    """Return a capture for --json: measurements, cursors and samples of each signal, times from the trigger."""
     return {
         "triggered": shot.triggered,
         "signals": [
@@ -171,7 +171,7 @@ def cursor_lines(shot: Shot, signals: Sequence[Signal], cursors: tuple[float, fl
 
 
 def curve(shot: Shot, place: int, width: int = _WIDTH) -> str:
-    """Return a signal as a line of blocks, its greatest value the highest, the mean of each stretch of time."""
+    """Return a signal as a line of block characters, scaled to its maximum, each the mean of an equal time span."""
     measured = shot.measure(place)
     if measured is None:
         return " " * width
@@ -300,7 +300,7 @@ class _Output:
 
 
 class _Look:
-    """The loop of a scope: samples in, shots out, until it is done or was ended."""
+    """Main loop of a scope: receives samples and outputs captures until it is complete or stopped."""
 
     def __init__(
         self,
@@ -346,7 +346,7 @@ class _Look:
         self._ended = True
 
     def _report(self) -> None:
-        """Print and write the shots that are finished."""
+        """Print and write the completed captures."""
         for shot in self._capture.take():
             self._taken += 1
             self._wipe()
@@ -379,6 +379,6 @@ class _Look:
 
 
 def _tell_missed(before: tuple[int, int] | None, after: tuple[int, int] | None) -> None:
-    """Print the number of cycles of a running robot, and the missed ones."""
+    """Print the number of cycles of a running robot, and of missed cycles."""
     if before is not None and after is not None:
         print(f"the robot made {after[0] - before[0]} cycles meanwhile and missed {after[1] - before[1]}")

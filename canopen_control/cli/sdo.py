@@ -136,7 +136,7 @@ def _in_words(data: bytes, data_type: DataType | None, address: ObjectAddress, w
 
 
 def _fitting(data: bytes, data_type: DataType | None, node: NodeSession, address: ObjectAddress) -> DataType | None:
-    """Return the type, or None with a note for data of another length."""
+    """Return the type; None with a note if the data have another length."""
     if data_type is None:
         return None
     try:

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the verb; ends when the runtime has ended."""
+    """Run the verb; return when the runtime has ended."""
     with RobotClient.connect(args.name) as robot:
         robot.ask(Subscribe(events=True))
         robot.ask(Shutdown())

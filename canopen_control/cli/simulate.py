@@ -384,7 +384,7 @@ def _faults(text: str, known: list[str]) -> list[str]:
 
 
 def _watch(simulation: SimulationRun, duration_ns: int, record: str | None, *, quiet: bool) -> None:
-    """Run the simulation with events, progress and recording; Ctrl-C ends it."""
+    """Run the simulation with its events, progress and recording; Ctrl-C ends it."""
     from canopen_control.cli.support.simulation_world import EventPrinter
     from canopen_control.runtime.core import RobotState
 

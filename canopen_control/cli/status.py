@@ -82,7 +82,7 @@ def tell_causes(events: Iterable[RobotEvent], current: Mapping[str, str]) -> lis
 
 
 def _gather(events: Iterable[RobotEvent]) -> list[_Cause]:
-    """Group events of one place within a moment that share a clause."""
+    """Group simultaneous events of one place that share a clause."""
     causes: list[_Cause] = []
     reported: set[tuple[float, str]] = set()  # each axis of a node tells its loss, in one cycle
     for event in events:
@@ -113,7 +113,7 @@ def _cause_of(event: RobotEvent) -> _Cause:
 
 
 def _clauses(text: str) -> dict[str, str]:
-    """Return the clauses of a sentence; of an emergency message it is the code that counts, not its data."""
+    """Return the clauses of a sentence; an emergency message is represented by its code, without its data."""
     clauses = text.removeprefix("lost: ").split("; ")
     return {clause.partition(", register 0x")[0]: clause for clause in clauses}
 
@@ -260,7 +260,7 @@ def _wrapped(lines: list[str], width: int | None) -> list[str]:
 
 
 def _tracking(state: Snapshot, width: int | None) -> list[str]:
-    """Return how well the joints follow, as far as any has moved under command."""
+    """Return the tracking errors of the joints, once one has moved under command."""
     table = Table(_TRACKING)
     tracked = [(name, joint.tracking) for name, joint in state.joints.items() if joint.tracking is not None]
     for name, tracking in tracked:
@@ -286,7 +286,7 @@ def _errors(state: Snapshot) -> dict[str, str]:
 
 
 def _unsupervised(state: Snapshot) -> list[str]:
-    """Return which drives the death of the robot's program does not stop."""
+    """Return the drives that do not stop if the robot's program dies."""
     return [
         f"  {_marked(name, node)}: NOTHING stops this drive when the robot's program dies (allow_unsupervised): "
         f"{node.unsupervised}"
@@ -301,7 +301,7 @@ def _marked(name: str, node: NodeReading) -> str:
 
 
 def _void_outputs(state: Snapshot) -> list[str]:
-    """Return which outputs are as their devices have them, though they had been commanded otherwise."""
+    """Return the outputs that differ from their last command, as they are in the devices."""
     return [
         f"  node {node.node_id} ({name}): void since it was lost, and not restored: {', '.join(node.void_outputs)}; "
         "command them again"
@@ -333,7 +333,7 @@ def _number(value: float | None) -> str:
 
 
 def _boot(status: Status, current: Mapping[str, str]) -> list[str]:
-    """Return duration of each boot step of each node, its SDO traffic, and the error unless it is shown above."""
+    """Return the duration of each node's boot steps, its SDO traffic, and its error unless shown above."""
     steps: dict[str, list[str]] = {}
     for step in status.boot:
         why = "" if str(step.error) in current.get(step.node, "") else f": {step.error}"
@@ -357,7 +357,7 @@ def _traffic(status: Status, node: str) -> str:
 
 
 def _watch(robot: RobotClient, *, as_json: bool) -> int:
-    """Print sample after sample: over each other on a terminal, line by line elsewhere."""
+    """Print samples continuously: over each other on a terminal, line by line elsewhere."""
     from canopen_control.rpc.messages.robot import Subscribe
     from canopen_control.rpc.messages.state import RobotEvent, StateSample
 
@@ -384,7 +384,7 @@ def _watch(robot: RobotClient, *, as_json: bool) -> int:
 
 
 class _LiveTable:
-    """A table that is drawn over its last state; events are printed above it and stay there."""
+    """Table that is redrawn in place; events are printed above it and remain."""
 
     def __init__(self) -> None:
         self._height = 0  # rows from the first row of the table to the cursor
@@ -401,7 +401,7 @@ class _LiveTable:
         self._height = len(lines)
 
     def add_event(self, text: str) -> None:
-        """Print an event above the table, which is drawn again with the next sample."""
+        """Print an event above the table; the next sample redraws the table."""
         import textwrap
 
         up = f"\x1b[{self._height}A" if self._height else ""

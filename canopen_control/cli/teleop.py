@@ -45,7 +45,7 @@ _WHEEL_SPEEDS: Final = (5.0, 5.0)  # rad/s of the wheels
 
 
 class TeleopTarget(Protocol):
-    """Receiver of velocities, `sideways` too if it can; `title` names it, `units` are those of linear and angular."""
+    """Receiver of velocities, also `sideways` if it can; `title` is its name, `units` those of linear and angular."""
 
     title: str
     sideways: bool
@@ -56,7 +56,7 @@ class TeleopTarget(Protocol):
         """Command velocities; RemoteError when they are refused."""
 
     def news(self) -> list[str]:
-        """Return sentences that the user should see."""
+        """Return new sentences for the user."""
 
     def close(self) -> None:
         """Close the connection."""
@@ -133,7 +133,7 @@ def _drive(keyboard: Keyboard, teleop: Teleop, target: TeleopTarget, screen: Scr
 
 
 def _wait(decoder: KeyDecoder, teleop: Teleop) -> float:
-    """Return the seconds until something is due."""
+    """Return the time until the next action in s."""
     now = time.monotonic_ns()
     due = [deadline for deadline in (decoder.next_deadline(), teleop.next_deadline()) if deadline is not None]
     return min(PERIOD_S, max((min(due, default=now + 10**9) - now) / 1e9, 0.0))
@@ -160,7 +160,7 @@ class Sender:
         self._last, self._sent_ns, self._zeros = ZERO, 0, 0
 
     def send(self, velocities: Velocities, now: int) -> bool:
-        """Send if it is time; whether the robot took it. RemoteError when the robot is gone."""
+        """Send if it is due; return whether the robot accepted it. RemoteError when the robot is gone."""
         changed = velocities != self._last
         if changed:
             self._zeros = 0 if velocities.moving else ZEROS
@@ -204,7 +204,7 @@ class Screen:
             self._shown = line
 
     def report(self, news: Sequence[str]) -> None:
-        """Print sentences that stay."""
+        """Print sentences above the status line."""
         for line in news:
             print(f"{self._before}{line}{self._after.rstrip(chr(10))}", flush=True)
             self._shown = ""
@@ -215,7 +215,7 @@ class Screen:
 
 
 class TeleopRobot:
-    """A controller of a running robot; its warnings are news."""
+    """Controller of a running robot; its warnings are news."""
 
     def __init__(self, args: argparse.Namespace) -> None:
         self._robot = RobotClient.connect(args.name)
@@ -266,7 +266,7 @@ class TeleopRobot:
 
 
 def choose(controllers: Sequence[ControllerReading], name: str | None) -> ControllerReading:
-    """Return the controller to drive: the one wanted, the active base controller, or a pair of wheels; ConfigError."""
+    """Return the requested controller, else the active base controller, else a pair of wheels; ConfigError."""
     if name is not None:
         matching = [controller for controller in controllers if controller.name == name]
         if not matching:
@@ -307,7 +307,7 @@ _LEFT_RIGHT: Final = (-1, 1)  # signs of the angular speed: turning left, the le
 
 
 def sides(joints: Sequence[str]) -> tuple[int, int]:
-    """Return the signs of the angular speed of two wheels: by their names, else the first is the left one."""
+    """Return the signs of the angular speed for two wheels by their names; without a hint the first is the left one."""
     swapped = "right" in joints[0].lower() or "left" in joints[1].lower()
     return (_LEFT_RIGHT[1], _LEFT_RIGHT[0]) if swapped else _LEFT_RIGHT
 
@@ -317,7 +317,7 @@ def _names(controllers: Sequence[ControllerReading]) -> str:
 
 
 class RosTarget:
-    """A topic; every message is published by a node of our own."""
+    """ROS topic as a target, with a node of its own that publishes every message."""
 
     units = ("m/s", "rad/s")
     speeds = _BASE_SPEEDS
@@ -355,4 +355,4 @@ class RosTarget:
         return [f"nothing subscribes to {self._topic} yet" if alone else f"a program subscribes to {self._topic}"]
 
     def close(self) -> None:
-        """Do nothing: the graph is closed by its owner."""
+        """Do nothing: the owner closes the graph."""

@@ -94,7 +94,7 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _value(parse: Callable[[str], object]) -> Callable[[str], object]:
-    """Return `parse` with its sentence as argparse's."""
+    """Return `parse` with its error sentence in argparse's form."""
 
     def parsed(text: str) -> object:
         try:
@@ -106,7 +106,7 @@ def _value(parse: Callable[[str], object]) -> Callable[[str], object]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the verb; Ctrl-C is its ordinary end."""
+    """Run the verb; Ctrl-C is its normal end."""
     if args.file is not None:
         return show_file(args, args.file)
     from canopen_control.trace.listen import batches, open_listener

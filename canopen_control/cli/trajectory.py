@@ -1,4 +1,4 @@
-"""Play a trajectory on a joint trajectory controller, cancel the one that runs, or record one.
+"""Play a trajectory on a joint trajectory controller, cancel the active one, or record one.
 
 A file is YAML or JSON in the shape of trajectory_msgs/JointTrajectory: `joint_names`, and `points` with `positions`
 and optionally `velocities` and `accelerations`, each with its `time_from_start` in seconds or as `sec` and `nanosec`.
@@ -68,7 +68,7 @@ class TrajectoryRecording:
 
     @property
     def is_full(self) -> bool:
-        """Whether one more would be too many for a trajectory."""
+        """Whether another point would exceed the maximum of a trajectory."""
         return len(self) >= self._most
 
     def add(self, time: float, positions: Sequence[float]) -> None:
@@ -82,7 +82,7 @@ class TrajectoryRecording:
         self._positions.append(list(positions))
 
     def points(self) -> list[TrajectoryPoint]:
-        """Return them as points, from the first motion to the last; CanopenError if nothing has moved."""
+        """Return the recorded points, from the first motion to the last; CanopenError if nothing has moved."""
         end = len(self)
         while end > 1 and _near(self._positions[end - 2], self._positions[-1]):
             end -= 1
@@ -104,7 +104,7 @@ def _near(first: Sequence[float], second: Sequence[float]) -> bool:
 
 
 def _velocities(times: Sequence[float], positions: Sequence[Sequence[float]], index: int) -> list[float]:
-    """Return the velocities at a point: from one well before it to one well after it, at rest at both ends."""
+    """Return the velocities at a point from a point well before to one well after it; zero at both ends."""
     last = len(times) - 1
     if index in (0, last):
         return [0.0] * len(positions[index])
@@ -259,7 +259,7 @@ def _record(args: argparse.Namespace) -> int:
 
 
 def _add(recording: TrajectoryRecording, sample: StateSample) -> None:
-    """Add a sample in which every joint position is known."""
+    """Add a sample if every joint position is known."""
     positions_seen = [sample.joints[joint].position for joint in recording.joints if joint in sample.joints]
     positions = [position for position in positions_seen if position is not None]
     if len(positions) == len(recording.joints):
@@ -267,7 +267,7 @@ def _add(recording: TrajectoryRecording, sample: StateSample) -> None:
 
 
 def _joints(robot: RobotClient, args: argparse.Namespace) -> list[str]:
-    """Return the joints to record: those that are named, else the only trajectory controller's, else all."""
+    """Return the joints to record: the named ones, else those of the only trajectory controller, else all."""
     joints = robot.ask(GetStatus()).joints
     if args.joints is not None:
         names = [field.strip() for field in args.joints.split(",") if field.strip()]

@@ -146,7 +146,7 @@ def _add_proposal(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_what(parser: argparse.ArgumentParser) -> None:
-    """Declare the tests, which exclude each other."""
+    """Declare the tests, which are mutually exclusive."""
     group = parser.add_mutually_exclusive_group(required=True)
     group.add_argument("--step", metavar="X[rad/s|rpm|pps]", help="apply a velocity step")
     group.add_argument(
@@ -215,7 +215,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_gains(args: argparse.Namespace) -> None:
-    """Refuse options that have nothing to do with each other; ConfigError."""
+    """Refuse options that do not belong together; ConfigError."""
     if args.apply and args.identify is None:
         raise ConfigError("--apply sets the gains that --identify proposes; the other tests propose none")
     if args.store and not (args.apply or args.revert):
@@ -233,7 +233,7 @@ def _place(args: argparse.Namespace) -> GainPlace:
 
 
 def _hinted(lines: Iterator[str], args: argparse.Namespace) -> Iterator[str]:
-    """Yield lines, the last one with the option that stores."""
+    """Yield lines; the last one names the option that stores."""
     *first, last = lines
     yield from first
     yield last if args.store else f"{last} (--store)"
@@ -280,7 +280,7 @@ def _output(name: str) -> Path:
 
 
 def _limits(args: argparse.Namespace, request: TuneRequest, scale: JogScale) -> JogLimits:
-    """Return the limits; ConfigError for an excitation that is beyond them."""
+    """Return the limits; ConfigError if the excitation exceeds them."""
     speed = None if args.max_speed is None else parse_quantity(args.max_speed, "velocity")
     travel = None if args.max_travel is None else parse_quantity(args.max_travel, "position")
     limits = JogLimits(
@@ -296,7 +296,7 @@ def _limits(args: argparse.Namespace, request: TuneRequest, scale: JogScale) -> 
 def _own(
     args: argparse.Namespace, request: TuneRequest, say: Callable[[str], None]
 ) -> Iterator[tuple[JogDrive, JogScale, JogLimits]]:
-    """Identify the drive on its bare bus, confirm the limits, then run a robot with it alone."""
+    """Identify the drive on its bare bus, confirm the limits, then run a robot with this drive alone."""
     if args.eds is None:
         raise ConfigError(f"node {args.node}: give the EDS of the drive: --eds FILE (bundled: generic_cia402.eds, ...)")
     parse_node_id(args.node)

@@ -1,4 +1,4 @@
-"""Send a velocity to a base controller at 10 Hz until Ctrl-C, then zeros.
+"""Send a velocity to a base controller at 10 Hz until Ctrl-C, then zero.
 
 Exit codes: 0 sent; 1 the robot refused it, or stopped; 2 wrong usage, no robot runs, or no such controller.
 """

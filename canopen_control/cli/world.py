@@ -224,7 +224,7 @@ def _numbers(text: str, count: int, names: str) -> list[float]:
 
 
 def _drive(can: str | None) -> tuple[str, int]:
-    """Return the channel and the id of any virtual drive; all of a world answer for it."""
+    """Return the channel and the id of one virtual drive; every drive of a world can answer for the world."""
     nodes = known_nodes(can)
     sockets = list_sockets("drive")
     for node in nodes:

@@ -1,4 +1,4 @@
-"""Client of a virtual drive or device: its state, faults and inputs, past the bus.
+"""Client of a virtual drive or device: its state, faults and inputs, without the CAN bus.
 
 Apart from that of a robot: verbs that ask a robot do not wait for the import of a drive's messages.
 """
@@ -37,7 +37,7 @@ class DriveClient(Client[DriveHello, DriveEvent]):
 
 
 def shapes_of_world(nodes: Iterable[tuple[str, int]]) -> tuple[WorldShape, ...]:
-    """Return the shapes of the world, from the first virtual drive that has some, by channel and node id.
+    """Return the shapes of the world from the first virtual drive that has any, by channel and node id.
 
     Waits, a second for each at most.
     """

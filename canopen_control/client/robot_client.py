@@ -1,4 +1,4 @@
-"""The client of a running robot: which one, and its socket."""
+"""Client of a running robot: selection of the robot, and its socket."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _ENDED: Final = "stopped"  # the last event of a robot that was ended
 
 
 class EventStream:
-    """Iterates over events until none has come for `timeout` seconds (None: for ever), or the robot was ended.
+    """Iterator over events until none arrives for `timeout` seconds (None: no limit), or the robot has ended.
 
     RemoteError when the robot has died instead. It closes itself at its end; who leaves earlier calls `close`, or
     uses it in a `with` block.
@@ -109,7 +109,7 @@ _VALUES: Final = 2000  # of a trajectory in one request
 
 
 class RobotClient(Client[RobotHello, RobotPush]):
-    """Connection to a running robot; `robot` is its name, requests are in `rpc.messages.robot`."""
+    """Connection to a running robot; `robot` is its name; requests are in `rpc.messages.robot`."""
 
     def __init__(self, stream: LineClient, timeout: float = 10.0) -> None:
         super().__init__(ROBOT, stream, timeout)
@@ -156,7 +156,7 @@ class RobotClient(Client[RobotHello, RobotPush]):
             thread.join(HEARTBEAT_S)
 
     def send_points(self, points: list[TrajectoryPoint]) -> list[TrajectoryPoint]:
-        """Send the first points of a trajectory of any length; returns the last ones, for the request that sends it."""
+        """Send the first points of a trajectory of any length; return the last ones for the final request."""
         width = max((len(point.positions) for point in points), default=0)
         at_once = max(1, _VALUES // (4 * max(1, width)))
         while len(points) > at_once:

@@ -83,14 +83,14 @@ _LONGEST_SEQUENCE: Final = 32
 
 
 class KeyDecoder:
-    """Bytes of a terminal -> names of keys: "i", "up", "space", "ctrl-c", "focus-out", "other"."""
+    """Decoder from a terminal's bytes to key names: "i", "up", "space", "ctrl-c", "focus-out", "other"."""
 
     def __init__(self) -> None:
         self._buffer = b""
         self._since = 0
 
     def feed(self, data: bytes, now: int) -> list[str]:
-        """Return the keys that are complete; any split of a sequence reassembles."""
+        """Return the complete keys; a sequence may arrive in any pieces."""
         self._buffer += data
         self._since = now
         keys = []
@@ -103,7 +103,7 @@ class KeyDecoder:
         return keys
 
     def next_deadline(self) -> int | None:
-        """Return when an unfinished sequence counts as keys."""
+        """Return the time at which an unfinished sequence counts as separate keys."""
         return self._since + _ESCAPE_NS if self._buffer else None
 
     def tick(self, now: int) -> list[str]:
@@ -115,7 +115,7 @@ class KeyDecoder:
         return ["other"]
 
     def _first(self) -> tuple[str, int]:
-        """Name the first key and its length in bytes; 0 while it is not complete."""
+        """Return the first key and its length in bytes; length 0 while it is incomplete."""
         buffer = self._buffer
         if buffer[0] != _ESCAPE:
             return _CONTROLS.get(buffer[0]) or (chr(buffer[0]) if 0x20 < buffer[0] < 0x7F else "other"), 1
@@ -138,7 +138,7 @@ class Velocities:
 
     @property
     def moving(self) -> bool:
-        """Whether anything is to move."""
+        """Whether a velocity other than zero is commanded."""
         return bool(self.linear or self.angular or self.lateral)
 
 
@@ -204,7 +204,7 @@ class Teleop:
             self.stop()
 
     def next_deadline(self) -> int | None:
-        """Return when the motion ends unless a key comes; None while nothing moves."""
+        """Return the time at which the motion ends without another key; None at standstill."""
         return None if self._hold is _Hold.RELEASED else self._deadline
 
     def _move(self, name: str, now: int) -> None:

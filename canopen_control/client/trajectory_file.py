@@ -1,4 +1,4 @@
-"""Files of trajectories, in the shape of trajectory_msgs/JointTrajectory: YAML or JSON; and waypoints of a line."""
+"""Trajectory files in the form of trajectory_msgs/JointTrajectory (YAML or JSON), and waypoints on one line."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class _Point:
 
 @dataclass(frozen=True)
 class _File:
-    """trajectory_msgs/JointTrajectory; its header has no effect: it begins when it is sent."""
+    """trajectory_msgs/JointTrajectory; its header is ignored, because the trajectory starts when it is sent."""
 
     joint_names: tuple[str, ...]
     points: tuple[_Point, ...]
@@ -70,7 +70,7 @@ def read_trajectory(path: str) -> tuple[list[str], list[TrajectoryPoint]]:
 
 
 def parse_trajectory(text: str, path: str) -> tuple[list[str], list[TrajectoryPoint]]:
-    """Return the joints and the points of a file's text, which its mistakes call `path`."""
+    """Return the joints and the points of a file's text; errors name the file `path`."""
     node = read(text, path, error=ConfigError)
     goal = node.get("trajectory")
     content = convert(node, _Goal, None) if goal is not None else convert(node, _File, None)
@@ -102,7 +102,7 @@ def write_trajectory(path: str, joints: Sequence[str], points: Iterable[Trajecto
 
 
 def read_waypoints(text: str, joints: int, step: float) -> list[TrajectoryPoint]:
-    """Return points at rest at positions such as `0.4 -0.3; 0 0`, `step` s apart.
+    """Return points with zero velocity from positions such as `0.4 -0.3; 0 0`, `step` s apart.
 
     ConfigError for what is no position of each joint.
     """

@@ -1,4 +1,4 @@
-"""Motion of one axis of a running robot from outside its controllers, by a jog or a tuning run.
+"""Motion of one axis of a running robot without its controllers, by a jog or a tuning run.
 
 A drive commanded by a controller is refused, because only one client may move it. The client selects the mode, enables,
 sends commands that end with its connection, and stops and disables at the end, whatever ends it.
@@ -50,7 +50,7 @@ def fault_words(node: NodeSession) -> str:
 
 
 def error_history(node: NodeSession) -> list[str]:
-    """Read the error history of a node (0x1003), newest first; ConfigError for a node without one."""
+    """Read the error history of a node (0x1003), newest first; ConfigError if the node has none."""
     count = node.number(_HISTORY[0], 0, DataType.UNSIGNED8)
     if count is None:
         raise ConfigError(f"{node} keeps no error history (0x1003)")
@@ -93,7 +93,7 @@ class JogDrive:
 
 
 def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogDrive:
-    """Return a drive of a robot with a target controller of its own; otherwise ConfigError with advice."""
+    """Return a drive of a robot that has a target controller of its own; otherwise ConfigError with advice."""
     places = client.ask(GetNodes()).nodes
     place = next((place for place in places if node in (place.name, str(place.node_id))), None)
     if place is None:
@@ -125,7 +125,7 @@ def takes_targets(controller: ControllerReading, joint: str) -> bool:
 
 
 def choose_mode(client: RobotClient, request: AxisRequest) -> None:
-    """Request a mode of operation, again while the drive is not booted yet."""
+    """Request a mode of operation; repeat the request until the drive has booted."""
     deadline = time.monotonic() + ENABLE_S
     while True:
         try:
@@ -146,7 +146,7 @@ class AxisCommand:
         self._sent, self._sent_ns = math.nan, 0
 
     def send(self, client: RobotClient, value: float) -> bool:
-        """Send the command when it changes, and repeat it; return False if the drive is not enabled."""
+        """Send a changed command, and repeat it periodically; return False if the drive is not enabled."""
         now = time.monotonic_ns()
         if value == self._sent and (not value or now - self._sent_ns < RENEWED_S * 1e9):
             return True
@@ -169,7 +169,7 @@ class AxisCommand:
 
 
 class DriveCurrent:
-    """Current of a drive in per mille of the rated one, read by SDO a few times a second; None if it has none."""
+    """Current of a drive in per mille of its rated current, by SDO a few times a second; None without the object."""
 
     def __init__(self, drive: JogDrive) -> None:
         self.value: float | None = None

@@ -37,7 +37,7 @@ _LEAST_SPAN: Final = 3.0  # dB, of the bars: what noise does to a flat response 
 
 @dataclass(frozen=True, slots=True)
 class BodePoint:
-    """`frequency` in Hz, `gain` in dB, `phase` in degrees (unwrapped), `coherence` from 0 to 1."""
+    """Point of a frequency response: Hz, gain in dB, phase in degrees (unwrapped), `coherence` from 0 to 1."""
 
     frequency: float
     gain: float
@@ -47,12 +47,12 @@ class BodePoint:
 
 @dataclass(frozen=True, slots=True)
 class Bode:
-    """Trustworthy points of a frequency response, by rising frequency."""
+    """Reliable points of a frequency response, by rising frequency."""
 
     points: tuple[BodePoint, ...]
 
     def bandwidth(self) -> float | None:
-        """Return the frequency in Hz at which the gain is 3 dB below that of the lowest one.
+        """Return the frequency in Hz at which the gain is 3 dB below that at the lowest frequency.
 
         None: outside of the points.
         """
@@ -74,7 +74,7 @@ def filled(cycles: Sequence[int], values: Sequence[float]) -> list[float]:
 def frequency_response(
     inputs: Sequence[float], outputs: Sequence[float], period: float, *, low: float = 0.0, high: float = math.inf
 ) -> Bode:
-    """Estimate the response between two frequencies in Hz; DriveError if no point can be trusted."""
+    """Estimate the response between two frequencies in Hz; DriveError without a reliable point."""
     u, y = np.asarray(inputs, float), np.asarray(outputs, float)
     if len(u) < _FEWEST:
         raise DriveError(f"{len(u)} samples are too few for a frequency response; excite it longer: --for S")

@@ -49,7 +49,7 @@ class DeviceIdentity:
     software: str | None = None
 
     def strangers(self, other: DeviceIdentity) -> list[str]:
-        """Return the reason why two devices are different products, whose parameters are not exchanged."""
+        """Return why two devices are different products, whose parameters must not be exchanged."""
         return self._differences(other, ("device_type", "vendor_id", "product_code"))
 
     def variations(self, other: DeviceIdentity) -> list[str]:
@@ -71,7 +71,7 @@ def _shown(value: object) -> str:
 
 @dataclass(frozen=True, slots=True)
 class KnownEds:
-    """A file and the identity it is for."""
+    """EDS file and the identity in it."""
 
     path: Path
     vendor_id: int
@@ -80,7 +80,7 @@ class KnownEds:
 
 
 def identity_of(data: Mapping[Address, object]) -> DeviceIdentity:
-    """Return the identity in objects that were read by address; refused ones are None."""
+    """Return the identity from objects by address; refused ones are None."""
     numbers: dict[str, Any] = {field: _number(data.get(address)) for field, (address, _) in FIELDS.items()}
     name = data.get(NAME)
     text = name.rstrip(b"\0").decode("latin-1") if isinstance(name, bytes) else None
@@ -88,7 +88,7 @@ def identity_of(data: Mapping[Address, object]) -> DeviceIdentity:
 
 
 def _number(data: object) -> int | None:
-    """Return an UNSIGNED32, as all of `FIELDS` are; None for other data."""
+    """Return an UNSIGNED32, the type of all `FIELDS`; None for other data."""
     padded = fitted(data, DataType.UNSIGNED32) if isinstance(data, bytes) else None
     return None if padded is None else int.from_bytes(padded, "little")
 
@@ -126,7 +126,7 @@ def eds_number(od: ObjectDictionary, subindex: int) -> int:
 
 
 def match_eds(identity: DeviceIdentity, candidates: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
-    """Return the file that fits best, and a remark: another revision, or other files that fit as well."""
+    """Return the best matching file, and a remark: another revision, or equally good files."""
     same = [
         eds
         for eds in candidates

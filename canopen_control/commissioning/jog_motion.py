@@ -1,4 +1,4 @@
-"""Command of a jog: held keys, or a motion with an end, within limits of speed, travel and torque; and its units.
+"""Command of a jog, by held keys or for a motion with an end, within limits of speed, travel and torque; units.
 
 Sans-IO, time is `now` in monotonic ns. The drive moves only while a key is held, or until the motion's own end; any
 other key, a limit, or a drive that is no longer enabled ends it. `ended` is the reason. Positions are those of the
@@ -33,7 +33,7 @@ _KNOWN: Final = {"position": POSITIONS, "velocity": VELOCITIES}
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """Number with its unit as written; `kind` is "position" or "velocity"."""
+    """Number with its unit as typed; `kind` is "position" or "velocity"."""
 
     value: float
     unit: str
@@ -65,7 +65,7 @@ def parse_quantity(text: str, kind: str) -> Quantity:
 
 @dataclass(frozen=True, slots=True)
 class JogScale:
-    """Position counts per revolution of the shaft; `told` is False if they are a guess.
+    """Position counts per revolution of the shaft; `told` is False for a guess.
 
     `of_joint`: the position is that of a joint of a running robot, in rad. Then `counts` are for units only, and the
     resolution is unknown.
@@ -128,7 +128,7 @@ class JogKind(Enum):
 
 
 class JogEnd(Enum):
-    """Reason of the end of a jog; those other than success are failures."""
+    """Reason for the end of a jog; those other than success are failures."""
 
     NONE = ""
     ASKED = "ended by a key"
@@ -148,7 +148,7 @@ class JogEnd(Enum):
 
 @dataclass(frozen=True, slots=True)
 class JogLimits:
-    """The limits: `speed` in rad/s, `travel` in rad each way from the start, `current` in 1/1000 of the rated one."""
+    """Limits: `speed` in rad/s, `travel` in rad in each direction, `current` in 1/1000 of the rated current."""
 
     speed: float
     travel: float
@@ -192,7 +192,7 @@ class JogMotion:
 
     @property
     def command(self) -> float | None:
-        """Value to send; 0 at rest, None for a position that is not known yet."""
+        """Value to send; 0 at rest, None for a position that is still unknown."""
         if self.kind is JogKind.POSITION:
             return None if self._start is None else self._start + self._value
         if self.ended is not JogEnd.NONE:
@@ -203,7 +203,7 @@ class JogMotion:
         return 0.0 if sign == 0 or self._blocked(sign) else math.copysign(self._keys.speed, sign)
 
     def nothing_turned(self, resolution: float) -> str | None:
-        """Return a sentence if no turn of the shaft was measured, None otherwise.
+        """Return a sentence if no rotation of the shaft was measured, None otherwise.
 
         `resolution` of its position in rad.
         """
@@ -247,7 +247,7 @@ class JogMotion:
             self.end(JogEnd.ASKED)
 
     def tick(self, now: int) -> None:
-        """Process time: a key that is not repeated is released, a motion with an end completes."""
+        """Process time: release a key that is not repeated, complete a motion with an end."""
         self._keys.tick(now)
         if self._deadline is not None and now >= self._deadline:
             self.end(JogEnd.OVER)
@@ -274,7 +274,7 @@ class JogMotion:
         self._look_at_travel(velocity)
 
     def end(self, why: JogEnd) -> None:
-        """End the jog; the first reason counts."""
+        """End the jog; the first reason is kept."""
         if self.ended is JogEnd.NONE:
             self.ended = why
         self._keys.stop()

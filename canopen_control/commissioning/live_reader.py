@@ -1,4 +1,4 @@
-"""Reader of the objects shown on screens, of all nodes in turn, at a rate that does not delay a robot.
+"""Reader of the objects on screens, of all nodes in turn, at a rate that does not delay a robot.
 
 One thread serves all screens of a process: an object on two screens is read once, and the rate is that of one verb. The
 object read longest ago is next. The thread ends when no screen needs it.
@@ -32,7 +32,7 @@ _TIMEOUT_S: Final = 2.0  # for the connection
 
 
 class NodeObjects:
-    """Node at `place` of the running robot `robot`; `source` is the name used for writes, `connect` is for tests.
+    """Node at `place` of the running robot `robot`; `source` is its name for writes, `connect` is for tests.
 
     `live` contains the last values of its objects, each with a number that grows with every change; `lost` is the
     reason why they cannot be read.
@@ -62,7 +62,7 @@ class NodeObjects:
 
     @contextlib.contextmanager
     def session(self) -> Iterator[NodeSession]:
-        """Open a session with the node on a connection of its own. Blocks: use it on a thread."""
+        """Open a session with the node on a separate connection. Blocks: use it on a thread."""
         od = self.dictionary()
         with (
             self._connect(self.robot, _TIMEOUT_S) as client,
@@ -84,7 +84,7 @@ _IDLE_S: Final = 0.2  # while nothing is due
 
 
 class LiveReader:
-    """Reader while a screen needs objects; `clock` and `sleep` in s."""
+    """Reader of objects while a screen shows them; `clock` and `sleep` in s."""
 
     def __init__(
         self, clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
@@ -96,7 +96,7 @@ class LiveReader:
         self._due: dict[tuple[str, Address], float] = {}
 
     def watch(self, screen: str, node: NodeObjects, entries: Collection[Entry]) -> None:
-        """Set the objects of a node that a screen shows; none: the screen shows nothing."""
+        """Set the objects of a node that a screen shows, none to stop."""
         with self._lock:
             scanned = tuple(entry for entry in entries if is_scanned(entry))
             if scanned:
@@ -112,7 +112,7 @@ class LiveReader:
         self._due.pop((node.place.name, entry.address), None)
 
     def run(self) -> None:
-        """Read until no screen needs objects; the body of the thread."""
+        """Read until no screen shows objects; the body of the thread."""
         try:
             self._read_all()
         except BaseException:  # who looks next begins anew

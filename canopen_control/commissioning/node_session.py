@@ -45,7 +45,7 @@ class Transfers(Protocol):
         """Download an object; RemoteError or RemoteProtocolError."""
 
     def be_patient(self, seconds: float | None) -> None:
-        """Set the time for each answer from now on, in s; None: the default."""
+        """Set the timeout of each answer in s; None: the default."""
 
     def command(self, command: NmtCommand) -> None:
         """Send an NMT command, on a bare bus only; DriveError if the node does not enter the state."""
@@ -64,7 +64,7 @@ class Transfers(Protocol):
 
 
 class NodeSession:
-    """One node: `name` in bus.yml or "", `od` its EDS or None, `robot` the SDO transport, "" on a bare bus.
+    """Session with one node: `name` in bus.yml or "", `od` its EDS or None, `robot` its transport, "" on a bare bus.
 
     Without `od` it is the file `eds` of the node, read on first use (EdsError).
 
@@ -104,7 +104,7 @@ class NodeSession:
     # -- objects
 
     def read(self, index: int, subindex: int = 0, *, block: bool = False) -> bytes:
-        """Upload an object as it is."""
+        """Upload the bytes of an object."""
         return self.transfers.read(index, subindex, block=block)
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
@@ -112,11 +112,11 @@ class NodeSession:
         self.transfers.write(index, subindex, data)
 
     def read_value(self, entry: Entry) -> Value:
-        """Upload an object by the type of its entry; SdoLengthError for an answer with another length."""
+        """Upload an object with the type of its entry; SdoLengthError for an answer with another length."""
         return self.decoded(entry, self.read(entry.index, entry.subindex))
 
     def decoded(self, entry: Entry, data: bytes) -> Value:
-        """Return uploaded bytes by the type of the entry; SdoLengthError for another length."""
+        """Return uploaded bytes as a value of the entry's type; SdoLengthError for another length."""
         padded = fitted(data, entry.data_type)
         if padded is None:
             expected = f"{entry.data_type.name} has {((entry.data_type.bits or 0) + 7) // 8}"
@@ -124,7 +124,7 @@ class NodeSession:
         return decode(padded, entry.data_type)
 
     def write_value(self, entry: Entry, value: Value) -> None:
-        """Download a value by the type of its entry; ConfigError if it does not fit."""
+        """Write a value with the type of its entry; ConfigError if it does not fit."""
         try:
             data = encode(value, entry.data_type)
         except ValueError as error:
@@ -162,7 +162,7 @@ class NodeSession:
         return " ".join(str(value).split())
 
     def identity_differences(self) -> list[str]:
-        """Return the differences that prove another device than in the EDS; a revision alone does not."""
+        """Return the differences that indicate another device than in the EDS; a revision alone does not."""
         texts = []
         for (index, subindex), label in (FIELDS[field] for field in _DECIDING):
             expected, actual = eds_number(self.dictionary, subindex), self.number(index, subindex)
@@ -247,25 +247,25 @@ class RobotTransfers(Transfers):
         self._robot.sdo_write(request, TIMEOUT_S + len(data) / _BYTES_PER_S + (self._timeout or 0))
 
     def be_patient(self, seconds: float | None) -> None:
-        """Set the time for each answer from now on."""
+        """Set the timeout of each answer from now on."""
         self._timeout = seconds or self._given
 
     def command(self, command: NmtCommand) -> None:
-        """Refuse: the robot is the NMT master of its nodes, and must be asked to remove one."""
+        """Raise an error: the robot is the NMT master of its nodes, and must remove the node first."""
         raise ControlError(f"NMT {command.name.replace('_', ' ').lower()} is the robot's to send; ask it for that")
 
     def nmt_state(self) -> NmtState | None:
-        """Return the NMT state of the node as the robot has it."""
+        """Return the NMT state of the node known to the robot."""
         reading = self._reading()
         return NmtState.__members__.get("" if reading is None else reading.nmt_state or "")
 
     def taken_out(self) -> bool:
-        """Return the answer of the robot, which otherwise boots the node again."""
+        """Return whether the robot has removed the node; otherwise it boots the node again."""
         reading = self._reading()
         return reading is not None and reading.taken_out
 
     def progress(self) -> tuple[int, int | None]:
-        """Ask the robot for the progress, on a connection of its own; may be called from another thread."""
+        """Request the progress on a separate connection; may be called from another thread."""
         try:
             if self._watching is None:
                 self._watching = RobotClient.connect(self._robot.robot, _WATCH_S)

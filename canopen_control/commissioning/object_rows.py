@@ -122,7 +122,7 @@ _SHOWN_BYTES = 64
 
 
 def parse_type(text: str) -> DataType:
-    """Return the type of `i32`, `INTEGER32` and so on; ConfigError with those there are."""
+    """Return the type of `i32`, `INTEGER32` and so on; ConfigError with the existing types."""
     data_type = _ALIASES.get(text.casefold()) or DataType.__members__.get(text.upper())
     if data_type is None:
         raise ConfigError(
@@ -132,7 +132,7 @@ def parse_type(text: str) -> DataType:
 
 
 def parse_value(text: str, data_type: DataType) -> bytes:
-    """Return the bytes of `text`; ConfigError where the type cannot hold it."""
+    """Return the bytes of `text`; ConfigError if the value does not fit the type."""
     try:
         return encode(_value(text, data_type), data_type)
     except ValueError as error:
@@ -202,7 +202,7 @@ def _show_bytes(data: bytes) -> str:
 
 
 def _text_of(data: bytes) -> str:
-    """Return the bytes as a text if they are one, else ""; zeros at the end are padding."""
+    """Return the bytes as text if they are valid text, else ""; trailing zeros are padding."""
     body = data.rstrip(b"\0")
     if len(body) < _TEXT_BYTES or len(data) > _SHOWN_BYTES * 4 or not all(32 <= byte < 127 for byte in body):
         return ""
@@ -237,7 +237,7 @@ _NOT_IN_A_SCAN: Final = 2  # bit 1 of ObjFlags (CiA 306-1)
 
 
 def select_objects(od: ObjectDictionary, words: Iterable[str]) -> list[Entry]:
-    """Return the entries that match a word, by address; all without a word. ConfigError for a word without a match."""
+    """Return the entries that match a word, or all, by address. ConfigError for a word without a match."""
     ordered = sorted(od, key=lambda entry: entry.address)
     patterns = list(words)
     if not patterns:
@@ -319,7 +319,7 @@ _ERROR_REGISTER: Final = 0x1001
 
 
 class NamedBit(NamedTuple):
-    """A bit that means something, and whether it is set."""
+    """Bit with its meaning, and whether it is set."""
 
     bit: int
     name: str
@@ -327,19 +327,19 @@ class NamedBit(NamedTuple):
 
 
 def axis_word(index: int) -> bool:
-    """Whether an object is a statusword or a controlword, whose bits partly depend on the mode."""
+    """Whether an object is a statusword or a controlword, with bits that depend on the mode."""
     return objects.axis_of(index)[0] in (objects.STATUSWORD, objects.CONTROLWORD)
 
 
 def statusword_bits(word: int, mode: int | str | None = None) -> list[NamedBit]:
-    """Return the bits of a statusword; `mode`, a number or a name, is what bits 10, 12 and 13 belong to."""
+    """Return the bits of a statusword; the meaning of bits 10, 12 and 13 depends on `mode`, a number or a name."""
     number = OperationMode.__members__.get(mode) if isinstance(mode, str) else mode
     mode_bits = MODE_BITS.get(number) if number is not None else None
     return _named(word, {**_STATUSWORD, **(mode_bits.statusword if mode_bits is not None else {})})
 
 
 def bits_of(index: int, subindex: int, value: object, mode: int | None = None) -> list[NamedBit]:
-    """Return the bits of an object that has named ones; none for all others."""
+    """Return the bits of an object with named bits; none for other objects."""
     base = objects.axis_of(index)[0]
     if subindex or not isinstance(value, int):
         return []
@@ -365,7 +365,7 @@ READS_PER_S: Final = 60.0
 
 @dataclass(frozen=True, slots=True)
 class LiveObject:
-    """Entry with its value, or the reason in `why`; neither if it was not read."""
+    """Entry with its value, or the reason `why` it has none; neither if it was not read."""
 
     entry: Entry
     value: Value | None = None
@@ -378,7 +378,7 @@ class LiveObject:
 
 
 class ObjectRow(Document, frozen=True, kw_only=True):
-    """Object as in `objects --json`; texts of values, null without one or unread."""
+    """Object in `objects --json`: texts of values, null if missing or unread."""
 
     index: str
     subindex: int
@@ -395,7 +395,7 @@ class ObjectRow(Document, frozen=True, kw_only=True):
 
 
 def _row(od: ObjectDictionary, live: LiveObject, words: NodeWords) -> ObjectRow:
-    """Return an object with its value in words."""
+    """Return an object with its value as text."""
     entry, value = live.entry, live.value
     unit = unit_of(od, entry.index, entry.subindex)
     return ObjectRow(
@@ -421,7 +421,7 @@ def rows_of(od: ObjectDictionary, objects: Iterable[LiveObject], node_id: int) -
 
 
 def _text(entry: Entry, value: Value, unit: str) -> str:
-    """Return a value on one line: with a unit in decimal, other wide numbers in hexadecimal."""
+    """Return a value on one line: decimal if it has a unit, other wide numbers in hexadecimal."""
     return str(value) if unit and isinstance(value, int) else printable(format_value(value, entry.data_type))
 
 
@@ -456,7 +456,7 @@ _MOST_EDITS: Final = 100
 
 
 def why_fixed(entry: Entry) -> str:
-    """Return the reason why an object cannot be written by hand, "" if it can."""
+    """Return the reason why a user cannot write an object, "" if it is writable."""
     if not entry.writable:
         return f"is {'constant' if entry.access == 'const' else 'read-only'}"
     if axis_of(entry.index)[0] in MOTION:
@@ -514,7 +514,7 @@ class Edit:
 
 @dataclass(slots=True)
 class EditHistory:
-    """The edits of one node, the newest last."""
+    """Edits of one node, the newest last."""
 
     edits: list[Edit] = field(default_factory=list)
 
@@ -532,7 +532,7 @@ class EditHistory:
 
     @property
     def last(self) -> Edit | None:
-        """The newest edit that can be undone."""
+        """Newest edit that can be undone."""
         return next((edit for edit in reversed(self.edits) if edit.before is not None), None)
 
     def undo(self, session: NodeSession) -> Edit:

@@ -1,4 +1,4 @@
-"""The parameters of one node with its identity: read from the node, and as a DCF file (CiA 306-1).
+"""Parameters of one node with its identity, from the node or a DCF file (CiA 306-1).
 
 The file is a complete DCF: the EDS of the node with a ParameterValue for each parameter, so that a bus.yml can name it
 as `dcf` or `configuration_file`, and other tools read it. The section [Backup] says of which device and firmware it is,
@@ -179,7 +179,7 @@ class ParameterSet:
         )
 
     def for_node(self, node_id: int) -> dict[Address, Value]:
-        """Return the values as a node with another id has them."""
+        """Return the values for a node with another id."""
         shift, relative = node_id - self.node_id, self.relative
         return {
             address: value + shift if address in relative and isinstance(value, int) else value
@@ -188,7 +188,7 @@ class ParameterSet:
 
 
 def same_value(entry: Entry, a: Value, b: Value) -> bool:
-    """Whether two values of an object are the same to the node: the same bytes; bit 30 of a PDO's COB-ID is its own."""
+    """Whether two values of an object are equal for the node: equal bytes, except bit 30 of a PDO's COB-ID."""
     if isinstance(a, int) and isinstance(b, int) and is_cob_id(*entry.address):
         return a & ~NO_RTR_BIT == b & ~NO_RTR_BIT
     try:
@@ -281,7 +281,7 @@ def _is_set(entry: Entry) -> bool:
 
 
 def backup_file_text(parameters: ParameterSet, node_name: str = "") -> tuple[str, list[str]]:
-    """Return the DCF of a backup, and the parameters it cannot hold with the reason."""
+    """Return the DCF of a backup, and the parameters that it cannot contain, with the reason."""
     info = next((lines for title, lines in parameters.od.sections.items() if title.lower() == "fileinfo"), {})
     eds_name = next((value for key, value in info.items() if key.lower() == "filename"), "")
     text = backup_text(parameters, eds_name=eds_name, node_name=node_name)
@@ -294,7 +294,7 @@ def backup_file_text(parameters: ParameterSet, node_name: str = "") -> tuple[str
 
 
 def lost_in_text(parameters: ParameterSet, text: str) -> list[Address]:
-    """Return the parameters that a file could not hold: text with line ends, or with blanks at its ends."""
+    """Return the parameters that a file cannot contain: text with line ends, or blanks at its ends."""
     od = parse_eds(text.encode(), parameters.node_id).od
     return [
         address
@@ -357,7 +357,7 @@ _COMMUNICATION = range(0x1000, 0x2000)  # identifiers and mappings are hexadecim
 
 @dataclass(frozen=True, slots=True)
 class ParameterDifference:
-    """A parameter that two sides have with other values, None: that side has none; the texts are for people."""
+    """Parameter with different values on two sides, None if missing; the texts are for users."""
 
     entry: Entry
     name: str
@@ -406,7 +406,7 @@ def parameter_text(side: ParameterSet, address: Address) -> str:
 
 
 def value_text(entry: Entry, value: Value) -> str:
-    """Return a value for people: numbers of a drive in decimal, identifiers and mappings as a DCF writes them."""
+    """Return a value for users: numbers of a drive in decimal, identifiers and mappings as in a DCF."""
     if isinstance(value, int | float) and entry.index not in _COMMUNICATION:
         return str(value)
     return format_value(value, entry.data_type) if value not in ("", b"") else "(empty)"
@@ -423,7 +423,7 @@ _VARIES = "two readings differed, so it is no parameter"
 
 @dataclass(frozen=True, slots=True)
 class LeftOut:
-    """A parameter that was not read, and why."""
+    """Parameter that was not read, with the reason."""
 
     entry: Entry
     why: str
@@ -440,7 +440,7 @@ def entry_label(entry: Entry) -> str:
 def read_parameters(
     session: NodeSession, *, twice: bool = True, told: Told | None = None
 ) -> tuple[ParameterSet, list[LeftOut]]:
-    """Read identity and parameters; ConfigError without an EDS, RemoteProtocolError where the node does not answer.
+    """Read identity and parameters; ConfigError without an EDS, RemoteProtocolError if the node does not answer.
 
     `told(done, of)` hears how far it is.
     """

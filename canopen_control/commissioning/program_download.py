@@ -1,4 +1,4 @@
-"""Program download to a node: the sequence of CiA 302-3, as CANopenNode's, Lely's and Zephyr's tools do it.
+"""Program download to a node: the sequence of CiA 302-3, as in the tools of CANopenNode, Lely and Zephyr.
 
 Sans-IO: `program_download` is a generator that yields what is to be done (read, write, pause, pre-operational) and is
 sent what came of it. The law: what is written to 0x1F51 may be answered, or not, or be answered by a boot-up, since the
@@ -73,7 +73,7 @@ class DownloadStep(enum.Enum):
 
 
 class DownloadAct(enum.Enum):
-    """Kinds of acts requested by the generator."""
+    """Kinds of actions requested by the generator."""
 
     READ = "read"
     WRITE = "write"
@@ -83,7 +83,7 @@ class DownloadAct(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class DownloadOrder:
-    """One act: an object with `data` to write, or a pause in `seconds`.
+    """One action: an object with `data` to write, or a pause in `seconds`.
 
     `seconds` of an object are what each answer may take, 0: as long as ever.
     """
@@ -105,7 +105,7 @@ class DownloadAnswer:
 
 @dataclass(frozen=True, slots=True)
 class ProgramDate:
-    """Date of a program in 0x1F52: `day` and milliseconds after midnight (None: the day alone)."""
+    """Date of a program in 0x1F52: `day` and milliseconds after midnight (None: only the day)."""
 
     day: datetime.date
     milliseconds: int | None = None
@@ -117,7 +117,7 @@ class ProgramDate:
         return (midnight + datetime.timedelta(milliseconds=self.milliseconds)).isoformat(" ", "seconds")
 
     def fits(self, other: ProgramDate | None) -> bool:
-        """Whether another date equals this one, as far as this one is known."""
+        """Whether another date equals this one as far as this one is known."""
         if other is None or other.day != self.day:
             return False
         return self.milliseconds is None or self.milliseconds == other.milliseconds
@@ -152,7 +152,7 @@ class DownloadProgress:
 
     @property
     def untouched(self) -> bool:
-        """Whether the node is as it was, or all is done."""
+        """Whether the node is unchanged, or the download is complete."""
         return self.step in (DownloadStep.ASKING, DownloadStep.DONE)
 
 
@@ -180,7 +180,7 @@ def refuse_no_program(image: bytes, name: str = "the program file") -> None:
 
 
 def program_download(image: bytes, options: ProgramOptions, progress: DownloadProgress) -> Sequence:
-    """Yield the acts of a download, each answered with its outcome; `progress` is updated.
+    """Yield the actions of a download, each answered with its outcome; updates `progress`.
 
     Raises ConfigError where the node has no program download or the image is none, DriveError where it fails.
     """
@@ -228,7 +228,7 @@ def _ask(number: int, progress: DownloadProgress) -> Sequence:
 
 
 def _prepare(number: int, progress: DownloadProgress, options: ProgramOptions) -> Sequence:
-    """Stop and clear: each is believed when 0x1F51 shows it."""
+    """Stop and clear the program; each is confirmed by 0x1F51."""
     progress.step = DownloadStep.STOPPING
     status = yield from _number(CONTROL, number)
     if status != STOP:
@@ -319,7 +319,7 @@ def _verify_date(options: ProgramOptions, progress: DownloadProgress) -> Sequenc
 
 
 def _date() -> Generator[DownloadOrder, DownloadAnswer, ProgramDate | None]:
-    """Read 0x1F52; None for no date, or none that can be."""
+    """Read 0x1F52; None for a missing or invalid date."""
     days = yield from _number(SOFTWARE_DATE, 1)
     if not days or not 0 < days <= _MOST_DAYS:
         return None
@@ -329,7 +329,7 @@ def _date() -> Generator[DownloadOrder, DownloadAnswer, ProgramDate | None]:
 
 
 def _number(index: int, subindex: int, seconds: float = 0.0) -> Numbers:
-    """Read a number; None if the node has no such object, _SILENT without an answer."""
+    """Read a number; None if the node lacks the object, _SILENT without an answer."""
     outcome = yield DownloadOrder(DownloadAct.READ, index, subindex, seconds=seconds)
     if outcome.error is not None:
         return None if is_abort(outcome.error) else _SILENT
@@ -344,12 +344,12 @@ _VENDOR: Final = FIELDS["vendor_id"][1]
 
 
 def is_loader(identity: DeviceIdentity) -> bool:
-    """Whether the node shows its boot-loader: a device without a profile (0x1000)."""
+    """Whether the node runs its boot-loader: a device without a profile (0x1000)."""
     return not (identity.device_type or 0) & _PROFILE
 
 
 def refuse_stranger(session: NodeSession, identity: DeviceIdentity) -> None:
-    """Raise ConfigError where the node is another product than its EDS; a boot-loader may have a code of its own."""
+    """Raise ConfigError if the node is not the product of its EDS; a boot-loader may have its own code."""
     if session.od is None:
         return
     differences = session.identity_differences()
@@ -404,7 +404,7 @@ def _carry_out(session: NodeSession, order: DownloadOrder, pause: Callable[[floa
 
 
 def _transferred(session: NodeSession, order: DownloadOrder) -> bytes:
-    """Read or write, and return the data; each answer may take the time of the order, if it has one."""
+    """Read or write, and return the data; the timeout is that of the order, if it has one."""
     session.transfers.be_patient(order.seconds or None)
     try:
         if order.act is DownloadAct.READ:
@@ -423,7 +423,7 @@ def _is_answer(error: CanopenError) -> bool:
 
 
 def boot_check(session: NodeSession, before: DeviceIdentity) -> DeviceIdentity:
-    """Return the identity with the new program; DriveError for the boot-loader or another device."""
+    """Return the identity with the new program; DriveError for a boot-loader or another device."""
     after = session.identity()
     if is_loader(after):
         raise DriveError(f"{session}: the new program does not run: the node shows its boot-loader")

@@ -89,7 +89,7 @@ class Write:
 
 @dataclass(frozen=True, slots=True)
 class RestoreGroup:
-    """Group written together: one parameter, or the records of one PDO; `name` is for messages."""
+    """Writes that belong together: one parameter, or the records of one PDO; `name` is for messages."""
 
     name: str
     writes: tuple[Write, ...]
@@ -206,7 +206,7 @@ def check_device(parameters: ParameterSet, identity: DeviceIdentity, session: No
 
 
 def refuse_moving(session: NodeSession) -> None:
-    """Raise DriveError where an axis has, or may have, torque: nothing is written into a drive that may move."""
+    """Raise DriveError if an axis has, or may have, torque: an enabled drive must not be reconfigured."""
     if powered := session.powered_axes():
         axes = "" if powered == [0] else f" (axis {', '.join(map(str, powered))})"
         raise DriveError(f"{session} is enabled{axes}; nothing was written: disable it first, `axis disable`")
@@ -284,7 +284,7 @@ class Restore:
         return None
 
     def _prove(self, failed: Mapping[str, str]) -> None:
-        """Read all values back: a different one was refused, or changed by the drive."""
+        """Read all values back; a different one was refused or changed by the drive."""
         self.step = RestoreStep.VERIFYING
         values, left_out = read_values(self.session, [self.od[address] for address in self.held])
         self.refused += [f"{name}: {why}" for name, why in failed.items()]
@@ -358,12 +358,12 @@ class KeptParameters:
         return read_backup(self.path, self._session.node_id) if self.path.is_file() else None
 
     def read(self) -> Mapping[Address, Value]:
-        """Return the values that are kept."""
+        """Return the stored values."""
         parameters = self.parameters
         return {} if parameters is None else parameters.values
 
     def keep(self, od: ObjectDictionary, values: Mapping[Address, Value]) -> None:
-        """Keep values instead of those before; ConfigError where that cannot be."""
+        """Store values in place of the previous ones; ConfigError if that fails."""
         session = self._session
         listed = {address: value for address, value in values.items() if address in od}
         parameters = ParameterSet(od, session.node_id, self._identity, listed, str(session))
@@ -383,7 +383,7 @@ class KeptParameters:
             ) from None
 
     def forget(self) -> None:
-        """Keep nothing any more."""
+        """Delete the stored values."""
         self.path.unlink(missing_ok=True)
 
 
@@ -400,7 +400,7 @@ _FOLDER: Final = "restores"
 
 @dataclass(frozen=True, slots=True)
 class Reached:
-    """Access to a node by a verb: channel of its bus or name of the robot, and whether all of a backup was written."""
+    """Access of a verb to a node: channel of its bus or name of the robot, and whether a backup was complete."""
 
     channel: str = ""
     robot: str = ""
@@ -408,7 +408,7 @@ class Reached:
 
 
 class RestoreJournal:
-    """The journal of the node of `session`; `reached` is how a verb reaches the node."""
+    """Journal of the node of `session`; `reached` is the verb's access to the node."""
 
     def __init__(self, session: NodeSession, identity: DeviceIdentity, reached: Reached) -> None:
         self._session, self._reached = session, reached
@@ -432,7 +432,7 @@ class RestoreJournal:
         return f"`canopen-control restore {shlex.join([str(self.path), *self._words()])}` puts back"
 
     def begin(self, od: ObjectDictionary, current: Mapping[Address, Value]) -> None:
-        """Store the previous values before writing; ConfigError if they cannot be stored, and nothing is written."""
+        """Store the previous values before writing; ConfigError, before any write, if they cannot be stored."""
         old = {} if self._old is None else self._old.values
         self._kept.keep(od, {**current, **old})
 
@@ -456,7 +456,7 @@ class RestoreJournal:
 
 
 def unfinished_words(session: NodeSession, reached: Reached) -> str:
-    """Return a sentence about an interrupted restore of a node, "" without one; its identity is checked first."""
+    """Return a sentence about an interrupted restore of a node, "" without one; checks its identity first."""
     if not any(state_dir(_FOLDER).glob(f"node{session.node_id}-*.dcf")):
         return ""
     return RestoreJournal(session, session.identity(), reached).unfinished
@@ -547,7 +547,7 @@ def _fits(od: ObjectDictionary, entry: Entry, glob: str) -> bool:
 
 @contextlib.contextmanager
 def quiet_node(session: NodeSession, *, starts_again: bool = True) -> Iterator[None]:
-    """Keep the node PRE-OPERATIONAL and without torque; DriveError if it cannot be."""
+    """Context with the node PRE-OPERATIONAL and without torque; DriveError if that fails."""
     refuse_moving(session)
     state = session.nmt_state()
     again = state if starts_again else None
@@ -582,7 +582,7 @@ def guarded_restore(
     note: Callable[[str], None],
     told: Callable[[int, int], None] | None = None,
 ) -> RestoreReport:
-    """Write `source` into the node and prove it.
+    """Write `source` into the node and verify it.
 
     `note` hears what is to be known before, `told(done, of)` how far the writing is. ConfigError and DriveError for
     what must not be; DriveError with what was written where it ended half-way.

@@ -46,7 +46,7 @@ class Condition(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Trigger:
-    """A condition on the signals at `places` (any of them), at a `level`; of a fault they are statuswords."""
+    """Condition on any of the signals at `places`, at a `level`; of a fault they are statuswords."""
 
     condition: Condition
     places: tuple[int, ...]
@@ -83,7 +83,7 @@ _WITHOUT_A_BEFORE: Final = (Condition.ABOVE, Condition.BELOW)
 
 
 def parse_trigger(text: str, signals: int) -> Trigger:
-    """Read `1:rising:1000` or `fault`; ConfigError. The places of a fault are those that follow the signals."""
+    """Parse `1:rising:1000` or `fault`; ConfigError. The places of a fault follow those of the signals."""
     if text == Condition.FAULT.value:
         return Trigger(Condition.FAULT, ())
     place, _, rest = text.partition(":")
@@ -103,7 +103,7 @@ def parse_trigger(text: str, signals: int) -> Trigger:
 
 @dataclass(frozen=True, slots=True)
 class Measures:
-    """Of one signal in one shot: smallest, greatest, mean and root mean square over time."""
+    """Measurements of one signal in one capture: minimum, maximum, mean and root mean square over time."""
 
     least: float
     most: float
@@ -121,13 +121,13 @@ class CursorReading:
 
     @property
     def difference(self) -> float:
-        """The second value less the first, dv."""
+        """Second value minus the first, dv."""
         return self.second - self.first
 
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """The samples of a shot; `triggered` is the time of its trigger, None without one."""
+    """Samples of a capture; `triggered` is the time of its trigger, None without one."""
 
     rows: tuple[Row, ...]
     triggered: float | None = None
@@ -139,11 +139,11 @@ class Shot:
 
     @property
     def time_range(self) -> tuple[float, float]:
-        """From when to when it goes, counted from `zero`."""
+        """Start and end time, relative to `zero`."""
         return self.rows[0][0] - self.zero, self.rows[-1][0] - self.zero
 
     def between(self, first: float, second: float) -> Shot:
-        """Return the part between two times, counted from `zero`, with the values held at its ends."""
+        """Return the part between two times, relative to `zero`, with the values held at its ends."""
         begin, end = sorted((first + self.zero, second + self.zero))
         row_before = [row for time, row in self.rows if time <= begin][-1:]
         inner = [(time, row) for time, row in self.rows if begin < time <= end]
@@ -153,7 +153,7 @@ class Shot:
         return Shot(tuple(rows), self.triggered)
 
     def cursors(self, place: int, first: float, second: float) -> CursorReading | None:
-        """Read a signal at two times, counted from `zero`; None unless both are known."""
+        """Read a signal at two times, relative to `zero`; None unless both are known."""
         part = self.between(first, second)
         ends = [part.rows[at][1][place] for at in (0, -1)] if part.rows else [None]
         measured = part.measure(place) if part.rows else None
@@ -187,7 +187,7 @@ class ScopeState(Enum):
 
 
 class ScopeCapture:
-    """Takes shots of `length` seconds, `before` of them before the trigger; without a trigger from the first sample on.
+    """Capture memory of `length` s, `before` of them before the trigger; without a trigger from the first sample on.
 
     After `shots` of them it is done; None goes on for ever.
     """
@@ -216,7 +216,7 @@ class ScopeCapture:
         return len(self._rows)
 
     def feed(self, time: float, values: tuple[float | None, ...]) -> None:
-        """Add a sample; one with an older time counts as present."""
+        """Add a sample; one with an older time is stored at the present time."""
         time = self._newest = max(time, self._newest)
         if self._begin is not None and time >= self._end:
             self._finish()
@@ -230,14 +230,14 @@ class ScopeCapture:
         self._last = values
 
     def tick(self, time: float) -> None:
-        """Advance the time: a capture may end without another sample, holding the last values."""
+        """Advance the time: a capture may end without another sample, with the last values held."""
         if self._begin is not None and time >= self._end:
             if self._rows[-1][0] < self._end:
                 self._rows.append((self._end, self._rows[-1][1]))
             self._finish()
 
     def next_deadline(self) -> float | None:
-        """Return when the shot under way is over."""
+        """Return the end of the active capture."""
         return None if self._begin is None else self._end
 
     def stop(self) -> None:
@@ -247,7 +247,7 @@ class ScopeCapture:
         self.state = ScopeState.DONE
 
     def take(self) -> list[Shot]:
-        """Return the shots that were finished since the last call."""
+        """Return the captures completed since the last call."""
         shots, self._shots = self._shots, []
         return shots
 
@@ -300,7 +300,7 @@ class NamedShot:
 
 
 def named_shot(shot: Shot, signals: Sequence[Signal], label: str = "") -> NamedShot:
-    """Return a shot with the names of its signals."""
+    """Return a capture with the names of its signals."""
     return NamedShot(shot, tuple(signal.name for signal in signals), tuple(signal.unit for signal in signals), label)
 
 
@@ -317,7 +317,7 @@ def csv_of(named: NamedShot) -> str:
 
 
 def parse_csv(text: str, place: str) -> NamedShot:
-    """Read a file of `csv_of`; ConfigError if it is not valid."""
+    """Parse a file of `csv_of`; ConfigError if it is invalid."""
     lines = list(csv.reader(io.StringIO(text)))
     if len(lines) < 2 or lines[0][:2] != [_TIME, _FROM_ZERO] or len(lines[0]) < 3:
         raise ConfigError(f"{place} is no shot of a scope: it begins with time,t and the names of signals")
@@ -344,7 +344,7 @@ def refuse_without_pictures() -> None:
 
 
 def picture_of(named: NamedShot, overlay: NamedShot | None = None, cursors: tuple[float, float] | None = None) -> bytes:
-    """Draw each signal over the time from the trigger, an overlay of the same signals below it, and two cursors."""
+    """Draw each signal over the time from the trigger, with an overlay of the same signals and two cursors."""
     refuse_without_pictures()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -380,7 +380,7 @@ def plotted(
     logarithmic: bool = False,
     mark: float | None = None,
 ) -> bytes:
-    """Draw rows of a label, places (in `unit`) and values, one below the other, as PNG; `mark` is one of the places."""
+    """Draw rows of a label, places (in `unit`) and values as plots below each other, as PNG; `mark` is one place."""
     refuse_without_pictures()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -404,7 +404,7 @@ def plotted(
 
 
 def _line(axis: Axes, shot: Shot, place: int, *, color: str, label: str) -> None:
-    """Draw a signal as steps: a value holds until the next one."""
+    """Draw a signal as steps: each value holds until the next one."""
     times = [time - shot.zero for time, _ in shot.rows]
     values = [math.nan if (value := row[place]) is None else value for _, row in shot.rows]
     axis.step(times, values, where="post", color=color, linewidth=1.1, label=label)
@@ -418,7 +418,7 @@ def _time_words(shot: Shot, cursors: tuple[float, float] | None) -> str:
 
 
 def write_bag(folder: Path, shot: Shot, signals: Sequence[Signal]) -> None:
-    """Write a bag with a topic for each signal: /scope/left_drive/o6064_00, /scope/left_wheel_joint/velocity."""
+    """Write a bag with one topic per signal: /scope/left_drive/o6064_00, /scope/left_wheel_joint/velocity."""
     from canopen_control.trace.bag import BagWriter
 
     with BagWriter(folder, "scope") as bag:

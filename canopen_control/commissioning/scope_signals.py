@@ -34,7 +34,7 @@ _EVERY_CYCLE: Final = 1000.0  # Hz
 
 
 class ScopeSource(Protocol):
-    """Whoever brings samples; times in Unix seconds."""
+    """Source of samples; times in Unix seconds."""
 
     def samples(self, seconds: float) -> Iterator[tuple[float, tuple[float | None, ...]]]:
         """Yield the samples within `seconds`."""
@@ -44,7 +44,7 @@ class ScopeSource(Protocol):
 
 
 class PolledSource:
-    """Reads every signal by SDO, `rate` times a second as far as the node answers so fast."""
+    """Source that reads every signal by SDO, up to `rate` times a second."""
 
     def __init__(self, values: SignalValues, sessions: Mapping[int, NodeSession], rate: float) -> None:
         self._values, self._sessions = values, sessions
@@ -52,11 +52,11 @@ class PolledSource:
         self._due = time.monotonic()
 
     def cycles(self) -> None:
-        """Return nothing: a bare bus has no cycle."""
+        """Return None: a bare bus has no cycle."""
         return
 
     def samples(self, seconds: float) -> Iterator[tuple[float, tuple[float | None, ...]]]:
-        """Read all signals when it is time."""
+        """Read all signals when due."""
         wait = self._due - time.monotonic()
         if wait > 0:
             time.sleep(min(wait, seconds))
@@ -96,7 +96,7 @@ class RobotSource:
         return list(self._polled.values())
 
     def samples(self, seconds: float) -> Iterator[tuple[float, tuple[float | None, ...]]]:
-        """Yield a sample for each cycle in which something changed, and for each that was polled."""
+        """Yield a sample for each cycle with a change, and for each polled signal."""
         wait = min(seconds, max(self._due - time.monotonic(), 0.0)) if self._polled else seconds
         end = time.monotonic() + wait
         for message in self._client.messages(wait):
@@ -146,7 +146,7 @@ _QUANTITIES: Final = {"position": "rad or m", "velocity": "rad/s or m/s", "effor
 
 @dataclass(frozen=True, slots=True)
 class ScopeSignal:
-    """A number of a node; `name` for people and files, such as left_drive:0x6064."""
+    """Number in an object of a node; `name` for users and files, such as left_drive:0x6064."""
 
     node_id: int
     index: int
@@ -183,12 +183,12 @@ class JointSignal:
 
     @property
     def name(self) -> str:
-        """As it is written."""
+        """Name as typed by the user."""
         return f"{self.joint}:{self.quantity}"
 
     @property
     def unit(self) -> str:
-        """Its unit."""
+        """Unit of the signal."""
         return _QUANTITIES[self.quantity]
 
     @property
@@ -202,7 +202,7 @@ class JointSignal:
         return self.quantity
 
     def value(self, reading: JointReading) -> float | None:
-        """Return its value in a reading."""
+        """Return the value of the signal in a reading."""
         value: float | None = getattr(reading, self.quantity)
         return value
 
@@ -251,7 +251,7 @@ def signal_of(text: str, session: NodeSession) -> ScopeSignal:
 
 
 def statuswords_of(signals: Iterable[Signal], sessions: Mapping[int, NodeSession]) -> list[ScopeSignal]:
-    """Return the statusword of each node of the signals, for a trigger on faults; ConfigError if one has none."""
+    """Return the statusword of each node of the signals, for a trigger on faults; ConfigError if one is missing."""
     nodes = dict.fromkeys(signal.node_id for signal in signals if isinstance(signal, ScopeSignal))
     if not nodes:
         raise ConfigError("a trigger on faults looks at drives, and no signal is an object of one; add NODE:0x6041")
@@ -259,12 +259,12 @@ def statuswords_of(signals: Iterable[Signal], sessions: Mapping[int, NodeSession
 
 
 def statusword_of(session: NodeSession) -> ScopeSignal:
-    """Return the statusword of a node; ConfigError if it has none."""
+    """Return the statusword of a node; ConfigError without one."""
     return signal_of(f"{session.node_id}:0x{STATUSWORD:04X}", session)
 
 
 class SignalValues:
-    """The newest value of each signal: a row for a `ScopeCapture`."""
+    """Newest value of each signal, as a row for a `ScopeCapture`."""
 
     def __init__(self, signals: Iterable[Signal]) -> None:
         self.signals = tuple(signals)
@@ -279,12 +279,12 @@ class SignalValues:
 
     @property
     def objects(self) -> list[ScopeSignal]:
-        """The signals that are objects of nodes."""
+        """Signals of node objects."""
         return [signal for signal in self.signals if isinstance(signal, ScopeSignal)]
 
     @property
     def joints(self) -> list[str]:
-        """The joints of the others."""
+        """Joints of the other signals."""
         return list(dict.fromkeys(signal.joint for _, signal in self._joints))
 
     @property
@@ -300,7 +300,7 @@ class SignalValues:
         return bool(places)
 
     def put_joints(self, readings: Mapping[str, JointReading]) -> bool:
-        """Update from joint readings of a robot; return whether a signal is concerned."""
+        """Update from joint readings of a robot; return whether a signal has changed."""
         for place, signal in self._joints:
             reading = readings.get(signal.joint)
             self._values[place] = None if reading is None else signal.value(reading)

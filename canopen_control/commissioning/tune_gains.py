@@ -1,4 +1,4 @@
-"""Gains in a drive: their objects, setting and reverting them, and the texts about it."""
+"""Gains in a drive: their objects, setting, reverting, and messages about them."""
 
 from __future__ import annotations
 
@@ -80,17 +80,17 @@ class KeptGains(Protocol):
     """Previous gains of a drive, stored on disk."""
 
     def read(self) -> Mapping[Address, Value]:
-        """Return it; nothing where no gains were set."""
+        """Return the stored values; none if no gains were set."""
 
     def keep(self, od: ObjectDictionary, values: Mapping[Address, Value]) -> None:
-        """Keep values of a dictionary; ConfigError where that cannot be."""
+        """Store values; ConfigError if that fails."""
 
     def forget(self) -> None:
-        """Keep it no longer."""
+        """Delete the stored values."""
 
 
 def set_gains(session: NodeSession, values: Mapping[Address, Value], kept: KeptGains) -> list[GainChange]:
-    """Write gains and prove them; DriveError where the drive is enabled, or refuses one: it is then as it was."""
+    """Write gains and verify them; DriveError, with the old gains restored, for an enabled drive or a refusal."""
     refuse_moving(session)
     od = session.dictionary
     current, left_out = read_values(session, [od[address] for address in values])
@@ -102,7 +102,7 @@ def set_gains(session: NodeSession, values: Mapping[Address, Value], kept: KeptG
 
 
 def revert_gains(session: NodeSession, kept: KeptGains) -> list[GainChange]:
-    """Restore the gains from before the first `set_gains`; DriveError if there are none."""
+    """Restore the gains from before the first `set_gains`; DriveError without stored gains."""
     target = kept.read()
     if not target:
         raise DriveError(f"{session}: no gains were set on this drive from here, so there is nothing to take back")
@@ -179,7 +179,7 @@ def _impossible(needed: float, crossover: float, margin: float, delay: float) ->
 
 
 def phase_margin(plant: PlantModel, gains: CascadeGains, delay: float = LOOP_DELAY_S) -> tuple[float, float]:
-    """Return crossover in rad/s and phase margin in rad of gains on a plant, such as one with another load.
+    """Return crossover in rad/s and phase margin in rad of gains with a plant, such as one with another load.
 
     The gain of the open loop falls all the way, so the crossover is found by halving.
     """
@@ -235,7 +235,7 @@ class PlantModel:
         return self.inertia / self.viscous if self.viscous > 0.0 else math.inf
 
     def scaled(self, unit: float) -> PlantModel:
-        """Return it with torques in another unit, `unit` for each of this one."""
+        """Return the model with torques in another unit, `unit` for each of this one."""
         parts = (self.inertia * unit, self.viscous * unit, self.coulomb * unit, self.load * unit)
         return PlantModel(*parts, self.delay, self.fit)
 
@@ -314,7 +314,7 @@ _OF_SHAFT: Final = (LoopGain.VELOCITY_P, LoopGain.VELOCITY_I)
 
 
 def parse_gain(text: str) -> tuple[LoopGain, GainObject]:
-    """Read `velocity_p=0x3210:01*0.001`; ConfigError. The scale is of the units in which a proposal is printed."""
+    """Parse `velocity_p=0x3210:01*0.001`; ConfigError. The scale is in the units of a printed proposal."""
     match = _GAIN.fullmatch(text.strip())
     if match is None or match[1].lower() not in GAIN_NAMES:
         raise ConfigError(
@@ -333,7 +333,7 @@ def parse_gain(text: str) -> tuple[LoopGain, GainObject]:
 def settable_gains(
     session: NodeSession, axis: int, named: Iterable[str], units_per_rad: float
 ) -> Mapping[LoopGain, GainObject]:
-    """Return the gain objects of a drive: as given, else as known for it; ConfigError if unknown.
+    """Return the gain objects of a drive: given ones, else known ones; ConfigError if unknown.
 
     What is named is worth what it says at the shaft, of which `units_per_rad` user units make a rad.
     """
@@ -364,7 +364,7 @@ def settable_gains(
 
 @dataclass(frozen=True, slots=True)
 class GainPlace:
-    """Which axis, `named` objects of gains, and the `channel` of a bare bus; `stores`: in the drive too (0x1010)."""
+    """Axis, `named` gain objects, and the `channel` of a bare bus; `stores`: also in the drive (0x1010)."""
 
     axis: int = 0
     named: tuple[str, ...] = ()

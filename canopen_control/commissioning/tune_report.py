@@ -39,7 +39,7 @@ _LEAST: Final = 0.2  # of the step has to arrive, else there is nothing to measu
 
 @dataclass(frozen=True, slots=True)
 class StepMetrics:
-    """Step from `before` to `wanted` that settled at `final`; times in s, `settling` None if it did not settle.
+    """Metrics of a step from `before` to `wanted` that settled at `final`; times in s, `settling` None if it did not.
 
     `overshoot` is a part of what was reached, `error` what is missing, `ripple` the root mean square around the final
     value and `itae` the integral of time times absolute error; in the unit of the response.
@@ -90,7 +90,7 @@ def step_metrics(times: Sequence[float], values: Sequence[float], target: float,
 
 
 def _crossing(shares: Sequence[tuple[float, float]], level: float) -> float:
-    """Return when a level is passed for the first time."""
+    """Return the time at which a level is first crossed."""
     last: tuple[float, float] | None = None
     for time, share in shares:
         if share >= level:
@@ -102,7 +102,7 @@ def _crossing(shares: Sequence[tuple[float, float]], level: float) -> float:
 
 
 def _settling(shares: Sequence[tuple[float, float]], band: float) -> float | None:
-    """Return the time from which it stays within the band; None if it leaves it near the end of the record."""
+    """Return the time after which it stays within the band; None if it leaves it near the end of the record."""
     outside = [place for place, (_, share) in enumerate(shares) if abs(share - 1.0) > band]
     if not outside:
         return shares[0][0]
@@ -163,7 +163,7 @@ class Findings:
 
 
 def findings(record: TuneRecord, request: TuneRequest, scale: JogScale) -> Findings:
-    """Return the same for programs; DriveError as `report`."""
+    """Return the results for programs; DriveError as `report`."""
     result = Findings(request.test.name.lower(), record.period, len(record.samples), record.lost)
     if request.test is TuneTest.STEP:
         return replace(result, step=step_of(record, request.height(scale)))
@@ -201,7 +201,7 @@ def record_picture(record: TuneRecord) -> bytes:
 
 
 def bode_of(record: TuneRecord, request: TuneRequest) -> Bode:
-    """Return the frequency response of a record; DriveError where nothing of it can be trusted."""
+    """Return the frequency response of a record; DriveError without reliable points."""
     return frequency_response(*_pairs(record), record.period, low=request.band[0])
 
 
@@ -213,7 +213,7 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def _pairs(record: TuneRecord) -> tuple[list[float], list[float]]:
-    """Return commanded and measured values of each cycle; a lost one is interpolated."""
+    """Return commanded and measured values of each cycle; missing ones are interpolated."""
     cycles = [sample.cycle for sample in record.samples]
     commands, speeds = [sample.command for sample in record.samples], list(map(_speed, record.samples))
     return filled(cycles, commands), filled(cycles, speeds)
@@ -226,7 +226,7 @@ def _speed(sample: TuneSample) -> float:
 
 
 def step_of(record: TuneRecord, height: float) -> StepMetrics:
-    """Measure the step of a record; it begins with the cycle that commanded it."""
+    """Measure the step of a record, from the cycle that commanded it."""
     begin = next((sample for sample in record.samples if sample.command), None)
     if begin is None:
         raise DriveError("the step was never commanded")

@@ -152,7 +152,7 @@ class TuneMotion:
         self._steer()
 
     def end(self, why: JogEnd) -> None:
-        """Command nothing any more; the first reason counts."""
+        """End the commands; the first reason is kept."""
         if self.ended is JogEnd.NONE:
             self.ended = why
 
@@ -165,7 +165,7 @@ class TuneMotion:
             self.end(JogEnd.CURRENT)
 
     def _stopping(self) -> float:
-        """Return the way that a stop takes, in rad, as far as it leads away from the start."""
+        """Return the stopping distance in rad, as far as it leads away from the start."""
         if not self._deceleration or self._speed * self._way <= 0.0:
             return 0.0
         return self._speed * self._speed / (2.0 * self._deceleration)
@@ -191,7 +191,7 @@ _SILENCE_S: Final = 0.3  # without a sample, after which nothing is commanded an
 
 
 def _newest(client: RobotClient, timeout: float) -> Iterator[RobotPush]:
-    """Yield the next item within a time, and all that are already queued."""
+    """Yield the next item within a timeout, and all queued ones."""
     for message in client.messages(timeout):
         yield message
         break
@@ -272,7 +272,7 @@ class TuneRun:
         return motion, TuneRecord(period)
 
     def _first(self, client: RobotClient) -> float:
-        """Return the period of the cycle by the first sample."""
+        """Return the cycle period from the first sample."""
         deadline = time.monotonic() + _WAIT_S
         while time.monotonic() < deadline:
             for message in client.messages(_WAIT_S):
@@ -301,7 +301,7 @@ class TuneRun:
         self._keep_torque(record)
 
     def _take_torque(self, data: ProcessData) -> None:
-        """Store the torque of a TPDO for the cycle of the sample before it."""
+        """Store the torque of a TPDO in the sample of the previous cycle."""
         for mapped in data.nodes.get(self._drive.node, ()):
             if (mapped.index, mapped.subindex) == (self._torque_index, 0):
                 self._torque = float(int.from_bytes(mapped.data, "little", signed=True))
@@ -328,7 +328,7 @@ class TuneRun:
         self._told = torque is not None
 
     def _command(self, client: RobotClient, motion: TuneMotion) -> None:
-        """Send the command, and request the current if no sample contains it."""
+        """Send the command, and request the current if samples do not contain it."""
         if not self._told:
             self._current.ask(client)
         if not self._sender.send(client, motion.command):
@@ -360,7 +360,7 @@ class Excitation(Protocol):
 
     @property
     def peak(self) -> float:
-        """The most that it commands, either way."""
+        """Maximum magnitude of the commands in either direction."""
 
     def at(self, seconds: float) -> float:
         """Return the excitation at a time after its start."""
@@ -368,7 +368,7 @@ class Excitation(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class StepExcitation:
-    """Nothing for `LEAD_S`, then `height` until the end."""
+    """Zero for `LEAD_S`, then `height` until the end."""
 
     height: float
     seconds: float
@@ -385,7 +385,7 @@ class StepExcitation:
 
 @dataclass(frozen=True, slots=True)
 class Chirp:
-    """A sine of `amplitude` around `bias`; its frequency rises from `low` to `high` Hz by equal factors in equal times.
+    """Sine of `amplitude` around `bias` whose frequency rises exponentially from `low` to `high` Hz.
 
     The bias keeps a motor turning one way, so that friction does not change its sign (Coulomb friction is no linear
     system). Frequencies are above 0.
@@ -413,7 +413,7 @@ class Chirp:
 
 @dataclass(frozen=True, slots=True)
 class Prbs:
-    """`bias` plus or minus `amplitude`, as a shift register of `bits` says, each bit for `hold` seconds."""
+    """Pseudo-random sequence `bias` plus or minus `amplitude`, from a shift register of `bits`, `hold` s per bit."""
 
     amplitude: float
     hold: float
@@ -444,7 +444,7 @@ def _envelope(seconds: float, length: float) -> float:
 
 
 def _maximum_length(bits: int) -> tuple[int, ...]:
-    """Return the sequence of a shift register that begins with ones, as 1 and -1."""
+    """Return the sequence of a shift register that starts with ones, as 1 and -1."""
     register, bits_out = [1] * bits, []
     for _ in range((1 << bits) - 1):
         bits_out.append(1 if register[-1] else -1)
@@ -477,7 +477,7 @@ class TuneTest(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class TuneRequest:
-    """A test: `speed` of a step, `torque` of an identification in per mille, `signal` of a frequency response.
+    """Test: `speed` of a step, `torque` of an identification in per mille, `signal` of a frequency response.
 
     `period` of the cycle in s, `crossover` in rad/s, `margin` in rad, `loop_delay` in s are for the proposal.
     """
@@ -499,7 +499,7 @@ class TuneRequest:
 
     @property
     def band(self) -> tuple[float, float]:
-        """The frequencies of a frequency response, in Hz: a little beyond a third of the sampling rate."""
+        """Frequencies of a frequency response in Hz, up to slightly above a third of the sampling rate."""
         return _LOW_HZ, _BEYOND * HIGHEST / self.period
 
     def height(self, scale: JogScale) -> float:

@@ -1,1 +1,1 @@
-"""Conformance of CANopen devices: checks of CiA 301, 305, 306 and 402 at one node, their runner and their reports."""
+"""Conformance of CANopen devices: checks of one node by CiA 301, 305, 306 and 402, their runner and reports."""

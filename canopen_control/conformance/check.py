@@ -47,7 +47,7 @@ class Check:
 
 
 class CheckList(list[Check]):
-    """Checks of one document, in the order of their run."""
+    """Checks of one document, in the order in which they run."""
 
     def __init__(self, group: str) -> None:
         self.group = group
@@ -75,12 +75,12 @@ _NAMED = re.compile(r"0x[0-9A-F]{4}|\d+(?:\.\d+)*")
 
 
 def clause_names(text: str) -> frozenset[str]:
-    """Return the sections and objects that a clause names: "CiA 301, 7.5.2.19 (0x1016)" names 7.5.2.19 and 0x1016."""
+    """Return the sections and objects in a clause: 7.5.2.19 and 0x1016 for "CiA 301, 7.5.2.19 (0x1016)"."""
     return frozenset(_NAMED.findall(_DOCUMENT.sub("", text)))
 
 
 def is_of_clause(check: Check, clause: str) -> bool:
-    """Whether a check is one of a clause, or of a section of it; `clause` as "CiA 301, 7.2.4.3 (SDO)"."""
+    """Whether a check belongs to a clause or a section of it; `clause` as in "CiA 301, 7.2.4.3 (SDO)"."""
     names, own = clause_names(clause), clause_names(check.clause)
     sections = {name for name in names if not name.startswith("0x")}
     if names & own - sections:

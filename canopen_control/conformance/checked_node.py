@@ -47,7 +47,7 @@ class NotApplicable(Exception):
 
 
 class MotionBounds(NamedTuple):
-    """Bounds of motions in the drive's units of position and velocity; 0: by its objects."""
+    """Bounds of motions in the drive's units of position and velocity; 0: taken from its objects."""
 
     distance: int = 0
     speed: int = 0
@@ -100,14 +100,14 @@ class CheckedNode:
         self._send([CanFrame(can_id, data)])
 
     def exchange(self, can_id: int, data: bytes, answer_id: int, seconds: float | None = None) -> bytes | None:
-        """Send a frame; return the data of the first frame with `answer_id` after it, None if there is none in time."""
+        """Send a frame; return the data of the first later frame with `answer_id`, None after the timeout."""
         self._frames.clear()
         self.send(can_id, data)
         frame = self.wait_for(answer_id, seconds)
         return None if frame is None else frame.data
 
     def ask_remote(self, can_id: int, seconds: float | None = None) -> CanFrame | None:
-        """Send a remote frame; return the answer, None if there is none in time."""
+        """Send a remote frame; return the answer, None after the timeout."""
         self._frames.clear()
         self._send([remote_frame(can_id)])
         return self.wait_for(can_id, seconds)
@@ -127,7 +127,7 @@ class CheckedNode:
         return self._first(can_id)
 
     def heartbeat(self, seconds: float) -> NmtState | None:
-        """Return the NMT state of the next heartbeat or boot-up, None if there is none in time."""
+        """Return the NMT state of the next heartbeat or boot-up, None after the timeout."""
         self._frames.clear()
         frame = self.wait_for(ERROR_CONTROL_COB_ID + self.node_id, seconds)
         return None if frame is None or not frame.data else state_of_byte(frame.data[0])
@@ -140,7 +140,7 @@ class CheckedNode:
 
     @contextmanager
     def operational(self) -> Iterator[None]:
-        """Context in which the node is OPERATIONAL; PRE-OPERATIONAL after it. Frames of the start are kept."""
+        """Context in which the node is OPERATIONAL, then PRE-OPERATIONAL; frames received at the start are kept."""
         self.nmt(NmtCommand.START)
         try:
             yield
@@ -169,12 +169,12 @@ class CheckedNode:
     # -- SDO
 
     def answers(self, seconds: float) -> int:
-        """Return the number of answers to one request within some time."""
+        """Return the number of answers to one request within a time."""
         self.send(REQUEST + self.node_id, bytes((0x40, 0x00, 0x10, 0, 0, 0, 0, 0)))
         return sum(frame.can_id == ANSWER + self.node_id for _, frame in self.listen(seconds))
 
     def ask(self, request: bytes) -> bytes | None:
-        """Send eight raw bytes to the SDO server; return its answer, None if there is none in time."""
+        """Send eight raw bytes to the SDO server; return its answer, None after the timeout."""
         return self.exchange(REQUEST + self.node_id, request, ANSWER + self.node_id)
 
     def read(self, index: int, subindex: int = 0, *, block: bool = False) -> bytes:
@@ -202,7 +202,7 @@ class CheckedNode:
 
     @contextmanager
     def kept(self, index: int, subindex: int = 0) -> Iterator[int]:
-        """Context with the value of an object, which is written back after it; NotApplicable as `optional`.
+        """Context with the value of an object, which is written back at its end; NotApplicable as `optional`.
 
         An object that the EDS calls read-only is not applicable either. A value that cannot be written back is
         reported by the comparison at the end of the run.

@@ -1,4 +1,4 @@
-"""Steps of the checks of a drive: reading, commands of the power state machine, modes, option codes (CiA 402-2)."""
+"""Steps of drive checks: reading, commands of the power state machine, modes, option codes (CiA 402-2)."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ _UP, _UP_WORDS = (SOD, RTSO, ON, OE), (0x06, 0x07, 0x0F)
 
 
 def is_drive(node: CheckedNode) -> None:
-    """Raise NotApplicable for a device that is no drive."""
+    """Raise NotApplicable for a device other than a drive."""
     if int.from_bytes(node.read(0x1000)[:2], "little") != DRIVES:
         raise NotApplicable("the low word of 0x1000 is not 402: no drive")
 
 
 def signed(node: CheckedNode, index: int, subindex: int = 0) -> int:
-    """Read a signed number; NotApplicable if the device has none."""
+    """Read a signed number; NotApplicable if the device lacks it."""
     return int.from_bytes(node.optional(index, subindex), "little", signed=True)
 
 
@@ -49,7 +49,7 @@ def control(node: CheckedNode, word: int) -> None:
 
 
 def reaches(node: CheckedNode, state: State, seconds: float = LIMIT_S) -> float:
-    """Return the time until the drive is in a state, in s; CheckFailed if it is not in time."""
+    """Return the time in s until the drive reaches a state; CheckFailed after the timeout."""
     begin = node.reactor.now()
     while True:
         word = statusword(node)
@@ -64,7 +64,7 @@ def reaches(node: CheckedNode, state: State, seconds: float = LIMIT_S) -> float:
 
 
 def stays(node: CheckedNode, state: State, seconds: float) -> None:
-    """Expect that the drive is in a state for some time."""
+    """Expect that the drive remains in a state for some time."""
     for _ in range(10):
         word = statusword(node)
         shown = decode_statusword(word)
@@ -73,7 +73,7 @@ def stays(node: CheckedNode, state: State, seconds: float) -> None:
 
 
 def go(node: CheckedNode, goal: State) -> None:
-    """Bring the drive to a state by the commands of the state machine, each after the transition before."""
+    """Bring the drive to a state by commands, one per transition."""
     for _ in range(8):
         state = decode_statusword(statusword(node))
         if state is goal:
@@ -116,7 +116,7 @@ def set_mode(node: CheckedNode, mode: int) -> None:
 
 
 def stand(node: CheckedNode) -> None:
-    """Select a mode in which the drive stands when it is enabled."""
+    """Select a mode in which an enabled drive does not move."""
     modes = node.number(o.SUPPORTED_DRIVE_MODES)
     mode = next((mode for mode in _STANDING if modes >> (mode - 1) & 1), None)
     if mode is None:
@@ -130,7 +130,7 @@ def stand(node: CheckedNode) -> None:
 
 @contextmanager
 def drive_at(node: CheckedNode, goal: State, mode: int | None = None) -> Iterator[None]:
-    """Context in which the node is OPERATIONAL and its drive in a state; without power and in its old mode after it."""
+    """Context with the node OPERATIONAL and its drive in a state; at its end the power is off and the mode restored."""
     is_drive(node)
     with node.operational():
         before = node.read(o.MODES_OF_OPERATION)
@@ -157,7 +157,7 @@ def drive_at(node: CheckedNode, goal: State, mode: int | None = None) -> Iterato
 
 @contextmanager
 def option(node: CheckedNode, index: int, value: int) -> Iterator[None]:
-    """Context with another option code; NotApplicable if the drive refuses the value."""
+    """Context with another value of an option code; NotApplicable if the drive refuses it."""
     with node.kept(index):
         try:
             node.put(index, 0, value, 2)

@@ -1,4 +1,4 @@
-"""The report of a conformance run as one HTML page without network, for those who buy, build or update a device.
+"""Report of a conformance run as one self-contained HTML page, for users, manufacturers and maintainers of a device.
 
 The summary says what a master will meet; then follow a verdict per clause, each failure with its frames by name, the
 problems of the EDS, and what was not tested.
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Deviation(NamedTuple):
-    """A quirk of virtual drives, the check that finds it, and the key of bus.yml that copes with it ("" for none)."""
+    """Quirk of virtual drives, the check that detects it, and the key of bus.yml that compensates it ("" for none)."""
 
     quirk: str
     check: str
@@ -224,7 +224,7 @@ _ORDER = (ERROR, FAILED, PASSED, SKIPPED)
 
 
 def html_page(report: ConformanceReport, does: Mapping[str, str], issues: Iterable[str] = ()) -> str:
-    """Return the page; `does` has the text of each quirk by its name, `issues` are those of the EDS."""
+    """Return the page; `does` maps each quirk to its text, `issues` are those of the EDS."""
     failures = [result for result in report.results if result.verdict in (FAILED, ERROR)]
     title = f"Conformance of {report.name}"
     identity = ", ".join(f"{name} 0x{value}" for name, value in report.identity.items())
@@ -272,7 +272,7 @@ def _code(text: str) -> str:
 
 
 def meaning_of(result: CheckResult) -> str:
-    """Return what a failure means for a master, or what that of a master means for its devices."""
+    """Return the consequence of a failure for a master, or of a master's failure for its devices."""
     if result.id[:2] in _OF_MASTER:
         return _OF_MASTER[result.id[:2]]
     names = {*clause_names(result.clause), result.group}
@@ -283,7 +283,7 @@ def meaning_of(result: CheckResult) -> str:
 
 
 def deviations_of(result: CheckResult, does: Mapping[str, str]) -> list[Deviation]:
-    """Return the known deviations that a failed check finds."""
+    """Return the known deviations that a failed check detects."""
     return [one for one in DEVIATIONS if one.check == result.id and one.quirk in does]
 
 
@@ -327,7 +327,7 @@ def _untested(results: Iterable[CheckResult]) -> list[str]:
 
 
 def frame_name(line: str) -> str:
-    """Return what a frame of the log is: "SDO upload 0x1000:00", "heartbeat of node 5"; "" for one without a name."""
+    """Return the name of a logged frame: "SDO upload 0x1000:00", "heartbeat of node 5"; "" if it has none."""
     _time, _direction, identifier, *data = line.split()
     service = service_of(int(identifier, 16))
     if service is None:

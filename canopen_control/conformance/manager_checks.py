@@ -1,4 +1,4 @@
-"""Checks of objects of CiA 302 that a device may have: NMT start-up, configuration manager, program download.
+"""Checks of optional objects of CiA 302: NMT start-up, configuration manager, program download.
 
 Nothing is downloaded to 0x1F50 and 0x1F51: they replace the firmware.
 """

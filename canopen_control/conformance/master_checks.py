@@ -1,4 +1,4 @@
-"""Checks of a master by the frames that a virtual device on its bus hears: their table, and the findings of a run.
+"""Checks of a master by the frames received by a virtual device: their table, and the findings of a run.
 
 `MASTER_CHECKS` declares the checks. Observers (`master_sdo`, `master_network`, `master_drive`) hear each frame before
 the device does, and record in `MasterFindings` what a check found.
@@ -25,7 +25,7 @@ _MUST, _SHOULD = CheckLevel.MUST, CheckLevel.SHOULD
 
 
 class MasterCheck(NamedTuple):
-    """One check of a master: what is `due`, and the `occasion` without which it is not tested."""
+    """Check of a master: `due` is the expected behaviour, `occasion` the event without which it is not tested."""
 
     id: str
     group: str
@@ -138,7 +138,7 @@ class _Finding:
 
 
 class MasterFindings:
-    """What the checks have found; `log` has the last frames but SYNC and PDOs, in the form of `CheckedNode`."""
+    """Results of the checks; `log` has the last frames except SYNC and PDOs, in the form of `CheckedNode`."""
 
     def __init__(self) -> None:
         self.now = self.begin = 0
@@ -186,25 +186,25 @@ class MasterFindings:
 
 
 class MasterObserver:
-    """Observer of the frames between a master and `node`; it hears each before the device does, and changes nothing."""
+    """Passive observer of the frames between a master and `node`; it receives each frame before the device does."""
 
     def __init__(self, node: VirtualNode, findings: MasterFindings) -> None:
         self.node, self.findings = node, findings
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Judge a frame from the bus."""
+        """Check a frame from the bus."""
 
     def sent(self, frame: CanFrame) -> None:
-        """Take note of a frame of the device."""
+        """Record a frame of the device."""
 
     def tick(self, now: int) -> None:
-        """Judge what has not come in time."""
+        """Check for missing frames."""
 
     def finish(self) -> None:
-        """Judge what needs the whole run."""
+        """Check the rules that need the whole run."""
 
 
 def present(node: VirtualNode, index: int) -> int:
-    """Return the present value of a number, 0 if the device has no such object."""
+    """Return the present value of a number, 0 if the device lacks the object."""
     value = node.get(index) if node.store.has(index) else 0
     return value if isinstance(value, int) else 0

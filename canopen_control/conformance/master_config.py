@@ -1,4 +1,4 @@
-"""Checks of the order in which a master boots and configures a device (CiA 302-2; CiA 301, 7.3.2 and 7.5.2)."""
+"""Checks of a master's order of boot and configuration (CiA 302-2; CiA 301, 7.3.2 and 7.5.2)."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ _MOST_COMMANDS = 10  # in a second
 
 
 def is_record(index: int, bases: tuple[int, int]) -> bool:
-    """Whether an object is a record of PDOs, of one of the two kinds."""
+    """Whether an object is a communication record of PDOs of one direction."""
     return any(base <= index < base + 0x200 for base in bases)
 
 
 class ConfigurationObserver(MasterObserver):
-    """Judges boot, configuration and NMT; `boots` counts boot-up messages, `started` is the last NMT start."""
+    """Observer of boot, configuration and NMT; `boots` counts boot-up messages, `started` is the last NMT start."""
 
     def __init__(self, node: VirtualNode, findings: MasterFindings) -> None:
         super().__init__(node, findings)
@@ -51,7 +51,7 @@ class ConfigurationObserver(MasterObserver):
     # -- frames
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Judge NMT commands, and requests to a device that has not booted."""
+        """Check NMT commands, and requests to a device that has not booted."""
         if frame.can_id == NMT_COB_ID:
             self._nmt(frame.data, now)
         elif frame.can_id == REQUEST_BASE + self.node.node_id:
@@ -62,7 +62,7 @@ class ConfigurationObserver(MasterObserver):
             self.guarded = True
 
     def sent(self, frame: CanFrame) -> None:
-        """Begin again at a boot-up message."""
+        """Restart the observation at a boot-up message."""
         if frame.can_id == ERROR_CONTROL_COB_ID + self.node.node_id and frame.data == b"\0":
             self.boots += 1
             if self._open and self.started is None:
@@ -89,7 +89,7 @@ class ConfigurationObserver(MasterObserver):
                 self._start(now)
 
     def _start(self, now: int) -> None:
-        """Judge the first NMT start after a boot-up."""
+        """Check the first NMT start after a boot-up."""
         expect, number = self.findings.expect, self.node.store.number
         self.started = now
         if self._wrote:
@@ -102,12 +102,12 @@ class ConfigurationObserver(MasterObserver):
     # -- transfers
 
     def reading(self, mux: Mux) -> None:
-        """Note what is read."""
+        """Record the objects that are read."""
         self.configured = True
         self._reads.add(mux[0])
 
     def writing(self, mux: Mux, data: bytes) -> None:
-        """Judge a write before the device takes it."""
+        """Check a write before the device processes it."""
         index, subindex = mux
         self.configured = True
         if not self._first:
@@ -131,7 +131,7 @@ class ConfigurationObserver(MasterObserver):
             self.findings.expect(not own, "MC15", f"{name_of(mux)} names node {node_id}, the device itself")
 
     def written(self, mux: Mux, code: int | None) -> None:
-        """Keep writes in mind that have failed."""
+        """Record failed writes."""
         if code is None:
             if self._open.pop(mux, None) is not None:
                 self.findings.expect(True, "MC14", "")
@@ -149,7 +149,7 @@ class ConfigurationObserver(MasterObserver):
         return self.node.store.has(record, 1) and not self.node.store.number(record, 1) & _INVALID
 
     def _communication(self, mux: Mux, value: int) -> None:
-        """Judge a write to a record of communication parameters (CiA 301, 7.5.2.35 and 7.5.2.37)."""
+        """Check a write to a record of communication parameters (CiA 301, 7.5.2.35 and 7.5.2.37)."""
         record, subindex = mux
         expect, valid = self.findings.expect, self._is_valid(record)
         if subindex == 1:
@@ -163,7 +163,7 @@ class ConfigurationObserver(MasterObserver):
             expect(same or not valid, "MC11", f"{name_of(mux)} while the PDO is valid")
 
     def _mapping(self, mux: Mux, value: int) -> None:
-        """Judge a write to a mapping record: the steps of CiA 301, 7.5.2.36."""
+        """Check a write to a mapping record: the steps of CiA 301, 7.5.2.36."""
         record, subindex = mux
         expect = self.findings.expect
         disabled = not self._is_valid(record - 0x200) or record - 0x200 in self._disabled  # or it was refused
@@ -187,13 +187,13 @@ class ConfigurationObserver(MasterObserver):
     # -- time
 
     def tick(self, now: int) -> None:
-        """Judge the supervision of the device some time after NMT start."""
+        """Check the supervision of the device some time after NMT start."""
         if self.started is not None and not self._judged_start and now - self.started > _SETTLE_NS:
             self._judged_start = True
             heartbeat = self.node.store.number(_PRODUCER)
             self.findings.expect(heartbeat > 0 or self.guarded, "MC05", "0x1017 is 0, and no remote frame came")
 
     def finish(self) -> None:
-        """Judge a run that ends soon after NMT start."""
+        """Check a run that ends soon after NMT start."""
         if self.started is not None:
             self.tick(max(self.findings.now, self.started + _SETTLE_NS + MS))

@@ -1,4 +1,4 @@
-"""Checks of how a master commands a drive, and of its reaction to the faults of the device (CiA 402-2).
+"""Checks of a master's commands to a drive, and of its reaction to faults of the device (CiA 402-2).
 
 The first axis is judged. Commands are those of RPDOs and of SDO writes.
 """
@@ -40,13 +40,13 @@ _UP = (Command.SWITCH_ON, Command.ENABLE_OPERATION)
 
 
 def window_of(node: VirtualNode) -> int:
-    """Return the distance from 0x6064 that is no jump: the following error window."""
+    """Return the maximum distance from 0x6064 that does not count as a jump: the following error window."""
     window = node.store.number(_WINDOW)
     return window if 0 < window < 1 << 31 else _FALLBACK_WINDOW
 
 
 class ControlObserver(MasterObserver):
-    """Judges controlwords, modes and set-points, and passes them on to `reactions`."""
+    """Observer of controlwords, modes and set-points, which it also passes to `reactions`."""
 
     def __init__(self, node: VirtualNode, findings: MasterFindings, reactions: ReactionObserver) -> None:
         super().__init__(node, findings)
@@ -60,7 +60,7 @@ class ControlObserver(MasterObserver):
         return self.node.drives[0].state
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Judge the objects of an RPDO."""
+        """Check the objects of an RPDO."""
         if frame.is_remote or not self.node.drives:
             return
         for rpdo in rpdos_of(self.node, frame):
@@ -68,7 +68,7 @@ class ControlObserver(MasterObserver):
                 self._object(index, value, now)
 
     def writing(self, mux: Mux, data: bytes) -> None:
-        """Judge an object that is written by SDO."""
+        """Check an object that is written by SDO."""
         entry = self.node.od.get(*mux)
         if not self.node.drives or entry is None or mux[1] or not 0x6000 <= mux[0] < 0x6800:
             return
@@ -119,7 +119,7 @@ class ControlObserver(MasterObserver):
         self.reactions.controlword(word, now)
 
     def _switch_on(self, command: Command, state: State, now: int) -> None:
-        """Judge a command that leads up, when it is new."""
+        """Check a new command towards OPERATION ENABLED."""
         expect, store = self.findings.expect, self.node.store
         legal = transition_of(state, command) is not None or (state, command) in (
             (State.SWITCHED_ON, Command.SWITCH_ON),
@@ -149,7 +149,7 @@ class ControlObserver(MasterObserver):
             self.findings.expect(not drive.statusword() & _ACKNOWLEDGED, "MW10", "bit 4 rose while bit 12 was 1")
 
     def tick(self, now: int) -> None:
-        """Judge bit 7 that stays at 1."""
+        """Check a bit 7 that remains 1."""
         if self._rose_at is not None and now - self._rose_at > _BIT_7_NS:
             self.findings.expect(False, "MW03", "bit 7 still 1 after 1 s")
             self._rose_at = None
@@ -157,7 +157,7 @@ class ControlObserver(MasterObserver):
 
 @dataclass(slots=True)
 class Stage:
-    """A fault of the device in the schedule, and what came while it lasted; times in ns.
+    """Fault of the device in the schedule, and the frames received while it lasted; times in ns.
 
     `kind` chooses the checks, `fault` and `also` are of `fault_table`. The fault lasts for `lasts`, and the reaction is
     awaited `after` it. Before a stage that `enables` an enabled drive is awaited; one that `holds` delays an answer.
@@ -189,7 +189,7 @@ class Stage:
 
 
 def schedule() -> list[Stage]:
-    """Return the faults of a run in their order."""
+    """Return the faults of a run in order."""
     return [
         Stage("fault", "EMCY and FAULT (over-temperature)", "drive_fault", 3 * S, 2 * S, enables=True),
         Stage("power", "the power stage loses its supply", "power_stage_off", 3 * S, 2 * S, enables=True),
@@ -212,7 +212,7 @@ _RESET_NOTICE_NS, _RETURN_NOTICE_NS = 5 * S, 6 * S
 
 
 class ReactionObserver(MasterObserver):
-    """Judges the reaction to the stages of the schedule; `stage` is the present one."""
+    """Observer of the reactions to the stages of the schedule; `stage` is the present one."""
 
     def __init__(self, node: VirtualNode, findings: MasterFindings, boots: ConfigurationObserver) -> None:
         super().__init__(node, findings)
@@ -230,7 +230,7 @@ class ReactionObserver(MasterObserver):
         return bool(self.node.drives) and self.node.drives[0].state is State.OPERATION_ENABLED
 
     def begin(self, stage: Stage, now: int) -> None:
-        """Begin a stage, before its fault."""
+        """Begin a stage before its fault is injected."""
         stage.begun, stage.enabled, stage.word = now, self.enabled, self._word
         stage.operational = self.node.nmt.state is NmtState.OPERATIONAL
         stage.configured = self.boots.configured
@@ -240,7 +240,7 @@ class ReactionObserver(MasterObserver):
     # -- frames and commands
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Note contacts with the device, and cyclic frames."""
+        """Record contacts with the device, and cyclic frames."""
         node, can_id = self.node, frame.can_id
         if can_id == REQUEST_BASE + node.node_id:
             self._noticed(now)
@@ -256,7 +256,7 @@ class ReactionObserver(MasterObserver):
         return (ERROR_CONTROL_COB_ID + node_id for node_id in self.node.consumer.watched())
 
     def _start(self, command: int) -> None:
-        """Judge NMT start after a reset that the device has made by itself."""
+        """Check the NMT start after a spontaneous reset of the device."""
         stage = self.stage
         if stage is None or stage.kind != "reset" or command != NmtCommand.START:
             return
@@ -273,7 +273,7 @@ class ReactionObserver(MasterObserver):
                 self._contacts.append(now)
 
     def controlword(self, word: int, now: int) -> None:
-        """Note a controlword."""
+        """Record a controlword."""
         self._word = word
         stage = self.stage
         if stage is None:
@@ -284,7 +284,7 @@ class ReactionObserver(MasterObserver):
             stage.words.append((word, now))
 
     def set_point(self, index: int, value: int, now: int) -> None:
-        """Note a set-point after the time of the reaction."""
+        """Record a set-point after the time of the reaction."""
         stage = self.stage
         if stage is not None and stage.kind == "fault" and now - stage.begun > _GRACE_NS and now < stage.healed:
             values = stage.set_points.setdefault(index, [value, value])
@@ -293,7 +293,7 @@ class ReactionObserver(MasterObserver):
     # -- the end of a stage
 
     def end(self) -> None:
-        """Judge the stage."""
+        """Check the stage at its end."""
         stage, self.stage = self.stage, None
         if stage is None:
             return
@@ -313,7 +313,7 @@ class ReactionObserver(MasterObserver):
         return None
 
     def _not_enabled(self, stage: Stage, check_id: str) -> None:
-        """Judge whether a drive that was enabled is enabled again without a command."""
+        """Check that a drive that was enabled is not enabled again without a command."""
         if not stage.enabled:
             return
         commanded = self._commands_enable(stage, stage.begun)

@@ -1,4 +1,4 @@
-"""Checks of what a master sends in operation: guarding, heartbeats, SYNC and RPDOs (CiA 301, 7.2 and 7.5.2)."""
+"""Checks of a master's frames in operation: guarding, heartbeats, SYNC and RPDOs (CiA 301, 7.2 and 7.5.2)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _FEWEST = 50  # intervals for a figure
 
 
 class HeartbeatObserver(MasterObserver):
-    """Judges guarding, and the heartbeats of the nodes that 0x1016 names."""
+    """Observer of guarding, and of the heartbeats of the nodes in 0x1016."""
 
     def __init__(self, node: VirtualNode, findings: MasterFindings) -> None:
         super().__init__(node, findings)
@@ -41,7 +41,7 @@ class HeartbeatObserver(MasterObserver):
         self._guarded: int | None = None
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Judge error control of the bus."""
+        """Check an error control frame."""
         node_id = (frame.can_id & 0x7FF) - ERROR_CONTROL_COB_ID
         if not 1 <= node_id <= MAX_NODE_ID:
             return
@@ -87,14 +87,14 @@ class HeartbeatObserver(MasterObserver):
         self.findings.expect(gap <= limit, "MH02", text)
 
     def sent(self, frame: CanFrame) -> None:
-        """Forget the times before a boot-up message."""
+        """Clear the times before a boot-up message."""
         if frame.can_id == ERROR_CONTROL_COB_ID + self.node.node_id and frame.data == b"\0":
             self._started = self._guarded = None
             self._last.clear()
             self._announced.clear()
 
     def tick(self, now: int) -> None:
-        """Judge a master whose heartbeat has not begun, or has ended."""
+        """Check for a heartbeat of the master that has not begun, or has ended."""
         if self.node.nmt.state is not NmtState.OPERATIONAL:
             self._started = None
             return
@@ -112,7 +112,7 @@ class HeartbeatObserver(MasterObserver):
                 self.findings.expect(False, "MH02", f"no heartbeat of node {node_id} for {(now - last) / MS:.0f} ms")
 
     def finish(self) -> None:
-        """Judge the mean period, and note it."""
+        """Check the mean period, and record it."""
         for node_id, (number, total) in self._sums.items():
             mean, limit = total / number, self._limits[node_id]
             text = f"node {node_id}: a heartbeat every {mean / MS:.1f} ms"
@@ -121,7 +121,7 @@ class HeartbeatObserver(MasterObserver):
 
 
 class SyncObserver(MasterObserver):
-    """Judges SYNC."""
+    """Observer of SYNC."""
 
     def __init__(self, node: VirtualNode, findings: MasterFindings) -> None:
         super().__init__(node, findings)
@@ -132,7 +132,7 @@ class SyncObserver(MasterObserver):
         self._missing_since: int | None = None
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Judge a SYNC."""
+        """Check a SYNC."""
         if frame.can_id != self.node.sync.cob_id:
             return
         overflow = self.node.store.number(_OVERFLOW)
@@ -155,7 +155,7 @@ class SyncObserver(MasterObserver):
             self._cyclic_ns = round(store.number(_INTERPOLATION, 1) * 10.0 ** (9 + exponent))
 
     def tick(self, now: int) -> None:
-        """Judge the absence of SYNC where synchronous PDOs wait for it."""
+        """Check for a missing SYNC while synchronous PDOs wait for it."""
         if self.node.nmt.state is not NmtState.OPERATIONAL or not self._has_synchronous():
             self._missing_since = None
             return
@@ -174,7 +174,7 @@ class SyncObserver(MasterObserver):
         return any(parameter.enabled and parameter.transmission_type <= 240 for parameter in parameters)
 
     def finish(self) -> None:
-        """Judge period and jitter, and note them; a pause of the SYNCs is no jitter."""
+        """Check period and jitter of SYNC, and record them; a pause does not count as jitter."""
         gaps = sorted(self._gaps)
         if len(gaps) < _FEWEST:
             return
@@ -193,7 +193,7 @@ class SyncObserver(MasterObserver):
 
 
 class PdoObserver(MasterObserver):
-    """Judges RPDOs, and remote frames for TPDOs; `received` counts RPDOs."""
+    """Observer of RPDOs, and of remote frames for TPDOs; `received` counts RPDOs."""
 
     def __init__(self, node: VirtualNode, findings: MasterFindings, boots: ConfigurationObserver) -> None:
         super().__init__(node, findings)
@@ -206,7 +206,7 @@ class PdoObserver(MasterObserver):
         self._times: dict[int, int] = {}
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Judge a frame."""
+        """Check a frame."""
         self._follow_state(now)
         if frame.is_remote:
             self._remote(frame)
@@ -254,7 +254,7 @@ class PdoObserver(MasterObserver):
         self._times[rpdo.number] = now
 
     def tick(self, now: int) -> None:
-        """Follow the state, and note that TPDOs are in operation."""
+        """Update the NMT state, and record that TPDOs are in operation."""
         self._follow_state(now)
         if self._state is NmtState.OPERATIONAL and any(
             tpdo.producer.parameters.enabled for tpdo in self.node.pdos.tpdos.values()
@@ -263,7 +263,7 @@ class PdoObserver(MasterObserver):
 
 
 def rpdos_of(node: VirtualNode, frame: CanFrame) -> Iterator[MappedRpdo]:
-    """Yield the valid RPDOs of a device that a frame belongs to."""
+    """Yield the device's valid RPDOs with the identifier of a frame."""
     for rpdo in node.pdos.rpdos.values():
         parameters = rpdo.consumer.parameters
         if parameters.enabled and parameters.cob_id == frame.can_id:
@@ -271,7 +271,7 @@ def rpdos_of(node: VirtualNode, frame: CanFrame) -> Iterator[MappedRpdo]:
 
 
 def values_of(rpdo: MappedRpdo, frame: CanFrame) -> Iterator[tuple[int, int]]:
-    """Yield index and value of the mapped numbers in a frame, none if it is too short."""
+    """Yield index and value of the mapped numbers in a frame; nothing if it is too short."""
     if len(frame.data) >= rpdo.codec.length:
         values = rpdo.codec.unpack(frame.data[: rpdo.codec.length])
         for entry, value in zip(rpdo.entries, values, strict=True):

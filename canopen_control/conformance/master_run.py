@@ -1,4 +1,4 @@
-"""Run of the checks of a master: a virtual device on its bus, which goes through its faults by itself.
+"""Run of master checks: a virtual device on the master's bus goes through scheduled faults.
 
 The device first serves the master for `FIRST_NS` after the first frame for it, then steps through the stages of
 `master_drive.schedule`. A stage that does not fit into the time of the run is left out.
@@ -48,7 +48,7 @@ _OF_STAGE = {
 
 
 class _HeldAnswers:
-    """Delay of one SDO answer until the master has sent its next request; the answer to that comes `_BEHIND_NS` later.
+    """Delay of one SDO answer until the master's next request, which is answered `_BEHIND_NS` later.
 
     A master that takes the late answer for that of its request goes on before the right one has come.
     """
@@ -66,14 +66,14 @@ class _HeldAnswers:
         self._armed = on
 
     def request(self, frame: CanFrame, now: int) -> None:
-        """Release the late answer at the next request, which is no abort."""
+        """Release the late answer at the next request other than an abort."""
         if self._late is None or frame.can_id != REQUEST_BASE + self._node.node_id or frame.data[:1] == bytes((ABORT,)):
             return
         self._released.append(self._late)
         self._late, self._until = None, now + _BEHIND_NS
 
     def pass_on(self, frames: list[CanFrame], now: int) -> list[CanFrame]:
-        """Return the frames that leave the device now."""
+        """Return the frames that the device sends now."""
         leaving, self._released = self._released, []
         if self._until is not None and now >= self._until:
             leaving += self._behind
@@ -91,7 +91,7 @@ class _HeldAnswers:
 
 
 class MasterJudge:
-    """Observers of a device, sans-I/O: frames pass through `receive` and `frames`; `contacts` counts those for it."""
+    """Observers of a device, sans-I/O, between `receive` and `frames`; `contacts` counts the frames for the device."""
 
     def __init__(self, node: VirtualNode, now: int) -> None:
         self.node, self.findings = node, MasterFindings()
@@ -116,7 +116,7 @@ class MasterJudge:
         node.set_reset_delay(_BOOT_NS, now)
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Judge a frame of the bus, then pass it on to the device."""
+        """Check a frame of the bus, then pass it on to the device."""
         self.findings.now = now
         self._log("<", frame)
         self.contacts += self._is_for_device(frame)
@@ -151,7 +151,7 @@ class MasterJudge:
             observer.tick(now)
 
     def begin(self, stage: Stage, now: int) -> None:
-        """Begin a stage: switch its faults on."""
+        """Begin a stage by injecting its faults."""
         self.findings.now = now
         self.reactions.begin(stage, now)
         self._answers.arm(on=stage.holds)
@@ -160,7 +160,7 @@ class MasterJudge:
                 self._switches.set(fault, True, now)
 
     def heal(self, stage: Stage, now: int) -> None:
-        """Switch the faults of a stage off, as far as they are still on."""
+        """Clear the remaining faults of a stage."""
         for fault in (stage.fault, stage.also):
             if fault in self._switches.active:
                 self._switches.set(fault, False, now)
@@ -171,7 +171,7 @@ class MasterJudge:
         self.reactions.end()
 
     def report(self, now: int) -> ConformanceReport:
-        """Judge what needs the whole run, and return the results."""
+        """Check the rules that need the whole run, and return the results."""
         self.findings.now = now
         for observer in self.observers:
             observer.finish()
@@ -182,7 +182,7 @@ class MasterJudge:
         return ConformanceReport(self.node.node_id, identity, self.findings.results(), "master")
 
     def _log(self, direction: str, frame: CanFrame) -> None:
-        """Log a frame: those for the device and of it, RPDOs only when they change."""
+        """Log a frame of the device or for it; RPDOs only when they change."""
         node_id, can_id = self.node.node_id, frame.can_id & 0x7FF
         services = (NMT_COB_ID, *(base + node_id for base in (REQUEST_BASE, ANSWER_BASE, ERROR_CONTROL_COB_ID, _EMCY)))
         if can_id in services:
@@ -193,7 +193,7 @@ class MasterJudge:
 
 
 class MasterRun:
-    """Runs a judge on a port for `seconds`, or until its schedule is over; `say` takes the title of each stage."""
+    """Run of a judge on a port for `seconds`, or until its schedule ends; `say` receives the title of each stage."""
 
     def __init__(
         self, reactor: Reactor, port: Port, node: VirtualNode, seconds: float, report: Callable[[str], object]
@@ -213,7 +213,7 @@ class MasterRun:
         self._timer = reactor.call_at(now, self._on_timer)
 
     def run(self, progress: Callable[[int, int], object] = lambda _done, _total: None) -> ConformanceReport:
-        """Return the report; raises as `report`. `progress` is called with the seconds that are over, and with all."""
+        """Return the report; raises as `report`. `progress` is called with the elapsed and the total seconds."""
         total = (self._end - self._begin) // S
         while not self.done:
             self._reactor.run_for(min(S // 2, self._end - self._reactor.now()))
@@ -223,7 +223,7 @@ class MasterRun:
 
     @property
     def done(self) -> bool:
-        """Whether the schedule or the time is over, or the bus is lost."""
+        """Whether the schedule or the time has ended, or the bus is lost."""
         return self._closing or self._lost is not None or self._reactor.now() >= self._end
 
     def close(self) -> None:
@@ -242,7 +242,7 @@ class MasterRun:
         return self.judge.report(self._reactor.now())
 
     def stop(self) -> None:
-        """End the run early, with its report."""
+        """End the run early; its report remains available."""
         self._closing = True
         self._reactor.stop()
 
@@ -257,7 +257,7 @@ class MasterRun:
     # -- the device
 
     def _plan(self) -> None:
-        """Set the timer to what is due next: for the device, and for the observers in steps."""
+        """Set the timer to the next deadline of the device, and for the observers to their next step."""
         now = self._reactor.now()
         due = self.judge.node.next_deadline()
         self._timer.cancel()

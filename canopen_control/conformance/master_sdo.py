@@ -1,4 +1,4 @@
-"""Checks of a master's SDO client at the requests that it sends to one device (CiA 301, 7.2.4.3).
+"""Checks of a master's SDO client by its requests to one device (CiA 301, 7.2.4.3).
 
 The observer decodes the transfers, and passes writes and reads on to `TransferListener`s.
 """
@@ -49,18 +49,18 @@ class TransferListener(Protocol):
     """Receiver of decoded transfers."""
 
     def reading(self, mux: Mux) -> None:
-        """Take the initiation of an upload."""
+        """Process the initiation of an upload."""
 
     def writing(self, mux: Mux, data: bytes) -> None:
-        """Take a whole download, before the device does."""
+        """Process a complete download before the device does."""
 
     def written(self, mux: Mux, code: int | None) -> None:
-        """Take the end of a download: abort code, None if the device has confirmed it."""
+        """Process the end of a download: its abort code, None after a confirmation."""
 
 
 @dataclass(slots=True)
 class MasterTransfer:
-    """Transfer under way; `asked` is the time of the last request, `answered` whether the device has answered it."""
+    """Active transfer; `asked` is the time of the last request, `answered` whether the device has answered it."""
 
     kind: str
     mux: Mux
@@ -77,12 +77,12 @@ class MasterTransfer:
 
 
 def name_of(mux: Mux) -> str:
-    """Return an object as it is written in reports."""
+    """Return the name of an object in reports."""
     return f"0x{mux[0]:04X}:{mux[1]:02X}"
 
 
 class SdoObserver(MasterObserver):
-    """Judges SDO requests; `requests` counts them, and `listeners` receive the transfers."""
+    """Observer of SDO requests; `requests` counts them, `listeners` receive the transfers."""
 
     def __init__(self, node: VirtualNode, findings: MasterFindings, listeners: Sequence[TransferListener] = ()) -> None:
         super().__init__(node, findings)
@@ -95,7 +95,7 @@ class SdoObserver(MasterObserver):
     # -- requests
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Judge a request."""
+        """Check a request."""
         if frame.can_id != REQUEST_BASE + self.node.node_id:
             return
         self.requests += 1
@@ -126,7 +126,7 @@ class SdoObserver(MasterObserver):
         return not data[0] & sub_commands.get(data[0] & COMMAND_MASK, 0)
 
     def _count(self, now: int) -> None:
-        """Judge the number of requests without an answer in a second."""
+        """Check the number of unanswered requests per second."""
         self._unanswered = [time for time in self._unanswered if now - time < S]
         self._unanswered.append(now)
         if self._transfer is not None and now - self._transfer.asked > OVERLAP_NS and not self._transfer.answered:
@@ -158,7 +158,7 @@ class SdoObserver(MasterObserver):
                 listener.reading(mux)
 
     def _left(self, transfer: MasterTransfer, mux: Mux, now: int) -> None:
-        """Judge a transfer that another one follows before it has ended."""
+        """Check a transfer that is replaced by another one before its end."""
         gap, which = now - transfer.asked, f"{transfer.kind} of {name_of(transfer.mux)}"
         if not transfer.answered and transfer.stale:
             good = mux == transfer.mux or gap > 2 * S
@@ -188,7 +188,7 @@ class SdoObserver(MasterObserver):
         self._whole(transfer, sized=bool(sized))
 
     def _whole(self, transfer: MasterTransfer, *, sized: bool = True) -> None:
-        """Judge the size of a whole download, and pass it on."""
+        """Check the size of a complete download, and pass it on."""
         try:
             due = self.node.store.size_of(*transfer.mux)
         except SdoServerAbort:
@@ -227,7 +227,7 @@ class SdoObserver(MasterObserver):
             self._whole(transfer)
 
     def _block(self, transfer: MasterTransfer | None, data: bytes, now: int) -> None:
-        """Judge a sub-command of a block transfer; the device itself judges what is in it."""
+        """Check a subcommand of a block transfer; the device itself checks its content."""
         if transfer is None or "block" not in transfer.kind:
             self.findings.expect(False, "MT11", f"command specifier {data[0]:02X} without its block transfer")
             return
@@ -255,7 +255,7 @@ class SdoObserver(MasterObserver):
     # -- answers
 
     def sent(self, frame: CanFrame) -> None:
-        """Follow the transfer by an answer of the device."""
+        """Update the transfer with an answer of the device."""
         transfer = self._transfer
         if frame.can_id != ANSWER_BASE + self.node.node_id or len(frame.data) != 8 or frame.is_remote:
             return
@@ -293,7 +293,7 @@ class SdoObserver(MasterObserver):
 
     @staticmethod
     def _sub_block(transfer: MasterTransfer, data: bytes) -> None:
-        """Begin the next sub-block; segments that the device has not acknowledged come again."""
+        """Begin the next sub-block, which repeats the segments that the device has not acknowledged."""
         if data[0] & 3 == _BLOCK_ACK and (lost := transfer.count - data[1]) > 0:
             del transfer.data[len(transfer.data) - SEGMENT_DATA * lost :]
             transfer.last = False
@@ -327,7 +327,7 @@ class SdoObserver(MasterObserver):
     # -- time
 
     def tick(self, now: int) -> None:
-        """Judge a master that waits for an answer without an end."""
+        """Check for a master that waits for an answer without a timeout."""
         transfer = self._transfer
         if transfer is not None and not transfer.answered and now - transfer.asked > _HANG_NS:
             text = f"nothing for 10 s after the {transfer.kind} of {name_of(transfer.mux)} that got no answer"

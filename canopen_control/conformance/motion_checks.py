@@ -1,4 +1,4 @@
-"""Checks of a drive that turns its shaft: modes of operation, ramps, halt, quick stop, homing, limits (CiA 402-2).
+"""Checks of a drive with motion: modes of operation, ramps, halt, quick stop, homing, limits (CiA 402-2).
 
 All of them need `--motion` and a free shaft. Bounds and return of every motion are those of `motion_steps`.
 """
@@ -79,7 +79,7 @@ def _seconds(samples: list[DriveSample]) -> float:
 
 
 def _about(seconds: float, due: float) -> None:
-    """Expect a time within a fifth and the time of two samples."""
+    """Expect a time within a fifth plus the time of two samples."""
     good = abs(seconds - due) <= 0.2 * due + 0.02
     expect(good, f"{seconds * 1000:.0f} ms", f"{due * 1000:.0f} ms")
 
@@ -260,7 +260,7 @@ def _mode_in_motion(node: CheckedNode) -> None:
 
 
 def _stop_by(node: CheckedNode, code: int, ramp: int) -> None:
-    """Stop by 0x605A = `code`; the stop has to last as `ramp` says, in tenths of the ramp of a motion."""
+    """Stop with 0x605A = `code`; its duration must match `ramp`, in tenths of the ramp of a motion."""
     is_drive(node)
     with option(node, o.QUICK_STOP_OPTION, code), moving(node, _PV) as motion:
         other = o.PROFILE_DECELERATION if code in (2, 6) else o.QUICK_STOP_DECELERATION
@@ -354,7 +354,7 @@ def _one_move(node: CheckedNode) -> None:
 
 
 def _time(motion: Motion, distances: int = 1) -> float:
-    """Return the time of a motion by 0x6081, with room for other units of velocity."""
+    """Return the duration of a motion at 0x6081, with a margin for other units of velocity."""
     return min(distances * abs(motion.distance) / motion.speed + 2 * RAMP_S, distances * _TIME_S) + 0.1
 
 
@@ -460,7 +460,7 @@ def _limit_shown(node: CheckedNode) -> None:
 
 @contextmanager
 def _homing(node: CheckedNode, method: int, state: object = OE) -> Iterator[Motion]:
-    """Context in a homing method; of those in place the offset is such that no position changes."""
+    """Context with a homing method; with the methods without motion the offset is such that no position changes."""
     is_drive(node)
     with node.kept(o.HOMING_METHOD), ExitStack() as stack:
         try:
@@ -530,7 +530,7 @@ _SEARCH = 17  # to the negative limit switch, or 18 to the positive one: the che
 
 @contextmanager
 def _searching(node: CheckedNode) -> Iterator[Motion]:
-    """Context in which the drive seeks a limit switch, at half of the speed; it ends by bit 4 = 0."""
+    """Context in which the drive searches for a limit switch at half the speed; it ends with bit 4 = 0."""
     speeds = [(o.HOMING_SPEEDS, 1), (o.HOMING_SPEEDS, 2)]
     with ExitStack() as stack:
         motion = stack.enter_context(_homing(node, _SEARCH))
@@ -609,7 +609,7 @@ def _cyclic_position(node: CheckedNode) -> None:
 
 
 def _ride(stream: Stream, step: int, cycles: int) -> None:
-    """Send a motion: up to a step per cycle, and down to none."""
+    """Send a motion with at most one step per cycle, and back to none."""
     parts = [step * part // 5 for part in range(1, 5)]
     for part in parts:
         stream.cycles(1, part)

@@ -1,4 +1,4 @@
-"""Motions of the checks of a drive: their bounds, the return to the start, and set-points in cycles.
+"""Motions of drive checks: their bounds, the return to the start, and cyclic set-points.
 
 Every motion is bounded. The speed is that of `--speed`, or one per cent of 0x607F; the distance is that of
 `--distance`, or half a revolution by 0x6092, 0x6091 and 0x608F. A motion that goes further than `_BEYOND` times the
@@ -37,7 +37,7 @@ ENABLE = 0x0F
 
 
 class Motion(NamedTuple):
-    """Bounds of the motions of one check, in user units; `distance` is negative where only that direction is free."""
+    """Bounds of the motions of one check, in user units; `distance` is negative if only that direction is free."""
 
     start: int
     distance: int
@@ -51,7 +51,7 @@ class Motion(NamedTuple):
 
 
 def _present(node: CheckedNode, index: int, subindex: int = 0) -> int:
-    """Read a number; 0 if the device has none."""
+    """Read a number; 0 if the device lacks it."""
     try:
         return node.number(index, subindex)
     except NotApplicable:
@@ -97,7 +97,7 @@ def motion_of(node: CheckedNode) -> Motion:
 
 @contextmanager
 def moving(node: CheckedNode, mode: int, state: State = OE, *, deceleration_share: float = 1.0) -> Iterator[Motion]:
-    """Context in which the drive is enabled in a mode, with ramps of `RAMP_S`; it returns to the start after it.
+    """Context with the drive enabled in a mode with ramps of `RAMP_S`; at its end it returns to the start.
 
     `deceleration_share` is 0x6084 as a part of 0x6083.
     """
@@ -125,7 +125,7 @@ def moving(node: CheckedNode, mode: int, state: State = OE, *, deceleration_shar
 
 
 def _return(node: CheckedNode, motion: Motion) -> None:
-    """Stop, and go back to the start by PP, if the drive is still enabled."""
+    """Stop, and return to the start by PP if the drive is still enabled."""
     if has(node, o.TARGET_VELOCITY):
         node.put(o.TARGET_VELOCITY, 0, 0, 4)
     control(node, ENABLE)
@@ -157,7 +157,7 @@ class DriveSample(NamedTuple):
 
 
 def sample(node: CheckedNode, motion: Motion) -> DriveSample:
-    """Return the present state; CheckFailed where the shaft went too far."""
+    """Return the present state; CheckFailed if the shaft has moved too far."""
     seconds = node.reactor.now() / 1e9
     position = signed(node, o.POSITION_ACTUAL)
     way = abs(position - motion.start)
@@ -169,7 +169,7 @@ def sample(node: CheckedNode, motion: Motion) -> DriveSample:
 def until(
     node: CheckedNode, motion: Motion, holds: Callable[[DriveSample], bool], seconds: float, due: str
 ) -> list[DriveSample]:
-    """Return the samples up to the first of which something holds; CheckFailed if none does in time."""
+    """Return the samples up to the first that meets a condition; CheckFailed after the timeout."""
     samples = [sample(node, motion)]
     while not holds(samples[-1]):
         last = samples[-1]
@@ -191,7 +191,7 @@ def watch(node: CheckedNode, motion: Motion, seconds: float) -> list[DriveSample
 
 
 def window(node: CheckedNode, motion: Motion) -> int:
-    """Return how near to a target a drive has to be: 0x6067, at least a hundredth of the distance."""
+    """Return the maximum distance to a reached target: 0x6067, at least a hundredth of the distance."""
     value = _present(node, o.POSITION_WINDOW)
     return max(0 if value == 0xFFFFFFFF else value, abs(motion.distance) // 100, 2)
 
@@ -200,23 +200,23 @@ def window(node: CheckedNode, motion: Motion) -> int:
 
 
 def turn(node: CheckedNode, motion: Motion, velocity: int) -> list[DriveSample]:
-    """Give a velocity in PV, and wait until the shaft turns as fast."""
+    """Command a velocity in PV, and wait until the shaft reaches it."""
     node.put(o.TARGET_VELOCITY, 0, velocity & 0xFFFFFFFF, 4)
     return until(node, motion, lambda one: fast(one, velocity), 5 * RAMP_S, f"velocity {velocity}")
 
 
 def fast(one: DriveSample, velocity: int, share: float = 0.9) -> bool:
-    """Whether the shaft turns with a share of a velocity, in its direction."""
+    """Whether the shaft has reached a share of a velocity, in its direction."""
     return one.velocity * velocity > 0 and abs(one.velocity) >= share * abs(velocity)
 
 
 def still(one: DriveSample, velocity: int) -> bool:
-    """Whether the shaft turns with less than a tenth of a velocity."""
+    """Whether the shaft is slower than a tenth of a velocity."""
     return abs(one.velocity) <= 0.1 * abs(velocity)
 
 
 def set_point(node: CheckedNode, target: int, bits: int = 0) -> None:
-    """Give a set-point of PP, and take bit 4 back; CheckFailed unless bit 12 acknowledges it."""
+    """Command a set-point of PP, and reset bit 4; CheckFailed unless bit 12 acknowledges it."""
     control(node, ENABLE | bits)
     node.put(o.TARGET_POSITION, 0, target & 0xFFFFFFFF, 4)
     control(node, ENABLE | NEW_SET_POINT | bits)
@@ -230,7 +230,7 @@ def set_point(node: CheckedNode, target: int, bits: int = 0) -> None:
 
 
 class Stream:
-    """Set-points of one object in an RPDO, each taken by a SYNC; `due` is the time of the next one in ns."""
+    """Set-points of one object in an RPDO, one per SYNC; `due` is the time of the next one in ns."""
 
     def __init__(self, node: CheckedNode, record: PdoRecord, index: int) -> None:
         self._node, self._record = node, record
@@ -268,7 +268,7 @@ class Stream:
         self._node.send(self._sync)
 
     def cycles(self, count: int, step: int) -> None:
-        """Send so many set-points, each further than the one before by `step`."""
+        """Send a number of set-points, each `step` further than the previous one."""
         for _ in range(count):
             self.send(self.value + step)
             self.sync()
@@ -276,7 +276,7 @@ class Stream:
 
 @contextmanager
 def streaming(node: CheckedNode, mode: int, index: int) -> Iterator[tuple[Motion, Stream]]:
-    """Context in which the drive is enabled in a cyclic mode and takes an object by RPDO and SYNC."""
+    """Context with the drive enabled in a cyclic mode, with set-points of an object by RPDO and SYNC."""
     is_drive(node)
     records = (
         record
@@ -302,5 +302,5 @@ def streaming(node: CheckedNode, mode: int, index: int) -> Iterator[tuple[Motion
 
 
 def step_of(motion: Motion) -> int:
-    """Return the way of one cycle at half the distance per second."""
+    """Return the distance per cycle at half the distance per second."""
     return int(motion.distance * PERIOD_MS / 2000) or 1

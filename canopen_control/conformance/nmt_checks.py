@@ -35,7 +35,7 @@ _LIFE_S = 0.1
 
 @contextmanager
 def beating(node: CheckedNode, period_ms: int = _PERIOD_MS) -> Iterator[None]:
-    """Context in which the node sends heartbeats; a device without 0x1017 is not applicable."""
+    """Context in which the node sends heartbeats; NotApplicable for a device without 0x1017."""
     with node.kept(0x1017):
         node.put(0x1017, 0, period_ms, 2)
         yield
@@ -189,7 +189,7 @@ def _from_stopped(node: CheckedNode) -> None:
 
 
 def _unchanged(node: CheckedNode, data: bytes) -> None:
-    """Send a frame of NMT that must not change the state."""
+    """Send an NMT frame that must not change the state."""
     with beating(node):
         node.send(NMT_COB_ID, data)
         try:
@@ -262,13 +262,13 @@ def _heartbeats_after_boot(node: CheckedNode) -> None:
 
 
 def _foreign(node: CheckedNode) -> int:
-    """Return a node id for a heartbeat that a check sends itself."""
+    """Return a node id for a heartbeat sent by a check."""
     return 126 if node.node_id != 126 else 125
 
 
 @contextmanager
 def _watching(node: CheckedNode, timeout_ms: int = 100) -> Iterator[int]:
-    """Context in which the node watches the heartbeat of a node, whose id it gives, and no other."""
+    """Context in which the node monitors only the heartbeat of one node, whose id it gives."""
     other = _foreign(node)
     with node.kept(0x1016, 1):
         node.put(0x1016, 1, other << 16 | timeout_ms, 4)

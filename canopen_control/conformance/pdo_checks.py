@@ -46,7 +46,7 @@ _CONTROLWORD, _HALT, _MODE = 0x6040, 0x0100, 0x6060
 
 @dataclass(frozen=True, slots=True)
 class PdoRecord:
-    """A PDO of the device: index of its communication record, COB-ID, and mapping entries."""
+    """PDO of the device: index of its communication record, COB-ID, and mapping entries."""
 
     index: int
     cob_id: int
@@ -69,7 +69,7 @@ class PdoRecord:
 
 
 def pdo_records(node: CheckedNode, base: int) -> list[PdoRecord]:
-    """Return the PDOs of one direction, also those that are not valid."""
+    """Return the PDOs of one direction, including invalid ones."""
     records = []
     for index in range(base, base + _SEARCHED):
         try:
@@ -83,7 +83,7 @@ def pdo_records(node: CheckedNode, base: int) -> list[PdoRecord]:
 
 
 def _first(node: CheckedNode, base: int) -> PdoRecord:
-    """Return the first PDO that is valid and has objects."""
+    """Return the first valid PDO with objects."""
     name = "RPDO" if base == RPDO else "TPDO"
     for record in pdo_records(node, base):
         if record.entries and not record.cob_id & _OFF:
@@ -92,7 +92,7 @@ def _first(node: CheckedNode, base: int) -> PdoRecord:
 
 
 def first_rpdo(node: CheckedNode) -> PdoRecord:
-    """Return the first RPDO that is valid and has objects; NotApplicable without one."""
+    """Return the first valid RPDO with objects; NotApplicable without one."""
     return _first(node, RPDO)
 
 
@@ -111,7 +111,7 @@ def present_values(node: CheckedNode, record: PdoRecord) -> bytes:
 def reconfigured(
     node: CheckedNode, record: PdoRecord, values: dict[int, int], *, cob_id: int | None = None
 ) -> Iterator[None]:
-    """Context in which a PDO has other values of its communication record, by subindex; it is valid in it."""
+    """Context in which a PDO is valid with other values of its communication record, by subindex."""
     index = record.index
     with node.kept(index, 1):
         node.put(index, 1, record.cob_id | _OFF, 4)
@@ -130,7 +130,7 @@ def reconfigured(
 
 @contextmanager
 def _invalid(node: CheckedNode, record: PdoRecord) -> Iterator[None]:
-    """Context in which a PDO is invalid and its mapping may be written; both are as before after it."""
+    """Context in which a PDO is invalid and its mapping is writable; its end restores both."""
     mapping = record.mapping
     before = _all_entries(node, mapping)
     with node.kept(record.index, 1):
@@ -146,7 +146,7 @@ def _invalid(node: CheckedNode, record: PdoRecord) -> Iterator[None]:
 
 
 def _all_entries(node: CheckedNode, mapping: int) -> list[int]:
-    """Read the entries of a mapping record, those beyond the number of mapped objects too."""
+    """Read the entries of a mapping record, including those above the number of mapped objects."""
     entries = []
     for number in range(1, 65):
         try:
@@ -168,7 +168,7 @@ def _frames(node: CheckedNode, can_id: int, seconds: float) -> list[tuple[int, C
 
 
 def _syncs(node: CheckedNode, count: int, can_id: int) -> list[tuple[int, int]]:
-    """Send SYNC messages; return the number of each SYNC, from 1, after which a frame came, and their number."""
+    """Send SYNC messages; return the numbers (from 1) of those followed by a frame, and their count."""
     sync, counting = node.number(0x1005) & 0x7FF, node.number(0x1019) if _has(node, 0x1019) else 0
     node.listen(SYNC_PERIOD_S)
     turns = []
@@ -614,7 +614,7 @@ def _mapped_operational(node: CheckedNode) -> None:
 
 
 def _other_values(node: CheckedNode, record: PdoRecord) -> tuple[bytes, int, int]:
-    """Return a frame with another value of one object, and the address of that object; nothing moves by it."""
+    """Return a frame that differs in one object, and the address of that object; nothing moves."""
     data, shift = bytearray(present_values(node, record)), 0
     for entry in record.entries:
         index, subindex, bits = parse_mapping_entry(entry)
@@ -626,7 +626,7 @@ def _other_values(node: CheckedNode, record: PdoRecord) -> tuple[bytes, int, int
 
 
 def _expect_value(node: CheckedNode, frame: bytes, address: tuple[int, int], *, applied: bool) -> None:
-    """Send an RPDO, and expect that its value is taken or not; the old value is written back."""
+    """Send an RPDO and check whether its value is applied; then restore the old value."""
     record = _first(node, RPDO)
     before = node.read(*address)
     node.send(record.can_id, frame)

@@ -30,7 +30,7 @@ def report_lines(report: ConformanceReport) -> Iterator[str]:
 
 
 def junit(report: ConformanceReport) -> bytes:
-    """Return JUnit XML in the form of pytest's xunit2; a missed recommendation is text, not a failure."""
+    """Return JUnit XML in the form of pytest's xunit2; an unmet recommendation is text instead of a failure."""
     failures = [result for result in report.results if result.verdict == FAILED and result.level == "must"]
     counts = {
         "tests": str(len(report.results)),
@@ -79,7 +79,7 @@ def _legal(text: str) -> str:
 
 
 def changed_verdicts(report: ConformanceReport, old: Mapping[str, str]) -> list[str]:
-    """Return a line for each check whose verdict differs from that of an older run (id -> verdict)."""
+    """Return a line for each check with another verdict than in an older run (id -> verdict)."""
     lines = []
     now = {result.id: result for result in report.results}
     for check_id, result in now.items():

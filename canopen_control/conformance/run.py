@@ -1,4 +1,4 @@
-"""Run of the checks at one node, and its results.
+"""Run of the checks on one node, and its results.
 
 All parameters are read before the first check and compared after the last. Differences are written back if checks may
 write, otherwise only reported.
@@ -60,7 +60,7 @@ _SILENCES = 3  # consecutive checks without an answer, after which the device co
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """Result of one check; `came` and `due` belong to a failure, `frames` are its last frames."""
+    """Result of one check; `came` (received) and `due` (expected) belong to a failure; `frames` are the last ones."""
 
     id: str
     group: str
@@ -77,7 +77,7 @@ class CheckResult:
 
 @dataclass(frozen=True, slots=True)
 class ConformanceReport:
-    """The results of a run; `subject` is "device" or "master", `node_id` that of the device in both cases."""
+    """Results of a run; `subject` is "device" or "master"; `node_id` is that of the device in both cases."""
 
     node_id: int
     identity: dict[str, str]
@@ -102,7 +102,7 @@ class ConformanceReport:
 
 
 def choose(level: str, allowed: Collection[CheckTouch]) -> list[Check]:
-    """Return the checks of a document, or of all, that the options allow, in the order of their run."""
+    """Return the checks permitted by the options, of one document or all, in the order in which they run."""
     chosen = [check for check in CHECKS if level in ("all", check.group) and check.touch in allowed]
     return sorted(chosen, key=lambda check: ORDER.index(check.touch))
 
@@ -182,7 +182,7 @@ _LATE_S = 5.0  # time in which a device that answers late may answer
 
 
 def _reason_of_silence(node: CheckedNode, identity: Mapping[str, str]) -> str:
-    """Return why the device does not answer: it is late, it has another node id, the bus is full, or it is gone."""
+    """Return why the device does not answer: it is late, has another node id, the bus is full, or it is absent."""
     node.listen(1.0)  # answers to earlier requests
     begin = node.reactor.now()
     if node.exchange(REQUEST + node.node_id, _upload(0x1000, 0), ANSWER + node.node_id, _LATE_S) is not None:
@@ -203,7 +203,7 @@ def _upload(index: int, subindex: int) -> bytes:
 
 
 def _identity_of(node: CheckedNode, other: int) -> dict[str, str]:
-    """Return the identity of another node, as far as it answers."""
+    """Return the identity of another node as far as it answers."""
     identity = {}
     for name, index, subindex in _IDENTITY:
         data = node.exchange(REQUEST + other, _upload(index, subindex), ANSWER + other)
@@ -213,7 +213,7 @@ def _identity_of(node: CheckedNode, other: int) -> dict[str, str]:
 
 
 def _floods(node: CheckedNode) -> str:
-    """Return the identifiers that came too often, "" if none did."""
+    """Return the identifiers received too often, "" without any."""
     answers = ANSWER + node.node_id
     often = {can_id: rate for can_id, rate in node.rates.items() if rate >= _FLOOD and can_id != answers}
     return ", ".join(f"0x{can_id & 0x1FFFFFFF:03X} came {rate} times in a second" for can_id, rate in often.items())
@@ -228,7 +228,7 @@ def _flood(node: CheckedNode) -> CheckResult:
 
 
 def _run(node: CheckedNode, check: Check) -> tuple[CheckResult, bool]:
-    """Return the result of a check, and whether it ended because the device did not answer.
+    """Return the result of a check, and whether it ended without an answer of the device.
 
     A check of times is repeated before it counts as failed: this computer, or its adapter, may have been late.
     """

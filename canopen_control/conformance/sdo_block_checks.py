@@ -53,7 +53,7 @@ def _abort(node: CheckedNode, index: int) -> None:
 
 
 def _start_upload(node: CheckedNode, index: int, block_size: int) -> tuple[int, bool]:
-    """Initiate a block upload; return the size that the server announces, and whether it makes a CRC."""
+    """Initiate a block upload; return the announced size, and whether the server computes a CRC."""
     answer = node.ask(bytes((BLOCK_UPLOAD | CRC_FLAG, *mux(index), block_size, 0, 0, 0)))
     if answer is None or answer[0] & COMMAND_MASK != BLOCK_UPLOAD_ANSWER:
         if answer is not None and answer[0] != ABORT:
@@ -63,7 +63,7 @@ def _start_upload(node: CheckedNode, index: int, block_size: int) -> tuple[int, 
 
 
 def _segments(node: CheckedNode, data: bytes, seconds: float = 0.1) -> list[bytes]:
-    """Send a request; return all answers of the next `seconds`."""
+    """Send a request; return all answers within `seconds`."""
     node.send(REQUEST + node.node_id, data)
     return [frame.data for _, frame in node.listen(seconds) if frame.can_id == ANSWER + node.node_id]
 
@@ -81,7 +81,7 @@ def _object(node: CheckedNode) -> tuple[int, bytes]:
 
 
 def _uploaded(node: CheckedNode, block_size: int) -> None:
-    """Upload an object in sub-blocks, and compare it and its CRC."""
+    """Upload an object in sub-blocks, and check its content and its CRC."""
     index, value = _object(node)
     size, with_crc = _start_upload(node, index, block_size)
     expect(size in (0, len(value)), f"{size} bytes announced", f"{len(value)}")
@@ -166,7 +166,7 @@ def _has_blocks(node: CheckedNode) -> None:
 
 
 def _start_download(node: CheckedNode, size: int, *, crc: bool) -> bool:
-    """Initiate a block download to 0x1017; return whether the server takes a CRC."""
+    """Initiate a block download to 0x1017; return whether the server accepts a CRC."""
     command = BLOCK_DOWNLOAD | SIZED_FLAG | (CRC_FLAG if crc else 0)
     answer = node.ask(bytes((command, *mux(_HEARTBEAT), *size.to_bytes(4, "little"))))
     if answer is not None and answer[0] == ABORT:

@@ -1,4 +1,4 @@
-"""Checks of the SDO server and of its objects (CiA 301, 7.2.4 and 7.5.2).
+"""Checks of the SDO server and its objects (CiA 301, 7.2.4 and 7.5.2).
 
 `T` in a comment is the number of the case in CiA's conformance test tool 3.0.3.
 """
@@ -125,7 +125,7 @@ def _segments(node: CheckedNode) -> None:
 
 
 def _all_segments(node: CheckedNode, size: int) -> None:
-    """Take the segments of an upload, and compare their toggle bits and their length."""
+    """Receive the segments of an upload, and check their toggle bits and their length."""
     count, toggle = 0, 0
     while True:
         answer = node.ask(bytes((0x60 | toggle, *bytes(7))))
@@ -317,7 +317,7 @@ def _every_object(node: CheckedNode) -> None:
 
 
 def _read_badly(node: CheckedNode, entry: Entry) -> str:
-    """Return what is wrong with the upload of an object, "" for nothing."""
+    """Return the error in the upload of an object, "" without one."""
     if not entry.readable or entry.obj_flags & _UNREAD:
         return ""
     name = f"0x{entry.index:04X}:{entry.subindex:02X}"

@@ -64,7 +64,7 @@ class StateCopy:
         return list(self._joints)
 
     def take(self) -> None:
-        """Copy the present states; allocates nothing."""
+        """Copy the present states without allocations."""
         values = self._values
         for index, source in self._sources:
             values[index] = source.value
@@ -134,14 +134,14 @@ class ControllerState(enum.Enum):
 
 
 def zero_targets(commands: Sequence[CommandInterface]) -> None:
-    """Set every target that would keep something moving to 0.0; a position target holds by itself."""
+    """Set targets that would cause motion to 0.0; position targets are unchanged."""
     for command in commands:
         if command.quantity in MOVING:
             command.value = 0.0
 
 
 def is_moving(commands: Sequence[CommandInterface]) -> bool:
-    """Return whether a target keeps something moving, or may be moving to a position."""
+    """Return whether a target causes motion, or may be a position that is not reached."""
     return any(command.value != 0.0 and math.isfinite(command.value) for command in commands)
 
 
@@ -157,11 +157,11 @@ class EnableStatus:
         return NotEnabled(f"{joint_names(waiting)}: not enabled, so no command is taken")
 
     def reason(self, waiting: Sequence[CommandInterface]) -> str:
-        """Return the joints that follow no commands, with advice."""
+        """Return the joints that do not follow commands, with advice."""
         return f"{joint_names(waiting)}: not enabled; enable it"
 
     def stop_groups(self, ends: Ends) -> Sequence[Ends]:
-        """Return interfaces in groups that stop together."""
+        """Return the interfaces in groups that stop together."""
         return (ends,)
 
 
@@ -172,7 +172,7 @@ def joint_names(interfaces: Sequence[CommandInterface]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ControllerEvent:
-    """Something that happened: `kind` is activated, deactivated, error, fallback, limited, or a controller's word."""
+    """Controller event: `kind` is activated, deactivated, error, fallback, limited, or specific to a controller."""
 
     kind: str
     controller: str
@@ -180,7 +180,7 @@ class ControllerEvent:
 
 
 def twist_axes_of(controller: Controller) -> tuple[str, ...]:
-    """Return the axes of a twist that a base accepts, empty for other controllers; by its topic if it declares none."""
+    """Return the twist axes that a base accepts, by its topic if undeclared; empty for other controllers."""
     return controller.twist_axes or (("linear.x", "angular.z") if controller.topic == "cmd_vel" else ())
 
 
@@ -257,7 +257,7 @@ class Controller:
         return []
 
     def state_interface_names(self) -> list[str]:
-        """Return the state interfaces to read, as "joint/interface"; `[ALL_STATES]` is all of them."""
+        """Return the state interfaces to read, as "joint/interface"; `[ALL_STATES]` stands for all of them."""
         return []
 
     def reference_interfaces(self) -> Sequence[CommandInterface]:
@@ -312,7 +312,7 @@ class Controller:
         return None
 
     def wheel_base(self) -> DriveGeometry | None:
-        """Return the assumed wheel geometry, once configured; None if it drives no wheels."""
+        """Return the assumed wheel geometry, once configured; None for a controller without wheels."""
         return None
 
     def dead_reckoning(self, ahead: float) -> tuple[float, float, float] | None:  # noqa: ARG002 - of a base
@@ -320,7 +320,7 @@ class Controller:
         return None
 
     def is_standstill(self, values: Sequence[float]) -> bool:
-        """Return whether a command of these values is standstill, which may outlive its client."""
+        """Return whether a command with these values is standstill, which may outlive its client."""
         return not any(values) and all(command.quantity in MOVING for command in self.commands)
 
     # ------------------------------------------------------------------------------------------------ for overrides
@@ -348,12 +348,12 @@ class Controller:
 
     @property
     def describe_stop(self) -> str:
-        """State of its joints after the end of a command, as a clause."""
+        """Return the state of its joints after the end of a command, as a clause."""
         stands = all(command.quantity in MOVING for command in self.commands)
         return "its targets are 0" if stands else "what moves is stopped, positions are held where they are"
 
     def refuse_out_of_range(self, commands: Sequence[CommandInterface], value: float, now: int) -> None:
-        """Refuse a value that does not fit an object behind these interfaces; it ends the previous command."""
+        """Refuse a value that is out of range for an object behind these interfaces; the previous command ends."""
         for command in commands:
             fits = command.range_error(value)
             if fits is not None:
@@ -367,7 +367,7 @@ class Controller:
         self.notices.append(ControllerEvent(kind, self.name, f"{self.name}: {text}"))
 
     def tell(self, kind: str, text: str) -> None:
-        """Report an event: the name of `report` up to 0.2."""
+        """Report an event; the name of `report` up to version 0.2."""
         self.report(kind, text)
 
 

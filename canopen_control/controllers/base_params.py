@@ -1,4 +1,4 @@
-"""Parameters shared by bases on wheels: frames and covariances of odometry, and limits of the axes of the twist."""
+"""Common parameters of wheeled bases: frames and covariances of odometry, and limits of the twist axes."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class TwistAxisLimits:
 
     @property
     def freezes(self) -> bool:
-        """Whether the limit of jerk keeps the speed of the axis constant."""
+        """Whether the jerk limit keeps the speed of the axis constant."""
         return self.max_jerk == 0.0
 
     def limits(self) -> VelocityLimits:
@@ -114,7 +114,7 @@ def refuse(name: str, checks: Iterable[tuple[bool, str]]) -> None:
 
 
 def tf_prefix(prefix: str, namespace: str, *, enable: bool = True) -> str:
-    """Return the prefix of frame names: the given one, else the namespace; `~` in a prefix is the namespace."""
+    """Return the prefix of frame names: the configured one, else the namespace; `~` in it is the namespace."""
     if not enable:
         return ""
     text = prefix.replace("~", namespace, 1) if prefix else namespace

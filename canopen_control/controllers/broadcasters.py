@@ -102,7 +102,7 @@ class BatteryParams(CommonParams):
         return (self.sensor_name,) if self.sensor_name else self.batteries
 
     def measured(self, battery: str) -> list[str]:
-        """Return the state interface of each of QUANTITIES of a battery, "" for those that are not read."""
+        """Return the state interface for each of QUANTITIES of a battery, "" for one that is not read."""
         if self.sensor_name:
             return [f"{battery}/voltage", *[""] * (len(QUANTITIES) - 1)]
         first, *others = QUANTITIES
@@ -170,7 +170,7 @@ _COVARIANCE: Final = 9
 
 @dataclass(frozen=True)
 class SensorParams(CommonParams):
-    """Parameters of each: `sensor_name` is a <sensor> of the description, `frame_id` where its values are measured."""
+    """Common parameters: `sensor_name` is a <sensor> of the description, `frame_id` the frame of its values."""
 
     sensor_name: str = setting(
         "", help="a <sensor> of the description, whose interfaces have the names of ros2_control"
@@ -246,7 +246,7 @@ class ForceTorqueParams(SensorParams):
 
     @property
     def names(self) -> list[str]:
-        """The six state interfaces in the order of `AXES`, "" for one that is not there."""
+        """The six state interfaces in the order of `AXES`, "" for an absent one."""
         if self.sensor_name:
             return [f"{self.sensor_name}/{axis}" for axis in AXES]
         return [self.interface_names.get(axis, "") for axis in AXES]
@@ -281,7 +281,7 @@ class PoseTransform:
 
 @dataclass(frozen=True)
 class PoseParams(CommonParams):
-    """Parameters of pose_broadcaster/PoseBroadcaster: the state interfaces of `pose_name`, or each by its own name."""
+    """Parameters of pose_broadcaster/PoseBroadcaster: state interfaces of `pose_name`, or each under its own name."""
 
     frame_id: str = setting("", help="frame of the pose")
     pose_name: str = setting("", help="a <sensor> of the description with `position.x` to `orientation.w`")
@@ -344,7 +344,7 @@ _IMU: Final = (
 
 
 class SensorBroadcaster(Controller):
-    """Broadcaster of state interfaces in a fixed order; "" is a missing one."""
+    """Broadcaster of state interfaces in a fixed order; "" marks an absent one."""
 
     is_broadcaster: ClassVar[bool] = True
     moves_joints: ClassVar[bool] = False
@@ -598,7 +598,7 @@ def _mean(values: Sequence[float | None]) -> float | None:
 
 @dataclass(frozen=True)
 class StateParams(CommonParams):
-    """Parameters of both: empty `joints` or `interfaces` are all there are; `stale_after` in s."""
+    """Common parameters: empty `joints` or `interfaces` select all; `stale_after` in s."""
 
     joints: tuple[str, ...] = setting((), help="only these joints; empty: all")
     interfaces: tuple[str, ...] = setting((), help="only these interfaces; empty: all that the broadcaster is about")
@@ -623,7 +623,7 @@ class _StateBroadcaster(Controller):
         self.update_rate = self.params.update_rate
 
     def state_interface_names(self) -> list[str]:
-        """Return joints times interfaces if both are given, else everything, to choose from at activation."""
+        """Return joints times interfaces if both are configured, else all interfaces, to be selected at activation."""
         if self.params.joints and self.params.interfaces:
             return [f"{joint}/{interface}" for joint in self.params.joints for interface in self.params.interfaces]
         return [ALL_STATES]
@@ -666,14 +666,14 @@ class GpioBroadcaster(_StateBroadcaster):
 
 
 class DiagnosticsBroadcaster(_StateBroadcaster):
-    """Broadcaster of the health of the drives behind the joints."""
+    """Broadcaster of the health of the joints' drives."""
 
     chosen = ("nmt_state", "statusword", "error_code", "age")
 
     tells: ClassVar[type[Sample] | None] = DiagnosticsSample
 
     def sample(self, wall_offset_ns: int) -> DiagnosticsSample:
-        """Return the health of every joint by its values of the last update."""
+        """Return the health of every joint by its values in the last update."""
         judged = [
             JointDiagnosis(joint, *self._judged(values), values) for joint, values in self._copy.by_joint().items()
         ]

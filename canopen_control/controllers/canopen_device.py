@@ -1,4 +1,4 @@
-"""CanopenProxyController and Cia402DeviceController of ros2_canopen: the node of one joint, under a controller's name.
+"""CanopenProxyController and Cia402DeviceController of ros2_canopen: services of the node behind a joint.
 
 Rules (canopen_ros2_controllers): the parameter is `joint`; the topics and services are the controller's.
 Upstream's pass each word through interfaces that a hardware component looks at in its cycle. Here they claim none: what
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DeviceParams(CommonParams):
-    """Parameters of both: `joint` is a joint of a node, or the name of a node without joints."""
+    """Common parameters: `joint` is a joint of a node, or the name of a node without joints."""
 
     joint: str = setting("", help="a joint that a node drives, or the name of a node that drives none")
 
@@ -43,6 +43,6 @@ class CanopenProxyController(Controller):
 
 
 class Cia402DeviceController(CanopenProxyController):
-    """Controller for the services of one drive: those of a proxy, and its states and modes of CiA 402."""
+    """Controller for the services of one drive: those of a proxy, and its CiA 402 states and modes."""
 
     offers: ClassVar[tuple[str, ...]] = (DRIVE_SERVICES,)

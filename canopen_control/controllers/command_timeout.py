@@ -52,7 +52,7 @@ class CommandTimeout:
         self.given, self.live = now, True
 
     def runs_out(self, now: int) -> bool:
-        """Return whether the command expires now, because it was not renewed: True once for each command."""
+        """Return whether the command expires now without a renewal: True once for each command."""
         if not self.live or not self.limit_ns or now - self.given <= self.limit_ns:
             return False
         self.live = False
@@ -66,7 +66,7 @@ class CommandTimeout:
 
 
 def timeout_ns(timeout: float | None, interfaces: Iterable[str]) -> int:
-    """Return the timeout of commands to these interfaces in ns, 0 for unlimited; `timeout` in s as in the YAML file."""
+    """Return the timeout of commands to these interfaces in ns, 0 if unlimited; `timeout` in s as in the YAML file."""
     if timeout is None:
         timeout = DEFAULT_LIFE_S if MOVING.intersection(interfaces) else 0.0
     return round(timeout * 1e9)

@@ -37,7 +37,7 @@ _WILDCARDS: Final = ("*", "**")
 
 @dataclass(frozen=True)
 class ControllerConfig:
-    """One controller of the file: `type` is "" if the file names none; `line` is that of its type.
+    """Controller of the file: `type` is "" if absent; `line` is that of its type.
 
     `fallbacks` replace it when it fails, `node_options` are the arguments of its ROS node. `namespace` and `block_line`
     are those of its parameters; `ros1` means that they are written as in ROS 1, without `ros__parameters`.
@@ -57,7 +57,7 @@ class ControllerConfig:
 
 @dataclass(frozen=True)
 class ControllersFile:
-    """Complete ros2_controllers.yaml: `update_rate` in Hz; the controllers in the order of the file; warnings.
+    """Contents of ros2_controllers.yaml: `update_rate` in Hz, the controllers in the order of the file, and warnings.
 
     `line` and `namespace` are those of the manager's block, `manager_lines` the lines of its parameters. `shared` are
     the keys of a block for all nodes (`/**`).
@@ -76,7 +76,7 @@ class ControllersFile:
 
 @dataclass(frozen=True)
 class ManagerParams:
-    """Parameters of the controller_manager; those without meaning for one process and one thread are accepted."""
+    """Parameters of the controller_manager; those that do not apply to one process with one thread are accepted."""
 
     INEFFECTIVE: ClassVar[dict[str, str]] = {
         "handle_exceptions": "an exception of a controller never ends the cycle",
@@ -137,7 +137,7 @@ class _Block:
 
 @dataclass(frozen=True)
 class _Declared:
-    """Controller in the manager's block: type, further parameters, files of them, fallbacks, node options."""
+    """Controller in the manager's block: type, further parameters, their files, fallbacks, node options."""
 
     key: Node
     type: str
@@ -204,7 +204,7 @@ def _variables_in(text: str) -> list[tuple[str, int]]:
 
 
 def _common(everywhere: Node) -> Node:
-    """Return the keys of a `/**` block that concern the manager."""
+    """Return the keys of a `/**` block that belong to the manager."""
     pairs = {name: (key, value) for name, (key, value) in _pairs(everywhere).items() if name in _MANAGER_KEYS}
     return Node.mapping(like(everywhere), pairs)
 
@@ -233,7 +233,7 @@ def _collect(node: Node, blocks: dict[str, _Block], namespace: str = "") -> None
 
 
 def _nested(node: Node) -> Node:
-    """Return the blocks next to the parameters of a name, as under `/**`, which is a namespace too."""
+    """Return the blocks that are nested next to the parameters of a name, as under `/**`, which is also a namespace."""
     pairs = {key.text: (key, value) for key, value in node.pairs() if value.get(PARAMETERS) is not None}
     return Node.mapping(like(node), pairs)
 
@@ -247,7 +247,7 @@ def is_within(pattern: str, namespace: str) -> bool:
 
 
 def _is_namespace(name: str, value: Node) -> bool:
-    """Return whether a block contains only blocks: mappings, and neither a type nor the manager's name."""
+    """Return whether a block contains only blocks: mappings without a type that are not the manager's."""
     below = {node.kind for _, node in value.items()}
     return value.kind == "mapping" and value.get("type") is None and below == {"mapping"} and name != MANAGER_SECTION
 
@@ -281,7 +281,7 @@ def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParam
 
 
 def _texts(pairs: Mapping[str, tuple[Node, Node]], name: str) -> tuple[tuple[Node, str], ...]:
-    """Return a parameter that is a text or a list of texts, each with its place."""
+    """Return a parameter that is a text or a list of texts, each text with its place."""
     if name not in pairs:
         return ()
     _, node = pairs[name]
@@ -297,7 +297,7 @@ def _node_options(entries: tuple[tuple[Node, str], ...]) -> tuple[str, ...]:
 
 
 def node_options_mistake(arguments: Sequence[str]) -> str | None:
-    """Return the mistake in the arguments of a controller's ROS node, None if all are remappings."""
+    """Return the error in the arguments of a controller's ROS node, None if all are remappings."""
     words = [argument for argument in arguments if argument != "--ros-args"]
     for option, rule in zip(words[::2], [*words[1::2], ""], strict=False):
         if option not in ("-r", "--remap"):
@@ -320,7 +320,7 @@ def _below(flat: Node, pairs: dict[str, tuple[Node, Node]], name: str) -> Node:
 def _controllers(
     declared: dict[str, _Declared], blocks: dict[str, _Block], everywhere: Node, namespace: str
 ) -> dict[str, ControllerConfig]:
-    """Combine the parameters of each controller; one without a block of its own is in the manager's namespace."""
+    """Combine the parameters of each controller; one without a block is in the manager's namespace."""
     shared = set(flattened(everywhere).keys())
     controllers: dict[str, ControllerConfig] = {}
     for name, entry in declared.items():

@@ -55,7 +55,7 @@ def _reading(row: _Row, value: object, patterns: Iterable[str]) -> ParameterRead
 
 
 def given_in(params: Params) -> tuple[ParameterReading, ...]:
-    """Return the parameters in the files for a controller that is not configured, whose declarations are unknown."""
+    """Return the parameters in the files for a controller that is not configured; its declarations are unknown."""
     values = {key.text: value.value for key, value in params.flat.pairs()}
     return tuple(
         ParameterReading(name=name, kind=_kind_of(value), value=plain_value(value), read_only=True)

@@ -84,7 +84,7 @@ class Odometry(PlanarPose):
         self._angular.clear()
 
     def update_position(self, left: float, right: float, now: int) -> bool:
-        """Integrate the wheels' angles in rad; return whether the step counted."""
+        """Integrate the wheels' angles in rad; return whether the time step was long enough."""
         if not self.started:
             self.begin(left, right, now)
             return False
@@ -100,7 +100,7 @@ class Odometry(PlanarPose):
         return self._step(step_left, step_right, dt, now)
 
     def update_velocity(self, left: float, right: float, now: int) -> bool:
-        """Integrate the wheels' velocities in rad/s; return whether the step counted."""
+        """Integrate the wheels' velocities in rad/s; return whether the time step was long enough."""
         if not self.started:
             self.begin(0.0, 0.0, now)
             return False
@@ -110,7 +110,7 @@ class Odometry(PlanarPose):
         return self._step(left * self._left_radius * dt, right * self._right_radius * dt, dt, now)
 
     def update_open_loop(self, linear: float, angular: float, now: int) -> bool:
-        """Integrate the command, in m/s and rad/s; return whether the step counted."""
+        """Integrate the command, in m/s and rad/s; return whether the time step was long enough."""
         if not self.started:
             self.begin(0.0, 0.0, now)
             return False
@@ -141,7 +141,7 @@ def wheel_velocities(
 
 
 class DiffDriveController(MobileBase):
-    """Controller of a robot with wheels on two sides by twists.
+    """Controller that moves a robot with wheels on two sides by twists.
 
     `odometry` is published at `publish_rate`; the twist after the limits is published on `~/cmd_vel_out`.
     """
@@ -165,13 +165,13 @@ class DiffDriveController(MobileBase):
         self._right_states: list[StateInterface] = []
 
     def wheel_base(self) -> DriveGeometry:
-        """Return the wheel geometry in its parameters, before the multipliers, which are calibration."""
+        """Return the wheel geometry in its parameters, without the multipliers, which are calibration."""
         params, (odom, base) = self.params, self.frame_ids()
         sizes = (params.wheel_separation, params.wheel_radius)
         return DriveGeometry(params.left, params.right, *sizes, odom, base, params.enable_odom_tf, params.frozen)
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
-        """Return the odometry as last published."""
+        """Return the last published odometry."""
         return self.odometry_sample(wall_offset_ns, self.params.publish_limited_velocity)
 
     def on_configure(self, params: Params) -> None:
@@ -203,7 +203,7 @@ class DiffDriveController(MobileBase):
         return [f"{wheel}/{VELOCITY}" for wheel in self.joints]
 
     def state_interface_names(self) -> list[str]:
-        """Return position or velocity of every wheel; nothing if the loop is open."""
+        """Return position or velocity of every wheel; nothing in open loop."""
         return self.wheel_states(self.params.position_feedback)
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:

@@ -1,4 +1,4 @@
-"""The parameters of the diff drive controller, in the words of every ROS distribution.
+"""Parameters of the diff drive controller, with the names of every ROS distribution.
 
 Jazzy's names are ours; noetic's and humble's are translated and each is named once. Limits that
 are given are applied unless `has_*_limits` is false, as jazzy does and noetic and humble did not: a limit somebody
@@ -36,7 +36,7 @@ class SwitchedLimits(TwistAxisLimits):
 
     @property
     def freezes(self) -> bool:
-        """Whether the limit of jerk counts and keeps the axis from ever changing its speed."""
+        """Whether an active jerk limit keeps the axis at a constant speed."""
         return self.has_jerk_limits and super().freezes
 
     def limits(self) -> VelocityLimits:
@@ -82,7 +82,7 @@ class DiffDriveParams(PrefixedParams):
 
     @property
     def left(self) -> tuple[str, ...]:
-        """The wheels of the left side."""
+        """Wheels of the left side."""
         return (self.left_wheel_names,) if isinstance(self.left_wheel_names, str) else self.left_wheel_names
 
     @property
@@ -92,22 +92,22 @@ class DiffDriveParams(PrefixedParams):
 
     @property
     def separation(self) -> float:
-        """The distance of the wheels that counts, in m."""
+        """Effective wheel separation in m."""
         return self.wheel_separation * self.wheel_separation_multiplier
 
     @property
     def left_radius(self) -> float:
-        """The radius of the left wheels that counts, in m."""
+        """Effective radius of the left wheels in m."""
         return self.wheel_radius * self.left_wheel_radius_multiplier
 
     @property
     def right_radius(self) -> float:
-        """The radius of the right wheels that counts, in m."""
+        """Effective radius of the right wheels in m."""
         return self.wheel_radius * self.right_wheel_radius_multiplier
 
     @property
     def frozen(self) -> tuple[str, ...]:
-        """The axes that a jerk limit of 0 keeps from ever changing their speed."""
+        """Axes that a jerk limit of 0 keeps at a constant speed."""
         axes = {"linear.x": self.linear, "angular.z": self.angular}
         return tuple(name for name, axis in axes.items() if axis.freezes)
 
@@ -134,7 +134,7 @@ def _silent(_text: str) -> None:
 def read_params(
     params: Params, geometry: WheelGeometrySource | None = None, report: Callable[[str], None] = _silent
 ) -> DiffDriveParams:
-    """Return checked parameters; RobotConfigError with every mistake. What is legal and odd is a warning.
+    """Return checked parameters; RobotConfigError with every error. Valid but unusual values are warnings.
 
     Wheel sizes that are not given are those of the description's `geometry` (as noetic does); `report` is told of each.
     """

@@ -43,11 +43,11 @@ class ForwardCommandController(Controller):
 
     @property
     def timed_out(self) -> bool:
-        """Whether the targets are zero because commands stopped coming."""
+        """Whether the targets are zero because of a timeout."""
         return self._timed_out
 
     def on_configure(self, params: Params) -> None:
-        """Read joints, interface_name and command_timeout; a list that is empty or names one twice is an error."""
+        """Read joints, interface_name and command_timeout; an empty list or a duplicate is an error."""
         settings = params.read(ForwardParams)
         if not settings.interface_name:
             raise RobotConfigError(_missing(self.name, "interface_name", "velocity"))
@@ -63,7 +63,7 @@ class ForwardCommandController(Controller):
         return list(self._names)
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Store the interfaces; earlier commands are void."""
+        """Store the interfaces; earlier commands are discarded."""
         super().on_activate(commands, states, now)
         self._timed_out = False
         self.life.end()
@@ -106,7 +106,7 @@ class ForwardCommandController(Controller):
         return OK
 
     def _runs_out(self, now: int) -> bool:
-        """Whether the command ends now by its timeout."""
+        """Whether the command expires now."""
         return self.life.runs_out(now)
 
     def _stop(self, now: int) -> None:
@@ -156,7 +156,7 @@ class MultiInterfaceForwardCommandController(ForwardCommandController):
 
 
 class _JointGroupController(ForwardCommandController):
-    """A forward command controller whose interface is fixed by its type."""
+    """Forward command controller with the interface of its type."""
 
     fixed_interface = VELOCITY
     kind: ClassVar[type[GroupParams | SingleParams | MultiParams]] = GroupParams
@@ -187,7 +187,7 @@ _GAINS = ("p", "i", "d", "i_clamp", "i_clamp_min", "i_clamp_max", "antiwindup")
 
 
 class _JointController(ForwardCommandController):
-    """ROS 1's controller of one joint, its interface fixed by its type."""
+    """ROS 1 controller of one joint, with the interface of its type."""
 
     fixed_interface = VELOCITY
     kind: ClassVar[type[GroupParams | SingleParams | MultiParams]] = SingleParams
@@ -235,7 +235,7 @@ TYPE = "canopen_control/TargetController"
 
 
 class TargetController(ForwardCommandController):
-    """Forwards one number to the command interface `target` of one joint; `interface` is its present quantity."""
+    """Controller that forwards one number to interface `target` of a joint; `interface` is its present quantity."""
 
     topic: ClassVar[str | None] = TARGET
 
@@ -251,7 +251,7 @@ class TargetController(ForwardCommandController):
         self._set_life(settings.command_timeout, tuple(MOVING))
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Store one finite number, if the drive's mode has a target; `now` in ns restarts the timeout."""
+        """Store one finite number if the drive's mode has a target; `now` in ns restarts the timeout."""
         if self.commands and self.commands[0].quantity == TARGET:
             joint = self.joints[0]
             how = f"canopen-control axis mode {joint} PV"
@@ -264,5 +264,5 @@ class TargetController(ForwardCommandController):
         return super().update(now, period)
 
     def _runs_out(self, now: int) -> bool:
-        """Whether a velocity or effort ends now by its timeout; a position does not."""
+        """Whether a velocity or effort expires now; positions do not expire."""
         return self.commands[0].quantity in MOVING and super()._runs_out(now)

@@ -39,7 +39,7 @@ _LIST: Final = ".interfaces"
 
 @dataclass(frozen=True)
 class GpioParams(CommonParams):
-    """Parameters of the controller; `command_timeout` in s, see `command_timeout` for what absent and 0 mean.
+    """Parameters of the controller; `command_timeout` in s, see `command_timeout` for its default and 0.
 
     Interfaces are by "<gpio>.interfaces", safe values by "<gpio>.<interface>", `kept_outputs` are "<gpio>/<interface>".
     """
@@ -83,24 +83,24 @@ class GpioParams(CommonParams):
 
     @property
     def inputs(self) -> list[str]:
-        """The state interfaces that are named, in the same way."""
+        """Selected state interfaces, as "gpio/interface", in the order of the parameters."""
         return [
             f"{gpio}/{interface}" for gpio in self.gpios for interface in self.state_interfaces.get(gpio + _LIST, ())
         ]
 
     @property
     def told_whole(self) -> list[str]:
-        """GPIOs whose state interfaces are all published, because none is named."""
+        """GPIOs without selected state interfaces, which are published completely."""
         return [gpio for gpio in self.gpios if not self.state_interfaces.get(gpio + _LIST)]
 
     def safe_value(self, output: str, hardware: float | None) -> float:
-        """Return the value of an output when commands end, nan to keep it; `hardware` is that of the hardware."""
+        """Return the value of an output at the end of commands, nan to keep it; `hardware` is that of the hardware."""
         default = 0.0 if hardware is None else hardware
         return math.nan if output in self.kept_outputs else self.safe_values.get(_dotted(output), default)
 
 
 def read_params(params: Params, name: str, joints: Sequence[str]) -> GpioParams:
-    """Return the parameters of controller `name`; raise RobotConfigError with everything that is wrong in them.
+    """Return the parameters of controller `name`; RobotConfigError with all errors.
 
     `joints` are those of the description that move: no output moves one.
     """
@@ -172,7 +172,7 @@ class GpioCommandController(Controller):
         self._copy = StateCopy({})
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; RobotConfigError with everything that is wrong in them."""
+        """Read the parameters; RobotConfigError with all errors."""
         settings = read_params(params, self.name, self.description_joints or ())
         self.params, self.update_rate, self.joints = settings, settings.update_rate, settings.gpios
         self._names = settings.outputs
@@ -186,7 +186,7 @@ class GpioCommandController(Controller):
         return list(self._names)
 
     def state_interface_names(self) -> list[str]:
-        """Return the named inputs; all interfaces of a GPIO without named ones, selected at activation."""
+        """Return the selected inputs, and all interfaces of a GPIO without a selection, resolved at activation."""
         return [ALL_STATES] if self.params.told_whole else self.params.inputs
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
@@ -215,7 +215,7 @@ class GpioCommandController(Controller):
         self.forget(now)
 
     def forget(self, now: int) -> None:
-        """End the commands: outputs go to their safe values, or keep theirs."""
+        """End the commands: outputs are set to their safe values, or unchanged."""
         self.life.end(self.life.ended_by)
         self.forget_some(self.commands, now)
 

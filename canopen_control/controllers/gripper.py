@@ -1,4 +1,4 @@
-"""Gripper action controllers: a position with limited effort, and whether it is reached.
+"""Gripper action controllers: move to a position with limited effort, and detect success or stall.
 
 Rules (gripper_controllers and parallel_gripper_controller, Jazzy): a goal is reached within
 `goal_tolerance`, and ends as stalled where the joint has not moved for `stall_timeout`, which is a success with
@@ -64,7 +64,7 @@ class GripperParams(CommonParams):
 
     @property
     def limits(self) -> list[str]:
-        """The command interfaces of the most effort and velocity that are given."""
+        """Command interfaces of the configured effort and velocity limits."""
         return [name for name in (self.max_effort_interface, self.max_velocity_interface) if name]
 
     def mistake(self) -> str | None:
@@ -105,7 +105,7 @@ def read_params(params: Params, name: str, cls: type[P]) -> P:
 
 
 def _with_gains(cls: type[P], joint: str) -> type[P]:
-    """Return the class of the parameters with the gains of the joint, which have its name in their keys."""
+    """Return the parameter class with the gains of the joint, whose name is in their keys."""
     if not issubclass(cls, EffortGripperParams):
         return cls
     loop = ("loop", LoopGains, setting(LoopGains(), key=f"gains.{joint}", section=True))
@@ -113,7 +113,7 @@ def _with_gains(cls: type[P], joint: str) -> type[P]:
 
 
 class PositionGripperActionController(Controller):
-    """Commands the position of a gripper; `goal` is the one under way."""
+    """Controller of a gripper's position; `goal` is the active one."""
 
     tells: ClassVar[type[Sample] | None] = GripperSample
     offers: ClassVar[tuple[str, ...]] = (GRIPPER_GOALS,)
@@ -185,7 +185,7 @@ class PositionGripperActionController(Controller):
         self.life.give(now)
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Refuse numbers: it takes goals, which have an end."""
+        """Refuse numbers: a gripper controller accepts only goals."""
         del values, now, stamp
         raise self.refusal("takes goals and no numbers; send one to ~/gripper_cmd, or by canopen-control gripper")
 
@@ -300,14 +300,14 @@ class PositionGripperActionController(Controller):
 
 
 class ParallelGripperActionController(PositionGripperActionController):
-    """parallel_gripper_action_controller/GripperActionController: the same, commanded as a JointState."""
+    """parallel_gripper_action_controller/GripperActionController: a gripper commanded with a JointState."""
 
     reads: ClassVar[type[GripperParams]] = ParallelGripperParams
     offers: ClassVar[tuple[str, ...]] = (PARALLEL_GRIPPER_GOALS,)
 
 
 class EffortGripperActionController(PositionGripperActionController):
-    """Commands the effort of a gripper by a loop over its position."""
+    """Controller of a gripper's effort by a position loop."""
 
     reads: ClassVar[type[GripperParams]] = EffortGripperParams
     commanded: ClassVar[str] = EFFORT
@@ -323,7 +323,7 @@ class EffortGripperActionController(PositionGripperActionController):
             self._loop = Pid(self.params.gains.pid())
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Begin without a past."""
+        """Start with a reset position loop."""
         super().on_activate(commands, states, now)
         self._loop.reset()
 
@@ -333,7 +333,7 @@ class EffortGripperActionController(PositionGripperActionController):
             raise self.refusal("would not move: max_effort is 0; give one with the goal, or among the parameters")
 
     def _write(self, period: float) -> None:
-        """Command the effort of the loop within that of the goal; none while the position is unknown."""
+        """Command the loop's effort, limited by the goal; none while the position is unknown."""
         if math.isnan(self._target):
             self.commands[0].value = 0.0
             self._loop.reset()

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class GripperGoal:
-    """A position in rad or m, with the most effort in Nm or N and the most velocity; None are the parameters'.
+    """Position in rad or m, with maximum effort in Nm or N and maximum velocity; None uses the parameters.
 
     Once it has `ended`, the rest is its result: `at` is where the gripper was then, nan where that is not known.
     `ended_now` is called then, in the cycle: whoever has more to do than to take note does it later.
@@ -55,7 +55,7 @@ class GripStatus(enum.Enum):
 
 
 class StallDetector:
-    """Detects success and stall of a gripper cycle by cycle; `timeout` in s."""
+    """Detector of success and stall of a gripper, once per cycle; `timeout` in s."""
 
     def __init__(self, tolerance: float, slowest: float, timeout: float) -> None:
         self._tolerance, self._slowest, self._timeout_ns = tolerance, slowest, round(timeout * 1e9)

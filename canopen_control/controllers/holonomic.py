@@ -35,7 +35,7 @@ HOLONOMIC: Final = ("linear.x", "linear.y", "angular.z")
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class HolonomicBase(MobileBase):
-    """Base with commanded wheels only, by `wheels` of its kinematics."""
+    """Base whose commands are wheel velocities only; `wheels` are computed by its kinematics."""
 
     twist_axes: ClassVar[tuple[str, ...]] = HOLONOMIC
     references: ClassVar[tuple[str, ...]] = ("linear/x", "linear/y", "angular/z")
@@ -45,7 +45,7 @@ class HolonomicBase(MobileBase):
         self._drive = wheels
 
     def move_by(self, wheels: HolonomicKinematics) -> None:
-        """Be moved by these from now on; the pose is theirs."""
+        """Use these kinematics, with their pose."""
         self.pose = self._drive = wheels
 
     def command_interface_names(self) -> list[str]:
@@ -57,7 +57,7 @@ class HolonomicBase(MobileBase):
         return self._drive.forward, self._drive.left, self._drive.angular
 
     def compute_commands(self, twist: Sequence[float]) -> None:
-        """Share a twist out to the wheels."""
+        """Compute the wheel velocities of a twist."""
         self._drive.command(twist[0], twist[1], twist[2])
         for index in range(len(self.targets)):
             self.targets[index] = self._drive.wheels[index]
@@ -70,7 +70,7 @@ _LEAST_DT: Final = 1e-6  # s between two positions
 
 
 class OmniKinematics(HolonomicKinematics):
-    """The pose, and `forward`, `left` (m/s) and `angular` (rad/s); `wheels` are its commands in rad/s."""
+    """Pose, and `forward`, `left` (m/s) and `angular` (rad/s); `wheels` are its commands in rad/s."""
 
     def __init__(self, count: int, robot_radius: float, wheel_radius: float, offset: float = 0.0) -> None:
         if count < LEAST_WHEELS:
@@ -86,7 +86,7 @@ class OmniKinematics(HolonomicKinematics):
             self._positions[index] = positions[index]
 
     def update_position(self, positions: Sequence[float], dt: float) -> bool:
-        """Follow the wheels' positions in rad; `dt` in s. Return False for a step too short to be one."""
+        """Integrate the wheels' positions in rad; `dt` in s. Return False if the time step is too short."""
         if abs(dt) < _LEAST_DT:
             return False
         for index in range(len(self.wheels)):
@@ -95,7 +95,7 @@ class OmniKinematics(HolonomicKinematics):
         return self.update_velocity(self._speeds, dt)
 
     def update_velocity(self, speeds: Sequence[float], dt: float) -> bool:
-        """Follow the wheels' speeds in rad/s; it counts however short or backward the step is."""
+        """Integrate the wheels' speeds in rad/s; every time step counts, even a negative one."""
         self.fit(speeds)
         return self.update_open_loop(self.forward, self.left, self.angular, dt)
 
@@ -107,7 +107,7 @@ class OmniKinematics(HolonomicKinematics):
 
 
 class OmniWheelDriveController(HolonomicBase):
-    """Drives a base on omni wheels; `kinematics` has its pose."""
+    """Controller of a base with omni wheels; `kinematics` has its pose."""
 
     settable: ClassVar[tuple[str, ...]] = ("cmd_vel_timeout", "enable_odom_tf", "publish_limited_velocity")
 
@@ -175,7 +175,7 @@ class OmniWheelDriveController(HolonomicBase):
 
 
 class MecanumKinematics(HolonomicKinematics):
-    """The pose, and `forward`, `left` (m/s) and `angular` (rad/s), of the base's frame; `wheels` are its commands.
+    """Pose, and `forward`, `left` (m/s) and `angular` (rad/s), of the base frame; `wheels` are its commands.
 
     `reach` is the sum of the wheels' distances from the middle along x and y, `offset` where the frame is: x, y, angle.
     """
@@ -190,7 +190,7 @@ class MecanumKinematics(HolonomicKinematics):
         super().__init__(rows, radius)
 
     def update(self, speeds: Sequence[float], dt: float) -> bool:
-        """Follow the wheels' speeds in rad/s for `dt` s; return whether the step was long enough to count."""
+        """Integrate the wheels' speeds in rad/s for `dt` s; return whether the time step was long enough."""
         if dt < MIN_DT:
             return False
         self.fit(speeds)
@@ -202,7 +202,7 @@ class MecanumKinematics(HolonomicKinematics):
 
 
 class MecanumDriveController(HolonomicBase):
-    """Drives a base on four mecanum wheels; `kinematics` has its pose."""
+    """Controller of a base with four mecanum wheels; `kinematics` has its pose."""
 
     topic: ClassVar[str | None] = "reference"
     tells: ClassVar[type[Sample] | None] = MecanumSample
@@ -254,7 +254,7 @@ class MecanumDriveController(HolonomicBase):
         self.kinematics.update(self._speeds, dt)
 
     def snapshot(self) -> None:
-        """Copy the wheels' speeds and the requested twist too."""
+        """Also copy the wheels' speeds and the requested twist."""
         super().snapshot()
         for index in range(len(self._reading)):
             self._reading[index] = self.states[index].value
@@ -262,7 +262,7 @@ class MecanumDriveController(HolonomicBase):
             self._reference[index] = self.wanted[index]
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
-        """Return odometry, speeds and twist as they were published last."""
+        """Return the last published odometry, speeds and twist."""
         odometry = self.odometry_sample(wall_offset_ns)
         if odometry is None:
             return None

@@ -92,12 +92,12 @@ class MecanumParams(PrefixedParams):
 
     @property
     def commanded(self) -> tuple[str, ...]:
-        """The joints that are commanded, in the order of `WHEELS`."""
+        """Commanded joints, in the order of `WHEELS`."""
         return tuple(getattr(self, key) for key in COMMANDED)
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """The joints that are measured, those that are commanded unless they have other names."""
+        """Measured joints: the commanded ones unless configured otherwise."""
         names = (getattr(self, f"{wheel}_wheel_state_joint_name") for wheel in WHEELS)
         return tuple(name or joint for name, joint in zip(names, self.commanded, strict=True))
 

@@ -55,7 +55,7 @@ class JointStateBroadcaster(Controller):
         return tuple(f"{prefix}{topic}" for topic in ("joint_states", *dynamic))
 
     def state_interface_names(self) -> list[str]:
-        """Return joints times interfaces if both are given, else everything."""
+        """Return joints times interfaces if both are configured, else all interfaces."""
         if self.params.joints and self.params.interfaces:
             return [f"{joint}/{interface}" for joint in self.params.joints for interface in self.params.interfaces]
         return [ALL_STATES]

@@ -1,4 +1,4 @@
-"""Limits velocity, acceleration and jerk of one number (control_toolbox::RateLimiter).
+"""Limiter of velocity, acceleration and jerk of one number (control_toolbox::RateLimiter).
 
 Limit = jerk, then acceleration, then velocity, each against the two previous limited values. nan
 switches off or is derived: without max_velocity no velocity limit; without max_acceleration no acceleration limit at
@@ -18,7 +18,7 @@ NAN: Final = math.nan
 
 @dataclass(frozen=True)
 class VelocityLimits:
-    """Bounds in SI units, nan for none; signs of min_velocity, decelerations and reverse limits as upstream.
+    """Bounds in SI units, nan for none; min_velocity, decelerations and reverse limits are signed as in ROS.
 
     `max_acceleration` and `max_deceleration_reverse` are >= 0; `max_deceleration` (moving forward) and
     `max_acceleration_reverse` (speeding up backward) are <= 0.
@@ -39,7 +39,7 @@ def _or(value: float, default: float) -> float:
 
 
 class RateLimiter:
-    """Limits one number; raises ValueError if a minimum is above its maximum."""
+    """Limiter of one number; ValueError if a minimum is above its maximum."""
 
     def __init__(self, limits: VelocityLimits) -> None:
         self._min_v, self._max_v = _or(limits.min_velocity, -limits.max_velocity), limits.max_velocity
@@ -62,7 +62,7 @@ class RateLimiter:
             raise ValueError("Invalid second derivative limits")
 
     def limit(self, v: float, v0: float, v1: float, dt: float) -> float:
-        """Return v limited against the previous two limited values v0 (last) and v1; `dt` in s."""
+        """Return `v` limited by the previous two limited values, v0 (last) and v1; `dt` in s."""
         if self._has_j:
             v = self.limit_jerk(v, v0, v1, dt)
         if self._has_a:

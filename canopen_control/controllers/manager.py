@@ -62,7 +62,7 @@ _NO_TRAJECTORIES: Final = "follows no trajectories; it is no joint trajectory co
 def _command(
     controller: Controller, values: Sequence[float] | Mapping[str, float], now: int, stamp: int | None
 ) -> None:
-    """Hand values to a controller that takes such."""
+    """Pass values to a controller that accepts commands."""
     if isinstance(values, Mapping):
         if not isinstance(controller, TakesNamedValues):
             raise controller.refusal(
@@ -76,7 +76,7 @@ def _command(
 
 
 def _send_goal(controller: Controller, goal: AnyGoal, now: int) -> None:
-    """Hand a goal to a controller that takes such."""
+    """Pass a goal to a controller that accepts goals."""
     if isinstance(goal, GripperGoal):
         if not isinstance(controller, Grips):
             raise controller.refusal("moves no gripper; it is no gripper action controller")
@@ -88,15 +88,15 @@ def _send_goal(controller: Controller, goal: AnyGoal, now: int) -> None:
 
 
 class Limiter(Protocol):
-    """Keeps the commands within the limits of the description (enforce_command_limits)."""
+    """Limiter of commands by the description (enforce_command_limits)."""
 
     def enforce(self, period: float) -> str | None:
-        """Limit commands; `period` in s. Return the limited ones when this begins."""
+        """Limit commands; `period` in s. Return the limited ones when limiting begins."""
         ...
 
 
 class ControllerManager:
-    """Owns the controllers of one robot; `update_rate` in Hz, `cycle` in s where the cycle has another period.
+    """Manager of one robot's controllers; `update_rate` in Hz, `cycle` in s if the cycle has another period.
 
     `running` are those that are active. `joints` are the movable ones of the description, `geometry` its wheels and
     `description` all its joints. `enable_status` is that of its drives; `limiter` may be set at any time. `happened` is
@@ -193,7 +193,7 @@ class ControllerManager:
         self._node_options.pop(name, None)
 
     def get(self, name: str) -> Controller:
-        """Return a loaded controller, or raise UnknownName with the names there are."""
+        """Return a loaded controller; UnknownName with the existing names."""
         controller = self._controllers.get(name)
         if controller is None:
             raise UnknownName(f"no controller {name!r} is loaded{nearest(name, self._controllers)}")
@@ -225,22 +225,22 @@ class ControllerManager:
         self._switcher.observer = observer
 
     def list(self) -> list[ControllerReading]:
-        """Return all controllers in the order they were loaded."""
+        """Return all controllers in the order of loading."""
         return [self._info(controller) for controller in self._controllers.values()]
 
     @property
     def states(self) -> dict[str, str]:
-        """The states of all controllers by name, in the order they were loaded."""
+        """States of all controllers by name, in the order of loading."""
         return {name: controller.state.value for name, controller in self._controllers.items()}
 
     @property
     def active(self) -> tuple[str, ...]:
-        """The names of the active controllers in the order they run."""
+        """Names of the active controllers in update order."""
         return tuple(controller.name for controller in self.running.controllers)
 
     @property
     def bases(self) -> Bases:
-        """The joints of each active controller that moves a base, by its name."""
+        """Joints of each active base controller, by its name."""
         running = self.running.controllers
         return {controller.name: tuple(joints_of(controller, running)) for controller in running if controller.is_base}
 
@@ -255,14 +255,14 @@ class ControllerManager:
     # -------------------------------------------------------------------------------------------------- parameters
 
     def parameters(self, name: str) -> Parameters:
-        """Return the parameters of a controller, before configuration those of the file; UnknownName."""
+        """Return the parameters of a controller, those of the file before configuration; UnknownName."""
         controller, params = self.get(name), self._params[name]
         if params.taken is None:
             return given_in(params)
         return declared_by(params.taken, controller.settable, update_rate=controller.update_rate or self.update_rate)
 
     def set_parameters(self, name: str, parameters: Sequence[ParameterValue]) -> None:
-        """Set parameters while a controller is configured: all or none. Raises ControlError, ConfigError, UnknownName.
+        """Set parameters of a configured controller: all or none. Raises ControlError, ConfigError, UnknownName.
 
         They are its own until it is unloaded, also when it is configured again.
         """
@@ -284,7 +284,7 @@ class ControllerManager:
         strict: bool = True,
         now: int | None = None,
     ) -> Switched:
-        """Deactivate and activate in one step, between two cycles; `now` in ns, default: the last cycle.
+        """Deactivate and activate in one step between two cycles; `now` in ns, default: the last cycle.
 
         Raises ControlError (InterfaceConflict, UnknownInterface) or DriveError and changes nothing if the request is
         refused; if a controller fails to start, all of this request are deactivated and the ControlError says why.
@@ -292,7 +292,7 @@ class ControllerManager:
         return self._switcher.switch(activate, deactivate, self.running.now if now is None else now, strict=strict)
 
     def leave_out(self, names: Sequence[str]) -> None:
-        """Report unknown names that a best-effort switch leaves out."""
+        """Report unknown names that a best-effort switch ignores."""
         self._report(
             "left_out", "", f"a switch leaves out unknown controllers: {', '.join(names)}; see: controller list"
         )
@@ -335,7 +335,7 @@ class ControllerManager:
         source: str = "",
         holder: object = None,
     ) -> None:
-        """Hand a command to a controller; raises ControlError if it is refused, NotEnabled for its drives. Times in ns.
+        """Pass a command to a controller; ControlError if it is refused, NotEnabled for its drives. Times in ns.
 
         `values` are all, or by the names of interfaces. `source` says who gives it; it ends with `holder`, see
         `client_disconnected`, unless it is to stand still. A refusal is told once, until one is taken.
@@ -346,7 +346,7 @@ class ControllerManager:
         controller.life.source, controller.life.holder = source, None if controller.is_standstill(numbers) else holder
 
     def send_goal(self, name: str, goal: AnyGoal, now: int, *, source: str = "", holder: object = None) -> None:
-        """Hand a trajectory or a goal of a gripper to a controller, see `command`.
+        """Pass a trajectory or a gripper goal to a controller, see `command`.
 
         With its end the holder's hold on it ends.
         """
@@ -366,13 +366,13 @@ class ControllerManager:
         self._told_refusal.discard(name)
 
     def tell_refusal(self, name: str, error: ControlError, source: str) -> None:
-        """Report a refusal for a controller, once until it accepts a command."""
+        """Report a refusal of a controller once, until it accepts a command."""
         if name not in self._told_refusal and not isinstance(error, NotYetEnabled):
             self._told_refusal.add(name)
             self._report("refused", name, f"{error} (from {source or 'not named'}; told once)")
 
     def _require_enabled(self, controller: Controller) -> None:
-        """Raise NotEnabled, and count it, unless at least one interface group is fully enabled."""
+        """Raise NotEnabled, and count it, if no interface group is fully enabled."""
         slot = self.running.slot_of(controller)
         if slot is not None and not slot.follows:
             controller.rejected += 1
@@ -390,7 +390,7 @@ class ControllerManager:
                 self._fall_back(list(fallbacks), controller.name, now)
 
     def _fall_back(self, names: Sequence[str], failed: str, now: int) -> None:
-        """Activate the fallback controllers of a failed one."""
+        """Activate the fallback controllers of a failed controller."""
         fallbacks = [name for name in names if name not in self.active]
         try:
             self.switch(fallbacks, now=now)

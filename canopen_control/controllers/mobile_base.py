@@ -1,4 +1,4 @@
-"""The base class of controllers of vehicles: a twist becomes the wheels' commands, their motion becomes odometry.
+"""Base class of vehicle controllers: converts a twist to wheel commands, and wheel motion to odometry.
 
 Each update takes the newest twist, or zero when it is older than the timeout, limits it against
 the last two limited ones (so a timeout brakes along the ramp), follows the wheels, and writes the commands. When
@@ -67,12 +67,12 @@ class LimitedTwist:
 
     @property
     def stands(self) -> bool:
-        """Whether the limits have left nothing that moves."""
+        """Whether the limited twist is zero."""
         return not any(self.limited)
 
     @property
     def is_standstill(self) -> bool:
-        """Whether standstill is requested, and was in the last steps."""
+        """Whether standstill is requested, and has lasted for the last two steps."""
         return self._quiet > _STEPS and not any(self.wanted)
 
     def limit(self, period: float) -> None:
@@ -116,7 +116,7 @@ _AT_ONCE: Final = -1  # before any cycle
 
 
 class OdometryPublication:
-    """Pose, velocity and limited twist as of the last publication; `count` is how many there were."""
+    """Pose, velocity and limited twist of the last publication; `count` is the number of publications."""
 
     def __init__(self, axes: int) -> None:
         self.count = 0
@@ -141,14 +141,14 @@ class OdometryPublication:
         return True
 
     def take(self, pose: PlanarPose, velocities: tuple[float, float, float], limited: list[float]) -> None:
-        """Copy the present values; `velocities` forward, to the left and turning."""
+        """Copy the present values; `velocities` are forward, to the left and turning."""
         self._x, self._y, self._heading = pose.x, pose.y, pose.heading
         self._linear, self._lateral, self._angular = velocities
         for index in range(len(limited)):
             self._limited[index] = limited[index]
 
     def sample(self, time: float, params: BaseParams, limited: bool) -> OdometrySample | None:
-        """Return it, stamped with `time` in Unix seconds and in the frames of the parameters; None before the first."""
+        """Return the last publication with `time` in Unix seconds and the configured frames; None before the first."""
         if not self.count:
             return None
         frame, child = params.frame_ids()
@@ -181,7 +181,7 @@ _REQUIRED: Final = (("compute_commands",), ("velocities",), ("advance", "follow"
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class MobileBase(Controller):
-    """Drives a vehicle by twists; `pose` is integrated from its wheels.
+    """Controller of a vehicle by twists; `pose` is integrated from its wheels.
 
     `publications` counts them, the last at `stamp` (ns). `wanted` is the twist of this cycle, nan
     before the first, `limited` what the limits have left of it, both in the order of `twist_axes`, in m/s and rad/s;
@@ -235,7 +235,7 @@ class MobileBase(Controller):
         publish_rate: float = 0.0,
         open_loop: bool = False,
     ) -> None:
-        """Apply the parameters of every base: number of `commands`, limits, odometry."""
+        """Apply the common parameters: number of `commands`, limits, odometry."""
         self._open_loop = open_loop
         self.take(params, timeout, limits)
         self.update_rate, self.publish_rate = params.update_rate, publish_rate
@@ -258,7 +258,7 @@ class MobileBase(Controller):
 
     @abstractmethod
     def compute_commands(self, twist: Sequence[float]) -> None:
-        """Compute `targets`, one for each command, for a twist."""
+        """Compute `targets`, one per command, from a twist."""
 
     def begin(self) -> None:
         """Set the present wheel positions as the baseline of odometry."""
@@ -297,11 +297,11 @@ class MobileBase(Controller):
         return self._followed != _NEVER
 
     def stop_following(self) -> None:
-        """Count nothing that happens until the next sample, which becomes the baseline."""
+        """Ignore motion until the next sample, which becomes the baseline."""
         self._followed = _NEVER
 
     def elapsed(self, now: int) -> float:
-        """Return the time of this step of odometry in s, or BASELINE, or TOO_SHORT; `now` in ns."""
+        """Return the time step of odometry in s, or BASELINE, or TOO_SHORT; `now` in ns."""
         before = self._followed
         dt = BASELINE if before == _NEVER else (now - before) / NS
         if before != _NEVER and dt < MIN_DT:
@@ -310,14 +310,14 @@ class MobileBase(Controller):
         return dt
 
     def states_known(self) -> bool:
-        """Whether all feedback is a number."""
+        """Whether all feedback is known."""
         total = 0.0
         for state in self.states:
             total += state.value
         return math.isfinite(total)
 
     def wheel_states(self, position_feedback: bool) -> list[str]:
-        """Return the names of position or velocity of every joint; nothing if the loop is open."""
+        """Return the names of position or velocity of every joint; nothing in open loop."""
         feedback = POSITION if position_feedback else VELOCITY
         return [] if self._open_loop else [f"{joint}/{feedback}" for joint in self.joints]
 
@@ -338,7 +338,7 @@ class MobileBase(Controller):
         return self._odometry_params.frame_ids(namespace)
 
     def set_odometry(self, x: float, y: float, heading: float) -> None:
-        """Be somewhere else, in m and rad, from the next update on; ControlError if it is not active."""
+        """Set the pose, in m and rad, from the next update on; ControlError if it is not active."""
         if self.state is not ControllerState.ACTIVE:
             raise ControlError(f"{self.name} is {self.state.value}; its odometry is set while it is active")
         if not all(map(math.isfinite, (x, y, heading))):
@@ -346,7 +346,7 @@ class MobileBase(Controller):
         self.pose.set_pose(x, y, heading)
 
     def dead_reckoning(self, ahead: float) -> tuple[float, float, float] | None:
-        """Return its pose `ahead` seconds from now (before now: negative) at the velocities of now, if it has begun."""
+        """Return its pose in `ahead` s (negative: past) at the present velocities; None before odometry has begun."""
         if not self.begun:
             return None
         forward, left, angular = self.velocities()
@@ -447,7 +447,7 @@ class MobileBase(Controller):
         return OK
 
     def _take_reference(self, now: int) -> None:
-        """Return the present twist: of the chain, the last command, or zero after its end."""
+        """Return the present twist: that of the chain, the last command, or zero after its end."""
         life = self.life
         if self._take_chain():
             self._was_chained = True
@@ -468,7 +468,7 @@ class MobileBase(Controller):
             self._brake()
 
     def _take_chain(self) -> bool:
-        """Use the references, and return True, if another controller owns one."""
+        """Apply the references; return whether another controller owns one."""
         for reference in self._references:
             if reference.owner is not None:
                 break
@@ -487,7 +487,7 @@ class MobileBase(Controller):
         self.braking = True
 
     def _rest(self, now: int) -> ReturnType:
-        """Follow the wheels while there is no twist yet; feedback may not be there either."""
+        """Update odometry without a command so far; feedback may be missing."""
         fill(self.limited, 0.0)
         zero_targets(self.commands)
         if self.follow(now):
@@ -497,7 +497,7 @@ class MobileBase(Controller):
         return OK
 
     def _without_feedback(self) -> ReturnType:
-        """Stand, and wait for the next sample, while a drive is off; drives that run with no feedback are an ERROR."""
+        """Stop, and wait for feedback, while a drive is disabled; enabled drives without feedback are an ERROR."""
         if all(command.enabled for command in self.commands):
             unknown = [state.name for state in self.states if not math.isfinite(state.value)]
             self.report("feedback", f"{', '.join(unknown)} is not a number")
@@ -531,7 +531,7 @@ class MobileBase(Controller):
         self._too_fast = False
 
     def _stand(self, target: float) -> None:
-        """Stop all wheels, because the command of one does not fit its drive."""
+        """Stop all wheels because the command of one does not fit its drive."""
         zero_targets(self.commands)
         if not self._too_fast:
             self._too_fast = True

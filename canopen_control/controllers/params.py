@@ -1,4 +1,4 @@
-"""Parameters of a controller: dotted names with their places in files, and the common ones.
+"""Parameters of a controller: dotted names with their places in files, and the common parameters.
 
 As rcl reads it, `a.b: 1` and `a: {b: 1}` are one parameter and the last of two wins; unlike rcl
 nothing is silent: a repeated or unknown key is a warning with its line and the nearest valid name, an error if strict.
@@ -54,7 +54,7 @@ class Params:
         renames: Mapping[str, str] | None = None,
         judge: Callable[[T], Iterable[tuple[str, str]]] = lambda _: (),
     ) -> T:
-        """Return the parameters as a dataclass whose keys are dotted names; raise RobotConfigError with every mistake.
+        """Return the parameters as a dataclass with dotted names as keys; RobotConfigError with every error.
 
         `renames` maps the keys of other distributions to ours ("" for one without effect); each one used is warned of
         once. Keys that the class does not know are warnings (errors if the file was read strictly), but for those of
@@ -73,7 +73,7 @@ class Params:
         return typing.cast("T", value)
 
     def changed(self, values: Mapping[str, PlainValue]) -> Params:
-        """Return these with other values by their dotted names; the file keeps its own."""
+        """Return a copy with other values by dotted name; the file is unchanged."""
         changes = Params.of(values, self.name)
         return Params(changes.flat.over(self.flat), self.name, self.shared)
 
@@ -83,13 +83,13 @@ class Params:
         return [str(warning) for problems in self.files for warning in problems.warnings]
 
     def line(self, name: str) -> int:
-        """Return the line of a parameter by its dotted name, 0 if it is not given."""
+        """Return the line of a parameter by its dotted name, 0 if it is absent."""
         key = self.flat.keys().get(name)
         return 0 if key is None else key.line
 
     @property
     def files(self) -> list[Problems]:
-        """Return the files of the parameters: that of the block, and every `params_file`."""
+        """Return the files with the parameters: that of the block, and every `params_file`."""
         files = {id(self.flat.problems): self.flat.problems}
         files.update((id(key.problems), key.problems) for key, _ in self.flat.pairs())
         return list(files.values())
@@ -108,7 +108,7 @@ class Params:
 
 
 def tell_ineffective(params: Node, value: object) -> None:
-    """Warn of parameters that are known and have no effect, see `INEFFECTIVE`."""
+    """Warn of known parameters without effect, see `INEFFECTIVE`."""
     keys, cls = params.keys(), type(value)
     for name, why in getattr(cls, "INEFFECTIVE", {}).items():
         if name in keys and getattr(value, name) != getattr(cls, name):
@@ -116,7 +116,7 @@ def tell_ineffective(params: Node, value: object) -> None:
 
 
 def _gathered(flat: Node, cls: type[Any]) -> Node:
-    """Return the parameters with those of each section below the section's key."""
+    """Return the parameters with each section's keys below its name."""
     names = [str(field.metadata["key"]) for field in dataclasses.fields(cls) if field.metadata.get("section")]
     pairs = {key.text: (key, value) for key, value in flat.pairs()}
     for name in names:
@@ -139,7 +139,7 @@ def scalar_node(text: str, place: Node) -> Node:
 
 
 def _made(value: Any, where: str, problems: Problems) -> Node:  # noqa: ANN401 - plain Python values
-    """Return a node, standing in no file, of a plain value."""
+    """Return a node with a plain value and without a place in a file."""
     if isinstance(value, dict):
         below = f"{where}." if where else ""
         keys = {str(key): (key, element) for key, element in value.items()}
@@ -154,7 +154,7 @@ def _made(value: Any, where: str, problems: Problems) -> Node:  # noqa: ANN401 -
 
 
 def flattened(node: Node) -> Node:
-    """Return a mapping of dotted names to values; of two equal names the last, with a warning."""
+    """Return a mapping from dotted names to values; of duplicates the last, with a warning."""
     pairs: dict[str, tuple[Node, Node]] = {}
 
     def add(prefix: str, mapping: Node) -> None:
@@ -178,7 +178,7 @@ def flattened(node: Node) -> Node:
 
 @dataclass(frozen=True)
 class CommonParams:
-    """The parameters that every controller has; `update_rate` in Hz, 0 is the manager's own."""
+    """Parameters of every controller; `update_rate` in Hz, 0 uses the manager's rate."""
 
     INEFFECTIVE: ClassVar[dict[str, str]] = {
         "is_async": "all controllers run in the cycle, in one thread",
@@ -209,7 +209,7 @@ COMMAND_TIMEOUT_HELP: Final = (
 
 @dataclass(frozen=True)
 class GroupParams(CommonParams):
-    """Parameters of the group controllers: `command_timeout` in s, see `command_timeout` for what absent and 0 mean."""
+    """Parameters of the group controllers: `command_timeout` in s, see `command_timeout` for its default and 0."""
 
     joints: tuple[str, ...] = setting((), help="the joints, in the order of a command's values")
     command_timeout: float | None = setting(None, low=0.0, high=1e9, help=COMMAND_TIMEOUT_HELP)
@@ -224,7 +224,7 @@ class ForwardParams(GroupParams):
 
 @dataclass(frozen=True)
 class SingleParams(CommonParams):
-    """Parameters of ROS 1's controllers of one joint; the gains of `pid` are the drive's own business."""
+    """Parameters of ROS 1's controllers of one joint; `pid` is ignored, because the drive has its own loops."""
 
     joint: str = setting("", help="the joint")
     command_timeout: float | None = setting(None, low=0.0, high=1e9, help=COMMAND_TIMEOUT_HELP)
@@ -259,7 +259,7 @@ class BroadcasterParams(CommonParams):
 
 @dataclass(frozen=True)
 class LoopGains:
-    """The gains of a PID loop, by the names of control_toolbox; ValueError for what cannot be together.
+    """Gains of a PID loop, by the names of control_toolbox; ValueError for contradictory ones.
 
     Such are limits that exclude each other, and a back calculation whose time constant neither is given nor follows
     from the gains: upstream then computes what is no number.
@@ -298,7 +298,7 @@ class LoopGains:
 
     @property
     def clamps_integral(self) -> bool:
-        """Whether the integral itself is kept within them, as ROS 1 did."""
+        """Whether the integral itself is limited, as in ROS 1."""
         return False
 
     def pid(self) -> Gains:

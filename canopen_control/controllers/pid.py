@@ -1,4 +1,4 @@
-"""A PID controller with anti-windup, as control_toolbox of ros2_control has it (jazzy).
+"""PID controller with anti-windup, as in control_toolbox of ros2_control (jazzy).
 
 The integral is kept multiplied by its gain, so that another gain does not move it. Every
 anti-windup but `legacy` acts with the integral of the step before.
@@ -65,7 +65,7 @@ class Gains:
 
 
 class Pid:
-    """One loop: `compute` is one step of it; `integral` includes its gain."""
+    """PID loop: `compute` executes one step; `integral` includes its gain."""
 
     def __init__(self, gains: Gains) -> None:
         self.command = self.error = self.error_rate = self.integral = 0.0
@@ -82,13 +82,13 @@ class Pid:
         self._anti_windup, self._clamp_integral = gains.anti_windup, gains.clamp_integral
 
     def reset(self, keep_integral: bool = False) -> None:
-        """Reset the loop, except an integral that is to be kept."""
+        """Reset the loop, except the integral if it is to be saved."""
         self.command = self.error = self.error_rate = self._last_error = 0.0
         if not keep_integral:
             self.integral = 0.0
 
     def compute(self, error: float, dt: float) -> float:
-        """Return the command for an error, `dt` s after the last one; its rate is that of the errors.
+        """Return the command for an error, `dt` s after the last one; the error rate is computed.
 
         No time leaves all as it is; ValueError for a time that runs backwards; nan for an error that is not finite.
         """
@@ -148,7 +148,7 @@ class Pid:
 
 
 def _quotient(a: float, b: float) -> float:
-    """Return a / b as IEEE 754 has it: a time constant of 0 is no error of the cycle."""
+    """Return a / b by IEEE 754, because a time constant of 0 must not raise in the cycle."""
     if b:
         return a / b
     return math.copysign(math.inf, a) * math.copysign(1.0, b) if a else math.nan

@@ -1,4 +1,4 @@
-"""pid_controller/PidController: velocities or efforts that keep positions or velocities at a reference, by PIDs.
+"""pid_controller/PidController: PID control of positions or velocities with velocity or effort commands.
 
 Rules (ros2_controllers jazzy): the reference is the last message, or that of the controller that claims
 `NAME/DOF/INTERFACE` (chaining); with a second interface, the derivative, the loop takes the error's rate from there.
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class _Dof:
-    """One degree of freedom: its loop, its interfaces, and its values in the last cycle."""
+    """Degree of freedom: its loop, its interfaces, and its values in the last cycle."""
 
     def __init__(self, name: str, gains: DofGains, references: Sequence[CommandInterface]) -> None:
         self.name, self.pid, self.keep = name, Pid(gains.pid()), gains.save_i_term
@@ -80,7 +80,7 @@ class _Dof:
 
 
 class PidController(Controller):
-    """Controls each degree of freedom to its reference; `feed_forward` is whether the reference is added."""
+    """Controller of several degrees of freedom; `feed_forward` is whether the reference is added."""
 
     topic: ClassVar[str | None] = "reference"
     tells: ClassVar[type[Sample] | None] = PidSample
@@ -254,11 +254,11 @@ class PidController(Controller):
         self.life.give(now)
 
     def is_standstill(self, values: Sequence[float]) -> bool:
-        """Whether these are velocities or efforts of 0; a position of 0 is a place to go to."""
+        """Whether these are velocities or efforts of 0; a position of 0 is a target."""
         return self._references[0].interface in MOVING and super().is_standstill(values)
 
     def set_feed_forward(self, enabled: bool) -> None:
-        """Switch feed-forward of the references from the next cycle on (~/set_feedforward_control)."""
+        """Switch feed-forward of the references on or off from the next cycle (~/set_feedforward_control)."""
         self.feed_forward = enabled
 
     def sample(self, wall_offset_ns: int) -> PidSample | None:
@@ -313,7 +313,7 @@ class PidController(Controller):
             self._exported[index].value = self.states[index].value
 
     def _turn(self, index: int, enabled: bool) -> None:
-        """Reset when a drive starts or stops to follow; its commanding controller is reset too."""
+        """Reset when a drive is enabled or disabled; a commanding controller is reset too."""
         dof = self._dofs[index]
         self._follows[index] = dof.reference.enabled = enabled
         if dof.reference_rate is not None:

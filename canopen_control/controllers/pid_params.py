@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DofGains(LoopGains):
-    """The gains of one degree of freedom; `antiwindup` is ROS 1's way of the strategy `legacy`, and deprecated."""
+    """Gains of one degree of freedom; `antiwindup` is ROS 1's deprecated name of the strategy `legacy`."""
 
     INEFFECTIVE: ClassVar[dict[str, str]] = {"activate_state_publisher": "~/controller_state contains all of it"}
 
@@ -70,7 +70,7 @@ class PidParams(CommonParams):
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """The degrees of freedom by the names of their references and states."""
+        """Names of references and states of the degrees of freedom."""
         return self.reference_and_state_dof_names or self.dof_names
 
     def mistake(self) -> str | None:
@@ -110,7 +110,7 @@ def read_params(params: Params, name: str) -> PidParams:
 
 
 def _with_gains(dofs: tuple[str, ...]) -> type[PidParams]:
-    """Return the class of the parameters with those of each degree of freedom, which have its name in their keys."""
+    """Return the parameter class with the gains of each degree of freedom, whose name is in their keys."""
     fields: list[tuple[str, Any, Any]] = [
         (f"gains_{index}", DofGains, setting(DofGains(), key=f"gains.{dof}", section=True))
         for index, dof in enumerate(dofs)

@@ -1,4 +1,4 @@
-"""A pose in the plane that is moved by velocities, and the rolling mean that smooths these: dead reckoning.
+"""Dead reckoning: a pose in the plane moved by velocities, and the rolling mean of the velocities.
 
 Rules (ros2_controllers jazzy): the way of a step is the exact arc; below `STRAIGHT` of turn it is a
 straight line. Headings are never wrapped. Units: m, rad, s.
@@ -39,7 +39,7 @@ class RollingMean:
         self._at = self._count = 0
 
     def clear(self) -> None:
-        """Forget everything."""
+        """Clear the window."""
         self._at = self._count = 0
 
     def add(self, value: float) -> None:
@@ -65,11 +65,11 @@ class PlanarPose:
         self.x = self.y = self.heading = 0.0
 
     def set_pose(self, x: float, y: float, heading: float) -> None:
-        """Be somewhere else, in m and rad."""
+        """Set the pose, in m and rad."""
         self.x, self.y, self.heading = x, y, heading
 
     def drive(self, way: float, turn: float) -> None:
-        """Move forward by `way` while turning by `turn`, on an arc; nearly straight, at the mean heading."""
+        """Move forward by `way` while turning by `turn`, on an arc; if nearly straight, at the mean heading."""
         if abs(turn) < STRAIGHT:
             direction = self.heading + turn * 0.5
             self.x += way * math.cos(direction)
@@ -82,7 +82,7 @@ class PlanarPose:
         self.y -= radius * (math.cos(self.heading) - math.cos(before))
 
     def shift(self, forward: float, left: float, turn: float) -> None:
-        """Move forward and to the left while turning; nearly straight, at the old heading."""
+        """Move forward and to the left while turning; if nearly straight, at the old heading."""
         before = self.heading
         self.heading += turn
         if abs(turn) < STRAIGHT:
@@ -96,7 +96,7 @@ class PlanarPose:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class HolonomicKinematics(PlanarPose):
-    """The kinematics of a base that drives sideways too: a matrix J, and its pseudo-inverse for odometry.
+    """Kinematics of an omnidirectional base: a matrix J, and its pseudo-inverse for odometry.
 
     A row of J is what the rim of one wheel does at 1 m/s forward, at 1 m/s to the left, and at 1 rad/s; `radius` of the
     wheels in m. `wheels` are the commands of a twist in rad/s, `forward` and `left` (m/s) and `angular` (rad/s) the fit

@@ -1,4 +1,4 @@
-"""Requests to a controller in addition to its lifecycle, as protocols.
+"""Protocols of a controller's requests in addition to its lifecycle.
 
 The manager refuses what a controller does not take, each request with one sentence (`ControllerManager.command`,
 `send_goal`, `base`, `loops`, `follower`).
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class TakesCommands(Protocol):
-    """Takes a value for each of its command interfaces, or a twist."""
+    """Controller of a value for each of its command interfaces, or of a twist."""
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
         """Store a command; `stamp` is its creation, `now` its reception, both in ns. ControlError if refused."""
@@ -40,16 +40,16 @@ def takes_commands(controller: Controller) -> TypeGuard[TakesCommands]:
 
 @runtime_checkable
 class TakesNamedValues(Protocol):
-    """Takes values for some of its command interfaces, by their names."""
+    """Controller of values for some of its command interfaces, by name."""
 
     def set_named(self, values: Mapping[str, float], now: int) -> None:
-        """Store values, see `set_command`; interfaces without one keep theirs."""
+        """Store values, see `set_command`; interfaces without a value are unchanged."""
         ...
 
 
 @runtime_checkable
 class FollowsTrajectories(Protocol):
-    """Follows trajectories, of a goal or of a topic."""
+    """Controller of trajectories, from goals or a topic."""
 
     def send_goal(self, goal: TrajectoryGoal | JointTrajectory, now: int) -> None:
         """Execute a trajectory, `now` in ns; ControlError if it is refused."""
@@ -73,7 +73,7 @@ class FollowsTrajectories(Protocol):
 
 @runtime_checkable
 class Grips(Protocol):
-    """Moves a gripper."""
+    """Controller of a gripper."""
 
     def grip(self, goal: GripperGoal, now: int) -> None:
         """Move to a position, `now` in ns; ControlError if it is refused."""
@@ -95,12 +95,12 @@ class HasOdometry(Protocol):
 
 @runtime_checkable
 class ClosesLoops(Protocol):
-    """Closes loops between references and measured states."""
+    """Controller with loops between references and measured states."""
 
     def set_feed_forward(self, enabled: bool) -> None:
-        """Add the references to the outputs, or no more."""
+        """Add the references to the outputs, or stop adding them."""
         ...
 
     def set_measured_states(self, values: Sequence[float], now: int) -> None:
-        """Store measured states, `now` in ns; ControlError if the controller measures by its interfaces."""
+        """Store measured states, `now` in ns; ControlError if the controller reads state interfaces instead."""
         ...

@@ -1,4 +1,4 @@
-"""The steering controllers: a twist becomes speeds of traction wheels and angles of steered ones.
+"""Steering controllers: convert a twist to speeds of traction wheels and angles of steered wheels.
 
 Rules (ros2_controllers jazzy): odometry is followed and published in every update, commanded or not.
 Without a twist traction is 0 and the steered wheels stay as they are; a twist of zeros that is commanded steers them
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SteeringController(MobileBase):
-    """Drives a base by its traction and steered wheels; `kinematics` has its pose."""
+    """Controller of a base with traction and steered wheels; `kinematics` has its pose."""
 
     topic: ClassVar[str | None] = "reference"
     tells: ClassVar[type[Sample] | None] = SteeringSample
@@ -98,11 +98,11 @@ class SteeringController(MobileBase):
         return traction + [f"{joint}/{POSITION}" for joint in params.steering_states]
 
     def velocities(self) -> tuple[float, float, float]:
-        """Return the means of its odometry."""
+        """Return the mean velocities of its odometry."""
         return self.kinematics.linear, 0.0, self.kinematics.angular
 
     def compute_commands(self, twist: Sequence[float]) -> None:
-        """Share a twist out to traction and steering."""
+        """Compute traction speeds and steering angles from a twist."""
         wheels, params = self.kinematics, self.params
         wheels.command(twist[0], twist[1], params.open_loop, params.reduce_wheel_speed_until_steering_reached)
         wheels.bound(twist[0], twist[1])
@@ -127,7 +127,7 @@ class SteeringController(MobileBase):
             self.kinematics.update_velocity(self._traction, self._steering, dt)
 
     def integrate_command(self, dt: float) -> None:
-        """Follow the twist."""
+        """Integrate the twist into the pose."""
         self.kinematics.update_open_loop(self.limited[0], self.limited[1], dt)
 
     def _read(self) -> None:
@@ -138,14 +138,14 @@ class SteeringController(MobileBase):
             self._steering[index] = self.states[count + index].value
 
     def snapshot(self) -> None:
-        """Copy feedback and commands too."""
+        """Also copy feedback and commands."""
         super().snapshot()
         for index in range(len(self._reading)):
             self._reading[index] = self.states[index].value
             self._driven[index] = self.commands[index].value
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
-        """Return odometry, feedback and commands as they were published last."""
+        """Return the last published odometry, feedback and commands."""
         odometry = self.odometry_sample(wall_offset_ns)
         if odometry is None:
             return None
@@ -175,7 +175,7 @@ class TricycleSteeringController(SteeringController):
 
 
 class AckermannSteeringController(SteeringController):
-    """Two traction wheels and two steered wheels; one of each with the keys of ROS 1."""
+    """Two traction wheels and two steered wheels; with the keys of ROS 1 one of each."""
 
     kind: ClassVar[type[SteeringParams]] = AckermannParams
 
@@ -188,6 +188,6 @@ class AckermannSteeringController(SteeringController):
         return settings
 
     def _tell_size(self, text: str) -> None:
-        """Report once at configuration which size is that of the description."""
+        """Report once at configuration which sizes are those of the description."""
         if self.state is ControllerState.UNCONFIGURED:
             self.report("parameter", text)

@@ -72,21 +72,21 @@ class SteeringKinematics(PlanarPose):
     # ------------------------------------------------------------------------------------------------- what differs
 
     def measured_angle(self, steering: Sequence[float]) -> float:
-        """Return the angle of a single steered wheel in the middle, for the angles of those that there are."""
+        """Return the angle of a virtual middle wheel from the angles of the steered wheels."""
         return steering[0]
 
     def measured_speed(self, traction: Sequence[float], angle: float) -> float:
-        """Return the speed of the base in m/s, for the wheels' in rad/s."""
+        """Return the speed of the base in m/s from the wheels' speeds in rad/s."""
         del angle
         return self.radius * traction[0]
 
     def set_traction(self, speed: float, angle: float) -> None:
-        """Share out a speed in rad/s among the wheels of a curve."""
+        """Distribute a speed in rad/s over the traction wheels in a curve."""
         del angle
         self.traction[0] = speed
 
     def set_steering(self, angle: float, curve: float) -> None:
-        """Share out an angle among the steered wheels; `curve` is the angle of the curve that is driven."""
+        """Distribute an angle over the steered wheels; `curve` is the angle of the present curve."""
         del curve
         self.steering[0] = angle
 
@@ -108,7 +108,7 @@ class SteeringKinematics(PlanarPose):
         return self.update_velocity(self._speeds, steering, dt)
 
     def update_velocity(self, traction: Sequence[float], steering: Sequence[float], dt: float) -> bool:
-        """Follow the speeds of traction, in rad/s, and the positions of steering."""
+        """Update from the speeds of traction, in rad/s, and the positions of steering."""
         self.angle = self.measured_angle(steering)
         linear = self.measured_speed(traction, self.angle)
         angular = math.tan(self.angle) * linear / self.wheelbase
@@ -121,7 +121,7 @@ class SteeringKinematics(PlanarPose):
         return True
 
     def update_open_loop(self, linear: float, angular: float, dt: float) -> None:
-        """Believe a command, in m/s and rad/s."""
+        """Integrate a command, in m/s and rad/s."""
         self.linear, self.angular = linear, angular
         self.drive(linear * dt, angular * dt)
 
@@ -145,7 +145,7 @@ class SteeringKinematics(PlanarPose):
         self.set_steering(angle, curve)
 
     def bound(self, linear: float, angular: float) -> None:
-        """Bound every traction wheel by the fastest one of the requested curve, in m/s and rad/s; after `command`.
+        """Limit every traction wheel by the fastest one of the requested curve, in m/s and rad/s; after `command`.
 
         With the steering across, wheels of the curve that is measured would turn without bounds.
         """
@@ -194,7 +194,7 @@ class TricycleKinematics(SteeringKinematics):
         return self.mean_speed(traction, angle)
 
     def set_traction(self, speed: float, angle: float) -> None:
-        """Share out the speed between both wheels."""
+        """Distribute the speed over both wheels."""
         self.share(speed, angle)
 
 

@@ -76,22 +76,22 @@ class SteeringParams(BaseParams):
 
     @property
     def tracks(self) -> tuple[float, float]:
-        """The distances of the traction wheels and of the steered wheels, 0 for one wheel."""
+        """Distances between the traction wheels and between the steered wheels, 0 for one wheel."""
         return 0.0, 0.0
 
     @property
     def limits(self) -> tuple[TwistAxisLimits, ...]:
-        """The limits of each axis of the twist; upstream has none."""
+        """Limits of each axis of the twist; the controllers of ros2_controllers have none."""
         return ()
 
     @property
     def traction_states(self) -> tuple[str, ...]:
-        """The joints where traction is measured."""
+        """Joints with measured traction."""
         return self.traction_joints_state_names or self.traction_joints_names
 
     @property
     def steering_states(self) -> tuple[str, ...]:
-        """The joints where steering is measured."""
+        """Joints with measured steering."""
         return self.steering_joints_state_names or self.steering_joints_names
 
     def made(self) -> SteeringKinematics:
@@ -135,11 +135,11 @@ class TricycleParams(SteeringParams):
 
     @property
     def tracks(self) -> tuple[float, float]:
-        """The distance of the traction wheels; one wheel is steered."""
+        """Distance between the traction wheels; the only steered wheel has 0."""
         return self.traction_track_width, 0.0
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Return the checks with their results, including the distance of the wheels."""
+        """Return the checks with their results, including the wheel distance."""
         yield from super().mistakes()
         missing = "traction_track_width is missing or 0; give the distance of the traction wheels in m"
         yield self.traction_track_width <= 0.0, missing
@@ -155,7 +155,7 @@ class AckermannParams(TricycleParams):
 
     @property
     def tracks(self) -> tuple[float, float]:
-        """The distances of the traction wheels and of the steered ones, which are those of traction unless given."""
+        """Distances between the traction wheels and between the steered wheels, equal by default."""
         return self.traction_track_width, self.steering_track_width or self.traction_track_width
 
 
@@ -222,7 +222,7 @@ class Ros1AckermannParams(BicycleParams):
 
     @property
     def limits(self) -> tuple[TwistAxisLimits, ...]:
-        """The limits of `linear.x`, and none of `angular.z`."""
+        """Limits of `linear.x`; none of `angular.z`."""
         return self.linear, TwistAxisLimits()
 
     def as_bicycle(self) -> Ros1AckermannParams:
@@ -268,7 +268,7 @@ def is_ros1(params: Params) -> bool:
 def read_ros1(
     params: Params, geometry: WheelGeometrySource | None = None, report: Callable[[str], object] = lambda _: None
 ) -> Ros1AckermannParams:
-    """Return the parameters as those of a bicycle, not yet checked for contradictions.
+    """Return the parameters of a bicycle, not yet checked for contradictions.
 
     Sizes that are not given are those of the description's `geometry`; `report` is told of each.
     """

@@ -1,4 +1,4 @@
-"""Switches of controllers: checks, order, the hardware's mode switch, the end of a failed switch; and the update loop.
+"""Switches of controllers: checks, order, mode switch of the hardware, reversal of a failed switch; update loop.
 
 Rules (ros2_control jazzy): the leaving controllers stop and release, the hardware changes its modes, the
 entering ones claim and start; if one of those fails, all of that request are stopped again. A request is checked as a
@@ -57,7 +57,7 @@ class Rate:
         self.hz, self.last = hz, _NEVER
 
     def step(self, now: int, period: float) -> float:
-        """Return the time since the last step in s, NOT_DUE if the next cycle is closer to the due time.
+        """Return the time since the last step in s; NOT_DUE if the next cycle is closer to the due time.
 
         `now` in ns, `period` of the cycles in s.
         """
@@ -73,7 +73,7 @@ class Rate:
 
 
 class InterfaceGroup:
-    """Interfaces of the hardware that follow commands together or not at all; `enabled` as of the last cycle."""
+    """Interfaces that follow commands only together; `enabled` is as of the last cycle."""
 
     __slots__ = ("enabled", "ends")
 
@@ -82,7 +82,7 @@ class InterfaceGroup:
         self.enabled = self.follows()
 
     def follows(self) -> bool:
-        """Whether all follow commands now, except those that a user has set aside."""
+        """Whether all follow commands now, except those that a user has excluded."""
         following = not self.ends
         for interface in self.ends:
             if interface.enabled:
@@ -103,7 +103,7 @@ class ActiveController:
 
     @property
     def only_tells(self) -> bool:
-        """Whether it runs after the RPDOs of the cycle were sent."""
+        """Whether it runs after the RPDOs of the cycle were sent, because it commands nothing."""
         return self.controller.is_broadcaster and not self.controller.commands
 
     @property
@@ -117,7 +117,7 @@ class ActiveController:
         return [interface for part in self.parts for interface in part.ends if not interface.enabled]
 
     def take_over(self, before: ActiveController, were_enabled: set[CommandInterface]) -> None:
-        """Keep rate and enabled groups of the last cycle over a switch of others."""
+        """Keep rate and enabled groups of the last cycle during a switch of other controllers."""
         self.rate.last = before.rate.last
         for part in self.parts:
             part.enabled = part.enabled or were_enabled.issuperset(part.ends)
@@ -161,7 +161,7 @@ def joints_of(controller: Controller, among: Sequence[Controller]) -> list[str]:
 
 
 def in_order(controllers: Sequence[Controller]) -> list[Controller]:
-    """Return the controllers with each before those it commands, otherwise in the order given."""
+    """Return the controllers with each before those it commands, otherwise in their previous order."""
     done: list[Controller] = []
 
     def add(controller: Controller, on_the_way: tuple[Controller, ...]) -> None:
@@ -177,7 +177,7 @@ def in_order(controllers: Sequence[Controller]) -> list[Controller]:
 
 
 def ends_of(controller: Controller, among: Iterable[Controller]) -> tuple[CommandInterface, ...]:
-    """Return the hardware's command interfaces that an active controller moves, itself or through a chain."""
+    """Return the command interfaces of the hardware that an active controller moves, directly or through a chain."""
     below = {reference.name: lower for lower in among for reference in lower.reference_interfaces()}
     interfaces: dict[str, CommandInterface] = {}
     visited: list[Controller] = []
@@ -461,7 +461,7 @@ class UpdateLoop:
 
     @property
     def clients_with_commands(self) -> set[object]:
-        """Clients whose disconnection ends a command that is in force."""
+        """Clients whose disconnection ends their active command."""
         return {slot.controller.life.holder for slot in self._commanding} - {None}
 
     def slot_of(self, controller: Controller) -> ActiveController | None:
@@ -469,7 +469,7 @@ class UpdateLoop:
         return next((slot for slot in self._order if slot.controller is controller), None)
 
     def client_disconnected(self, holder: object, why: str = "is gone") -> None:
-        """End the commands of a client that is gone, unless another has commanded since; `why` is a clause."""
+        """End the commands of a disconnected client, unless another client has commanded since; `why` is a clause."""
         for slot in self._commanding:
             controller = slot.controller
             if controller.life.holder is holder:
@@ -493,7 +493,7 @@ class UpdateLoop:
                 self._forget(slot, now, ends)
 
     def forget(self, now: int, why: str) -> None:
-        """Clear the commands of all; `why` is a clause that names the cause."""
+        """Clear all commands; `why` is a clause with the cause."""
         for slot in self._commanding:
             self._forget(slot, now, why=why)
 
@@ -517,10 +517,10 @@ class Switched:
 
 
 class SwitchObserver(Protocol):
-    """Object that depends on which controllers are active."""
+    """Observer that depends on the set of active controllers."""
 
     def controllers_switched(self) -> None:
-        """Be notified of a switch."""
+        """Process a switch."""
 
 
 class Switcher:

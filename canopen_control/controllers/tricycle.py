@@ -1,4 +1,4 @@
-"""The tricycle controller: a twist becomes the speed and the angle of one wheel that drives and steers.
+"""Tricycle controller: converts a twist to the speed and the angle of one driven and steered wheel.
 
 Names, defaults and limits are those of ros2_controllers' tricycle_controller, with its timeout in ms. While the wheel
 is far from its angle it turns slowly, and both joints have limits of their own. Ours: the least speeds, accelerations
@@ -74,7 +74,7 @@ class SteeringLimits:
         return low, -low if math.isnan(self.max_position) else self.max_position
 
     def limiter(self) -> RateLimiter:
-        """Return the limiter of the angle, whose derivative is a velocity; upstream's acceleration counts twice."""
+        """Return the limiter of the angle, whose derivative is a velocity; ROS's acceleration counts twice."""
         low, high = self.bounds()
         speed, gain = self.max_velocity, 2.0 * self.max_acceleration
         return RateLimiter(VelocityLimits(low, high, -speed, speed, -speed, speed, -gain, gain))
@@ -114,7 +114,7 @@ class DrivenWheelParams(BaseParams):
 
 
 class DrivenWheelPose(PlanarPose):
-    """The pose of a base with one wheel that drives and steers, and the means of its velocities in m/s and rad/s."""
+    """Pose of a base with one driven and steered wheel, and its mean velocities in m/s and rad/s."""
 
     def __init__(self, radius: float, wheelbase: float, window: int = 1) -> None:
         super().__init__()
@@ -123,7 +123,7 @@ class DrivenWheelPose(PlanarPose):
         self._means = RollingMean(window), RollingMean(window)
 
     def follow(self, speed: float, angle: float, dt: float) -> None:
-        """Follow the wheel at `speed` in rad/s and `angle` in rad for `dt` s."""
+        """Integrate the motion of the wheel at `speed` in rad/s and `angle` in rad for `dt` s."""
         rim = speed * self._radius
         linear, angular = rim * math.cos(angle), rim * math.sin(angle) / self._wheelbase
         self.drive(linear * dt, angular * dt)
@@ -132,12 +132,12 @@ class DrivenWheelPose(PlanarPose):
         self.linear, self.angular = (mean.mean for mean in self._means)
 
     def integrate_command(self, linear: float, angular: float, dt: float) -> None:
-        """Follow a twist."""
+        """Integrate a twist into the pose."""
         self.linear, self.angular = linear, angular
         self.drive(linear * dt, angular * dt)
 
     def command(self, linear: float, angular: float) -> tuple[float, float]:
-        """Return speed and angle of the wheel for a twist; across for one that turns on the spot."""
+        """Return speed and angle of the wheel for a twist; 90 degrees for a turn on the spot."""
         across = angular * self._wheelbase
         speed = math.hypot(linear, across) / self._radius
         if linear == 0.0:
@@ -146,7 +146,7 @@ class DrivenWheelPose(PlanarPose):
 
 
 class TricycleController(MobileBase):
-    """Drives a base by one wheel that drives and steers; `kinematics` has its pose."""
+    """Controller of a base with one driven and steered wheel; `kinematics` has its pose."""
 
     references: ClassVar[tuple[str, ...]] = ()
     offers: ClassVar[tuple[str, ...]] = (ODOMETRY_RESET,)
@@ -208,7 +208,7 @@ class TricycleController(MobileBase):
         self._previous = self._before = (0.0, NAN)
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
-        """Return the odometry and the command of the wheel as they were published last."""
+        """Return the last published odometry and wheel command."""
         odometry, params = self.odometry_sample(wall_offset_ns), self.params
         if odometry is None:
             return None
@@ -216,19 +216,19 @@ class TricycleController(MobileBase):
         return grown(OdometrySample, odometry, only_twist=params.odom_only_twist, ackermann=ackermann)
 
     def velocities(self) -> tuple[float, float, float]:
-        """Return the means of its odometry."""
+        """Return the mean velocities of its odometry."""
         return self.kinematics.linear, 0.0, self.kinematics.angular
 
     def advance(self, dt: float) -> None:
-        """Follow the wheel."""
+        """Integrate the wheel's motion into the pose."""
         self.kinematics.follow(self.states[0].value, self.states[1].value, dt)
 
     def integrate_command(self, dt: float) -> None:
-        """Follow the twist."""
+        """Integrate the twist into the pose."""
         self.kinematics.integrate_command(self.limited[0], self.limited[1], dt)
 
     def compute_commands(self, twist: Sequence[float]) -> None:
-        """Compute speed and angle of a twist within their maxima; slow while the wheel is far from that angle."""
+        """Compute speed and angle of a twist within their limits; slower while the wheel is far from that angle."""
         speed, angle = self.kinematics.command(twist[0], twist[1])
         off = abs(angle - self.states[1].value) if self.states else NAN
         if off >= _ON_TARGET:  # not where it is unknown
@@ -237,7 +237,7 @@ class TricycleController(MobileBase):
         self.targets[:] = traction.limit_velocity(speed), steering.limit_velocity(angle)
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Execute one step, then limit both commands against their last two; `period` in s."""
+        """Execute one step; limit both commands by their last two values; `period` in s."""
         result = super().update(now, period)
         if result is OK and all(command.enabled for command in self.commands):
             traction, steering = self.commands

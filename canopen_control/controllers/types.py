@@ -1,4 +1,4 @@
-"""Controller types by the names that ros2_controllers.yaml uses.
+"""Controller types by their names in ros2_controllers.yaml.
 
 A type is imported when the first controller of it is loaded; what is not in the table comes from
 the entry point group `canopen_control.controllers` of any installed package.
@@ -89,7 +89,7 @@ def make_controller(name: str, type_name: str) -> Controller:
 
 
 def _class_of(type_name: str) -> object:
-    """Return the class of a type, None if it cannot be had."""
+    """Return the class of a type, None if it is not available."""
     target = TYPES.get(type_name) or _entry_point(type_name)
     if target is None:
         return None

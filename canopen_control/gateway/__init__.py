@@ -1,1 +1,1 @@
-"""CiA 309-3: a bus or a running robot for clients of other networks, by lines of text."""
+"""CiA 309-3 gateway: text access to a bus or a running robot for clients of other networks."""

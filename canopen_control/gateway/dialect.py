@@ -1,4 +1,4 @@
-"""Commands and answers of CiA 309-3 as CANopenNode has them: bytes in, requests and bytes out, without I/O.
+"""Commands and answers of CiA 309-3 as in CANopenNode: bytes in, requests and bytes out, without I/O.
 
     line    = [command] ["#" comment] LF
     command = "[" sequence "]" [[net] node] verb arguments
@@ -102,7 +102,7 @@ _LEDS: Final = b" CANopen status LEDs: R  G         \r"  # without line feed, as
 
 @dataclass(frozen=True, slots=True)
 class ReadOrder:
-    """Upload of an object; `type_name` is how the client wants its value."""
+    """Upload of an object; `type_name` is the type requested by the client."""
 
     node_id: int
     index: int
@@ -142,7 +142,7 @@ GatewayRequest: TypeAlias = ReadOrder | WriteOrder | NmtOrder | LssOrder | LogOr
 
 
 class GatewayRefusal(CanopenError):
-    """Answer with an error number of CiA 309-3, and a sentence where the number does not say enough."""
+    """Answer with an error number of CiA 309-3, and a sentence if the number is too general."""
 
     def __init__(self, number: int, reason: str = "") -> None:
         self.number, self.reason = number, reason
@@ -193,7 +193,7 @@ def shown_value(type_name: str, data: bytes) -> str:
 
 
 def _c_number(token: bytes) -> tuple[int, bool]:
-    """Return the number that strtoul makes of a token, and whether it is all of the token."""
+    """Return the number that strtoul parses from a token, and whether the whole token is a number."""
     match = _NUMBER.match(token)
     if match is None:
         return 0, not token
@@ -219,7 +219,7 @@ def _fixed_bytes(fixed: _Fixed, token: bytes) -> bytes:
 
 
 def _open_bytes(type_name: str, raw: bytes) -> bytes:
-    """Return the bytes of a value that reaches to the end of its line; a comment may follow it."""
+    """Return the bytes of a value that extends to the end of its line, without a comment."""
     data = b""
     if type_name == _TEXT:
         match = (_QUOTED if raw[:1] == b'"' else _WORD).fullmatch(raw)
@@ -243,7 +243,7 @@ def _open_bytes(type_name: str, raw: bytes) -> bytes:
 
 
 class _Line:
-    """Tokens of a line; `closed` means that nothing but a comment follows."""
+    """Tokens of a line; `closed` means that only a comment follows."""
 
     def __init__(self, raw: bytes) -> None:
         self.raw = raw
@@ -286,12 +286,12 @@ class _Line:
         return self.raw[self._position :]
 
     def end(self) -> None:
-        """Check that nothing follows."""
+        """Check that no token follows."""
         if not self.closed:
             raise GatewayRefusal(SYNTAX)
 
     def go_on(self) -> None:
-        """Check that something follows."""
+        """Check that a token follows."""
         if self.closed:
             raise GatewayRefusal(SYNTAX)
 
@@ -322,7 +322,7 @@ def _ranged(token: bytes, low: int, high: int) -> int:
 
 
 class _Arguments(NamedTuple):
-    """Arguments of an LSS verb: how many there may be, and the range of each."""
+    """Arguments of an LSS verb: the permitted numbers of them, and the range of each."""
 
     counts: tuple[int, ...]
     ranges: tuple[tuple[int, int], ...] = ()
@@ -358,7 +358,7 @@ _LSS: Final = {
 
 
 class GatewayDialect:
-    """One client: its defaults, its sequence number, and the bytes that it has sent.
+    """One client: its defaults, its sequence number, and its received bytes.
 
     With `optional_sequence`, for people who type, a line may begin with the command; its sequence number is 0 then.
     """
@@ -375,7 +375,7 @@ class GatewayDialect:
 
     @property
     def unfinished(self) -> bool:
-        """Whether a line has begun and not ended."""
+        """Whether a line is incomplete."""
         return bool(self._input.strip()) or self._discarding
 
     def receive(self, data: bytes) -> None:
@@ -383,7 +383,7 @@ class GatewayDialect:
         self._input += data
 
     def next_event(self) -> GatewayRequest | bytes | None:
-        """Return the next request to answer, or the answer of a command that needs no bus; None: no whole line."""
+        """Return the next request, or the answer to a command without bus access; None without a complete line."""
         try:
             line = self._next_line()
             return None if line is None else self._parsed(line)
@@ -432,7 +432,7 @@ class GatewayDialect:
         return parse(self, line, verb)
 
     def _prefixes(self, line: _Line) -> bytes:
-        """Read net and node, and return the verb that follows them."""
+        """Read net and node, and return the verb after them."""
         numbers: list[int] = []
         while (token := line.token())[:1].isdigit():
             line.go_on()
@@ -552,7 +552,7 @@ class GatewayDialect:
     # -- answers, each of them to be sent in one piece: cocomm decides by one read
 
     def ok(self) -> bytes:
-        """Return the answer to a command that was carried out and has no value."""
+        """Return the answer to a successful command without a value."""
         return self.text("OK")
 
     def text(self, text: str) -> bytes:
@@ -565,12 +565,12 @@ class GatewayDialect:
         return self.text(shown_value(type_name, data))
 
     def abort(self, code: int) -> bytes:
-        """Return the answer to a transfer that was aborted."""
+        """Return the answer to an aborted transfer."""
         meaning = _ABORTS.get(code) or abort_text(code)
         return self.text(f"ERROR:0x{code:08X} #{meaning[:1].upper()}{meaning[1:]}.")
 
     def error(self, refusal: GatewayRefusal) -> bytes:
-        """Return the answer to a command that was not carried out."""
+        """Return the answer to a failed command."""
         reason = " ".join(refusal.reason.split())
         return self.text(f"ERROR:{refusal.number} #{ERRORS[refusal.number]} {reason}".rstrip())
 

@@ -83,7 +83,7 @@ class GatewayNetwork(Protocol):
         """Return the descriptor that is readable when `take_in` has work."""
 
     def take_in(self) -> None:
-        """Process what was received; RemoteError or BusError if robot or bus are gone."""
+        """Process received data; RemoteError or BusError if robot or bus are gone."""
 
     def read(self, node_id: int, index: int, subindex: int, *, block: bool, timeout_s: float) -> bytes:
         """Upload an object."""
@@ -98,11 +98,11 @@ class GatewayNetwork(Protocol):
         """Run an LSS service."""
 
     def log(self) -> list[str]:
-        """Return and clear the lines about what happened."""
+        """Return and clear the event lines."""
 
 
 class BusLog:
-    """Core that keeps lines about boot-ups, EMCYs and changes of the NMT state."""
+    """Core that records boot-ups, EMCYs and NMT state changes as lines."""
 
     def __init__(self) -> None:
         self._lines: deque[str] = deque(maxlen=_LOG_LINES)
@@ -144,14 +144,14 @@ def motion_reason(request: GatewayRequest) -> str:
 
 
 class _LssConsole:
-    """LSS verbs on a network; like CANopenNode's master it keeps whether a slave is in configuration."""
+    """LSS verbs on a network; like CANopenNode's master it remembers whether a slave is in configuration."""
 
     def __init__(self, network: GatewayNetwork) -> None:
         self._network = network
         self._configuring = False
 
     def answer(self, order: LssOrder) -> list[str]:
-        """Run a service and return the lines of its answer; the last one follows the sequence number."""
+        """Run a service and return the lines of its answer; the last one gets the sequence number."""
         verb, numbers = order
         if verb == "lss_switch_glob" and not numbers[0]:
             return self._leave()
@@ -244,14 +244,14 @@ def _checked(refused: int, ask: Callable[[], LssResult]) -> LssResult:
 
 
 class GatewayService:
-    """Answers to the requests of one client after the other."""
+    """Answers to the requests of one client at a time."""
 
     def __init__(self, network: GatewayNetwork, *, allow_motion: bool = False) -> None:
         self.network, self.allow_motion = network, allow_motion
         self._lss = _LssConsole(network)
 
     def answers(self, client: GatewayDialect, data: bytes) -> Iterator[bytes]:
-        """Yield the answers to what a client has sent; RemoteError or BusClosed if robot or bus are gone."""
+        """Yield the answers to a client's input; RemoteError or BusClosed if robot or bus are gone."""
         client.receive(data)
         while (event := client.next_event()) is not None:
             yield event if isinstance(event, bytes) else self._answer(client, event)
@@ -289,7 +289,7 @@ class GatewayService:
     # -- transports
 
     def serve_stdio(self) -> bool:
-        """Serve standard input until its end; False if that came in the middle of a line."""
+        """Serve standard input until its end; False if it ended within a line."""
         client = GatewayDialect(optional_sequence=True)
         source, sink = sys.stdin.fileno(), sys.stdout.buffer
         poll = self._poll_with(source)
@@ -304,7 +304,7 @@ class GatewayService:
                 sink.flush()
 
     def serve_listener(self, listener: socket.socket) -> None:
-        """Serve the clients of a socket, one after the other, until robot or bus are gone."""
+        """Serve the clients of a socket one at a time, until robot or bus are gone."""
         poll = self._poll_with(listener.fileno())
         while True:
             if not self._ready(poll, listener.fileno()):
@@ -349,7 +349,7 @@ class GatewayService:
 
 
 def _abort_of(error: CanopenError) -> int | None:
-    """Return the SDO abort code that an error is in an answer, None if it is none."""
+    """Return the SDO abort code for an error in an answer, None for other errors."""
     if isinstance(error, SdoAbort):
         return error.code
     if isinstance(error, SdoTimeout) or (isinstance(error, RemoteError) and error.kind in _SILENT):
@@ -361,7 +361,7 @@ def _abort_of(error: CanopenError) -> int | None:
 
 
 def _refusal_of(error: CanopenError) -> GatewayRefusal:
-    """Return what an error is in an answer; raises it again where robot or bus are gone."""
+    """Return the answer to an error; raise the error again if robot or bus are gone."""
     kind = error.kind if isinstance(error, RemoteError) else type(error).__name__
     if kind == BusClosed.__name__:
         raise error

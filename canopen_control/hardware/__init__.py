@@ -1,1 +1,1 @@
-"""ros2_control's hardware components: interfaces, the robot's description, CANopen drives and their stand-in."""
+"""Hardware components as in ros2_control: interfaces, the description, CANopen drives and their simulation."""

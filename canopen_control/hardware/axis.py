@@ -1,4 +1,4 @@
-"""One axis of a drive as process data: its inputs, outputs, scale and limits, whichever PDOs carry them.
+"""Process data of one axis: its inputs, outputs, scale and limits, independent of the PDO mapping.
 
 An object is found once, by its index of axis 0, for the axis that is meant; what no PDO carries
 is None here and travels by SDO or not at all. Limits are in device units and are those of the drive itself (0x607D,
@@ -82,7 +82,7 @@ class AxisStatus:
         self.display = display  # type: ignore[assignment]  # and so is a mode
 
     def _unseen(self, now: int) -> int | None:
-        """Return the statusword of a drive without a TPDO since its boot; a stop needs to see its result.
+        """Return the statusword of a drive without a TPDO since its boot; a stop must be confirmed by it.
 
         Without SYNCs the first one has no due time: it is then read by SDO only if an end is awaited.
         """
@@ -241,7 +241,7 @@ class AxisObjectLimits:
         self.blocked = 0
 
     def take_velocity(self, velocity: float, scale: Scale) -> None:
-        """Set the drive's largest velocity, in its units, and combine it with that of the description."""
+        """Set the drive's maximum velocity, in its units, and combine it with that of the description."""
         self.velocity = velocity
         self.most = min(velocity, self.described * abs(scale.vel_to_dev))
         self.pace = self.most * abs(scale.pos_to_dev / scale.vel_to_dev)
@@ -256,7 +256,7 @@ class AxisObjectLimits:
         return self.within(raw, self.most)
 
     def within(self, raw: int, most: float) -> int:
-        """Return a velocity within `most`, in the same units, that respects the active limits."""
+        """Return a velocity limited to `most`, in the same units, that respects the active limits."""
         if raw * self.blocked > 0:
             return 0
         if -most <= raw <= most:
@@ -276,7 +276,7 @@ class AxisObjectLimits:
 
 
 class AxisProcessData:
-    """The process data of axis `number` of `node`; raises RobotConfigError without controlword or statusword."""
+    """Process data of axis `number` of `node`; RobotConfigError without controlword or statusword."""
 
     def __init__(self, joint: str, node: RemoteNode, image: ProcessImage, number: int) -> None:
         self.joint, self.node, self.number = joint, node, number

@@ -90,7 +90,7 @@ class AxisParameters:
 
     @property
     def homing_methods(self) -> frozenset[int] | None:
-        """Methods listed in 0x60E3, None if it lists none."""
+        """Methods listed in 0x60E3, None for an empty list."""
         listed = [value for (index, _), value in self.values.items() if index == objects.SUPPORTED_HOMING_METHODS]
         return frozenset(listed) if listed else None
 
@@ -209,7 +209,7 @@ class AxisParameters:
         return (first, second) if first and second and first > 0 and second > 0 else None
 
     def counts_per_turn(self) -> float | None:
-        """Return the position units per revolution of the shaft, None if the drive does not have them."""
+        """Return the position units per revolution of the shaft, None if the drive does not give them."""
         encoder = self._pair(objects.POSITION_ENCODER_RESOLUTION)
         gear, feed = self._pair(objects.GEAR_RATIO) or (1, 1), self._pair(objects.FEED_CONSTANT)
         if encoder is None and feed is None:
@@ -235,7 +235,7 @@ class AxisParameters:
             axis.rpm_to_dev = to_dev / turn * 60.0
 
     def _counts_of_motor(self) -> float | None:
-        """Return the position units per revolution of the motor, of the drive or bus.yml; None without either."""
+        """Return the position units per motor revolution from drive or bus.yml; None without either."""
         encoder, gear = self._pair(objects.POSITION_ENCODER_RESOLUTION), self._pair(objects.GEAR_RATIO) or (1, 1)
         feed = self._pair(objects.FEED_CONSTANT)
         if feed is not None and is_feed(feed):

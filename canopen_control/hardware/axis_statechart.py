@@ -1,4 +1,4 @@
-"""The statechart of one axis: its power, its stop and whether it may move, as one table of states and triggers.
+"""Statechart of one axis as a table of states and triggers: its power, its stop, and permission to move.
 
 `TABLE` says for each state what each trigger leads to and what the drive is told on the way; what
 has no row changes nothing. Targets of a controller are sent in FOLLOWING alone, and the only way into it begins with
@@ -187,7 +187,7 @@ _ROWS: Final[Mapping[AxisPhase, Mapping[PhaseTrigger, Row]]] = {
 
 
 def _complete(state: AxisPhase, rows: Mapping[PhaseTrigger, Row]) -> Mapping[PhaseTrigger, Row]:
-    """Return the rows with those valid in every state: a fault may be reset, and a halt is recorded.
+    """Return the rows and those valid in every state: fault reset, and a recorded halt.
 
     Neither changes the state.
     """
@@ -234,7 +234,7 @@ class AxisStatechart:
 
     @property
     def wanted(self) -> bool:
-        """Whether the axis is meant to be enabled."""
+        """Whether the axis is to be enabled."""
         return self.state in UP
 
     @property

@@ -1,4 +1,4 @@
-"""Keeps commands within the limits of the description: the controller_manager's `enforce_command_limits`.
+"""Limiter of commands by the description: the controller_manager's `enforce_command_limits`.
 
 Rules (ros2_control jazzy): a URDF <limit>, tightened by `min` and `max` of the command interfaces, is
 enforced; a <safety_controller> adds soft limits. Accelerations and jerks are limited by
@@ -66,7 +66,7 @@ class JointLimiter:
         self._low = self._high = 0.0
 
     def reset(self) -> None:
-        """Forget the commands before: the next one is measured from where the joint is."""
+        """Clear the previous commands; the next one is compared with the joint's state."""
         self.before[:] = NOTHING
 
     def enforce(self, actual: list[float], desired: list[float], period: float) -> bool:
@@ -90,7 +90,7 @@ class JointLimiter:
         return limited
 
     def _begin(self, actual: list[float], desired: list[float]) -> None:
-        """Start from the measured state, else from the first command, where no previous command is known."""
+        """Start from the measured state, else from the first command, if no previous command is known."""
         before = self.before
         for limited in before:
             if limited == limited:  # is not nan
@@ -100,7 +100,7 @@ class JointLimiter:
                 before[at] = desired[at] if math.isnan(actual[at]) else actual[at]
 
     def _bound(self, at: int, target: float, actual: list[float], period: float) -> None:
-        """Set the range of a quantity; ends that are crossed are swapped."""
+        """Set the range of a quantity; bounds in the wrong order are exchanged."""
         if at == POS:
             self._bound_position(actual, period)
         elif at == VEL:
@@ -186,7 +186,7 @@ _NO_RANGE: Final = 1e-10
 
 
 class SoftLimiter(JointLimiter):
-    """Clamps the commands of one joint with hard and soft limits."""
+    """Limiter of one joint's commands with hard and soft limits."""
 
     def __init__(self, limits: HardLimits, soft: SoftLimits) -> None:
         super().__init__(limits)
@@ -202,7 +202,7 @@ class SoftLimiter(JointLimiter):
         self._limit_speed(actual[POS])
 
     def _limit_speed(self, actual: float) -> None:
-        """Work out which velocities the distances to the soft limits allow."""
+        """Compute the velocities permitted by the distances to the soft limits."""
         limits, soft, most = self.limits, self._soft, self.limits.max_velocity
         self._slowest, self._fastest = -most, most
         start = self._start(actual)
@@ -218,7 +218,7 @@ class SoftLimiter(JointLimiter):
             self._fastest = math.copysign(_RETURN, self._fastest)
 
     def _start(self, actual: float) -> float:
-        """Return the position command before, else where the joint is."""
+        """Return the previous position command, else the joint's position."""
         before = self.before[POS]
         return before if math.isfinite(before) else actual
 
@@ -278,7 +278,7 @@ States = Sequence["StateInterface"]
 
 
 class Limited(metaclass=ABCMeta):
-    """Group of commands that is limited together; the full check runs only where `passes` is False."""
+    """Commands that are limited together; the full check runs only if `passes` is False."""
 
     __slots__ = ()
 
@@ -288,7 +288,7 @@ class Limited(metaclass=ABCMeta):
 
     @abstractmethod
     def enforce(self, period: float, clock: float) -> str | None:
-        """Clamp the commands; return commands and limits when this begins.
+        """Limit the commands; return commands and limits when limiting begins.
 
         `clock` is how much time has passed in the cycles until the end of this one, in s.
         """
@@ -373,7 +373,7 @@ class JointCommands(Limited):
     def _told(
         self, at: int, command: CommandInterface, target: float, value: float, period: float, clock: float
     ) -> str | None:
-        """Return the limits that turned the desired value into `value`, once when this begins."""
+        """Return the limits that changed the desired value to `value`, once when limiting begins."""
         begins, self._limited_at[at] = clock - self._limited_at[at] > QUIET_S, clock
         if not begins:
             return None
@@ -393,7 +393,7 @@ class JointCommands(Limited):
         return f"{command.name}: {self._quantity(at, target)} is limited to {' and to '.join(reasons)}"
 
     def _bounded(self, at: int, command: CommandInterface, value: float) -> float:
-        """Return a command within the limits that are always the same."""
+        """Return a command within the constant limits."""
         limits = self._limits
         if at == POS:
             return min(max(value, limits.min_position), limits.max_position)
@@ -429,7 +429,7 @@ class JointCommands(Limited):
 
 
 class JointPosition(JointCommands):
-    """Limiter of a joint with a position command alone and no soft limits."""
+    """Limiter of a joint with only a position command and no soft limits."""
 
     __slots__ = ("_before", "_command", "_high", "_low", "_rate", "_slope", "_speed")
 
@@ -466,7 +466,7 @@ class JointPosition(JointCommands):
 
 
 class JointVelocity(JointCommands):
-    """Limiter of a joint with a velocity command alone and no soft limits."""
+    """Limiter of a joint with only a velocity command and no soft limits."""
 
     __slots__ = ("_before", "_command", "_here", "_high", "_low", "_rate", "_slope", "_speed")
 
@@ -507,7 +507,7 @@ class JointVelocity(JointCommands):
 
 
 class JointSeveral(Limited):
-    """Limiter of a joint with several commands and no soft limits: none depends on another."""
+    """Limiter of a joint with several independent commands and no soft limits."""
 
     __slots__ = ("_parts",)
 
@@ -533,7 +533,7 @@ class JointSeveral(Limited):
 
 
 class PlainCommand(Limited):
-    """A command of another quantity, with its own bounds."""
+    """Command of another quantity, with its own bounds."""
 
     __slots__ = ("_command", "_limited_at")
 
@@ -558,7 +558,7 @@ _KINDS: Final[Mapping[str, type[JointCommands]]] = MappingProxyType({POSITION: J
 
 
 def limited_joint(joint: Joint, limits: HardLimits, commands: Commands, states: States) -> Limited:
-    """Return the cheapest limiter for these commands of a joint."""
+    """Return the fastest sufficient limiter for these commands of a joint."""
     if joint.soft is not None:
         return JointCommands(joint, limits, commands, states)
     parts = [_KINDS.get(command.interface, JointCommands)(joint, limits, [command], states) for command in commands]
@@ -570,7 +570,7 @@ _NO_BOUNDS: Final = InterfaceInfo("")
 
 
 class CommandLimits:
-    """The limits of all joints of a description."""
+    """Limits of all joints of a description."""
 
     def __init__(self, description: UrdfDescription, registry: InterfaceRegistry) -> None:
         self._limited: list[Limited] = []
@@ -600,7 +600,7 @@ class CommandLimits:
                 self._limited.append(limited_joint(joint, limits, limitable, states))
 
     def enforce(self, period: float) -> str | None:
-        """Limit commands; return the limited ones when this begins. `period` in s."""
+        """Limit commands; return the limited ones when limiting begins. `period` in s."""
         self._clock = clock = self._clock + period
         judged = period > 0.0
         texts: list[str] | None = None
@@ -642,11 +642,11 @@ def hard_limits(joint: Joint, part: ControlJoint, *, speeds: bool = True) -> Har
 
 
 def _smaller(info: InterfaceInfo) -> float:
-    """Return the smaller one of the magnitudes that an interface bounds."""
+    """Return the smaller magnitude of the bounds of an interface."""
     return min(abs(info.minimum), info.maximum)
 
 
 def _accelerations(info: InterfaceInfo) -> tuple[float, float]:
-    """Return maximum acceleration and deceleration: `max` and |`min`|; one value alone counts for both."""
+    """Return maximum acceleration and deceleration: `max` and |`min`|; a single value applies to both."""
     faster, slower = info.maximum, abs(info.minimum)
     return (faster if math.isfinite(faster) else slower), (slower if math.isfinite(slower) else faster)

@@ -1,4 +1,4 @@
-"""Components of <gpio> and <sensor> elements that show and command signals of a CANopen device in units.
+"""Components for <gpio> and <sensor> elements with signals of a CANopen device, in units.
 
 The device is the node that `device_name` or `node_id` names, else the node of the part's own name. Interfaces have the
 names of the device's signals (`di0`, `ao1`, `position`, those of `signals` in bus.yml), or are objects by their address
@@ -87,7 +87,7 @@ class OutputSignal:
             self._send(value, always=first)
 
     def release(self) -> None:
-        """Send the safe value, or the controller's release value: the output has no command any more."""
+        """Send the safe value, or the controller's release value; the output then has no command."""
         self.command.value = math.nan
         commanded, self._commanded, self.void = self._commanded, math.nan, False
         value, self.command.release_value = self.command.release_value, None
@@ -96,7 +96,7 @@ class OutputSignal:
             self._send(safe, always=False)
 
     def _away(self, value: float) -> None:
-        """Clear the command while the node is lost; read the scale again when it is ready."""
+        """Clear the command while the node is lost; read the scale again when the node is ready."""
         self.void |= self.commanded
         self._commanded, self._void = math.nan, value
         self.command.value = math.nan  # a controller that goes on writes what it did before, which is void
@@ -108,7 +108,7 @@ class OutputSignal:
             self.command.lowest, self.command.highest = self._span()
 
     def _span(self) -> tuple[float, float]:
-        """Return the least and the greatest value that the object can hold."""
+        """Return the minimum and the maximum of the object's values."""
         if self.signal.bit is not None:
             return 0.0, 1.0
         ends = [self.signal.value(raw, self._gain) for raw in (self._lowest, self._highest)]
@@ -161,7 +161,7 @@ class RawInput:
 
     @property
     def polled(self) -> bool:
-        """Whether no TPDO carries it."""
+        """Whether no TPDO contains the object, so that it is read by SDO."""
         return self._input is None
 
     @property
@@ -191,11 +191,11 @@ class RawInput:
 
     @property
     def stamp(self) -> int:
-        """When the value came, in ns."""
+        """Time of the value in ns."""
         return self.read_at if self._input is None or self._input.pdo.stamp < 0 else self._input.pdo.stamp
 
     def poll(self, now: int) -> bool:
-        """Read it by SDO if it is due; return whether it was read."""
+        """Read the object by SDO if it is due; return whether it was read."""
         if self._input is not None or now - self._asked < POLL_NS:
             return False
         self._asked = now
@@ -211,7 +211,7 @@ class RawInput:
 
 
 class NodeInputs:
-    """Raw inputs of one node, each object once for all interfaces that show it."""
+    """Raw inputs of one node; each object is read once for all of its interfaces."""
 
     def __init__(self, node: RemoteNode, image: ProcessImage) -> None:
         self.node, self._image = node, image
@@ -245,7 +245,7 @@ class NodeInputs:
             device_input.read(now)
 
     def tell_jump(self, signal: str, text: str) -> None:
-        """Report that a signal jumped: once per boot, however many interfaces show it."""
+        """Report a jump of a signal: once per boot, however many interfaces show it."""
         if self._jumped.get(signal) != self.boots:
             self._jumped[signal] = self.boots
             self.jumps.append(text)
@@ -259,7 +259,7 @@ class NodeInputs:
 
 
 class InputSignal:
-    """Signal shown in a state interface."""
+    """Input signal of a state interface."""
 
     def __init__(self, signal: Signal, state: StateInterface, inputs: NodeInputs) -> None:
         self.signal, self.state = signal, state
@@ -310,7 +310,7 @@ class InputSignal:
         self._before, self._jumped = math.nan, False
 
     def _jumps(self, value: float) -> bool:
-        """Whether the value has changed faster than it can, since the node has booted."""
+        """Whether the value has changed faster than its maximum rate since the node's boot."""
         stamp, signal = self._raw.stamp, self.signal
         if self._jumped or stamp == self._came:
             return self._jumped
@@ -354,7 +354,7 @@ _STANDING_NS: Final = 50_000_000
 
 
 class EncoderVelocity:
-    """The velocity of an encoder's position, in its unit per second."""
+    """Velocity computed from an encoder's position, in its unit per second."""
 
     def __init__(self, state: StateInterface, signals: Mapping[str, Signal], inputs: NodeInputs) -> None:
         signal = signals["position"]
@@ -394,7 +394,7 @@ class TiltOrientation:
         ]
 
     def read(self, now: int) -> None:
-        """Show it at `now`."""
+        """Update the orientation at `now`."""
         for angle in self._angles:
             angle.read(now)
         roll, pitch = (angle.state.value / 2 for angle in self._angles)
@@ -417,7 +417,7 @@ def _is(names: Sequence[str]) -> str:
 
 
 def device_of(part: ControlJoint, nodes: Mapping[str, int]) -> str | None:
-    """Return the name of the node of a part (by name or id); "" for a wrong one, None without one."""
+    """Return the node name of a part (by name or id); "" for a wrong one, None without one."""
     name, node_id = part.parameters.get("device_name"), part.parameters.get("node_id")
     if name is not None:
         return name if name in nodes else ""
@@ -427,7 +427,7 @@ def device_of(part: ControlJoint, nodes: Mapping[str, int]) -> str | None:
 
 
 def is_measured(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImage]]) -> bool:
-    """Whether a joint is only measured, by a device that is no drive, such as an encoder."""
+    """Whether a joint is only measured, by a device other than a drive, such as an encoder."""
     name = device_of(joint, {name: node.node_id for name, (node, _) in nodes.items()})
     return bool(name) and not joint.command_interfaces and not nodes[name or ""][0].plan.axes
 
@@ -472,7 +472,7 @@ def part_problems(part: ControlJoint, node: RemoteNode) -> list[str]:
 
 
 class DevicePart:
-    """The interfaces of one part; `part_problems` has found nothing wrong with it."""
+    """Interfaces of one part without errors by `part_problems`."""
 
     def __init__(self, part: ControlJoint, node: RemoteNode, image: ProcessImage, inputs: NodeInputs) -> None:
         self.name, self.node = part.name, node
@@ -537,7 +537,7 @@ def _output(node: RemoteNode, image: ProcessImage, name: str) -> tuple[Signal, O
 
 
 class _HeldOutput:
-    """State interface of an output: the value in the device as far as known, nan while the node is lost."""
+    """State interface of an output: its value in the device as far as known, nan while the node is lost."""
 
     def __init__(self, signal: Signal, state: StateInterface, output: Output, node: RemoteNode) -> None:
         self._signal, self._state, self._output, self._node = signal, state, output, node
@@ -556,7 +556,7 @@ class _HeldOutput:
 
 
 class DeviceParts:
-    """All <gpio> and <sensor> elements of a tag with a CANopen device; RobotConfigError with every error in them.
+    """All <gpio> and <sensor> elements of a tag with a CANopen device; RobotConfigError with all their errors.
 
     A part that names no device has no interfaces: other stacks have such parts for their own plugins. Without `present`
     there are none, and nothing to be done in a cycle.
@@ -613,16 +613,16 @@ class DeviceParts:
         return events
 
     def void_outputs(self, node: RemoteNode) -> list[str]:
-        """Return the outputs of a node that are void since it was lost: nothing restores them."""
+        """Return the void outputs of a node since its loss: no command restores them."""
         return [name for part in self._parts if part.node is node for name in part.void]
 
     @property
     def command_names(self) -> Collection[str]:
-        """The command interfaces by name."""
+        """Command interfaces by name."""
         return self._owner.keys()
 
     def read(self, now: int) -> None:
-        """Show all inputs."""
+        """Update all inputs."""
         for inputs in self._nodes.values():
             inputs.read(now)
         for part in self._parts:

@@ -1,4 +1,4 @@
-"""SimulatedSystem: joints moved by simulated motors, where Gazebo's plugins would move them.
+"""SimulatedSystem: joints moved by simulated motors, as by Gazebo's plugins.
 
 A joint has no drive and no bus here, only a motor behind the `SimulatedMotor` Protocol, so that
 another engine can take its place; the one that is built in is a first-order lag in closed form, exact for any step.
@@ -44,7 +44,7 @@ _AGE_NS: Final = 500_000_000
 
 
 class WorldSensors(ComponentLifecycle):
-    """Sensors of one tag, updated by `take`; it commands nothing."""
+    """Sensors of one tag, updated by `take`; there are no commands."""
 
     def __init__(self, name: str, parts: Iterable[ControlJoint]) -> None:
         super().__init__()
@@ -68,7 +68,7 @@ class WorldSensors(ComponentLifecycle):
         """Do nothing: the world reports without a request."""
 
     def _rest(self) -> None:
-        """Nothing to stop."""
+        """Do nothing: nothing moves."""
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Do nothing: there is nothing to command."""
@@ -113,7 +113,7 @@ class SimulatedMotor(Protocol):
     effort: float
 
     def follow(self, interface: str, target: float, seconds: float) -> None:
-        """Move for `seconds` as a target of position, velocity or effort makes it move."""
+        """Move for `seconds` towards a target of position, velocity or effort."""
 
 
 class Engine(Protocol):
@@ -139,7 +139,7 @@ class Engine(Protocol):
 
 
 class FirstOrderMotor:
-    """A velocity loop with one time constant (s), a position loop above it, or inertia (kg m^2) with damping (Nm s).
+    """Velocity loop with one time constant (s) and a position loop, or inertia (kg m^2) with damping (Nm s).
 
     It reaches no further than its limits, in position, velocity and effort.
     """
@@ -284,7 +284,7 @@ class SimulatedSystem(ComponentLifecycle):
 
     @property
     def changeable(self) -> bool:
-        """Whether an engine moves it."""
+        """Whether an engine moves the joints."""
         return self._engine is not None
 
     def act(self, world_act: WorldAct) -> None:
@@ -309,7 +309,7 @@ class SimulatedSystem(ComponentLifecycle):
             joint.mode = ""
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Refuse two interfaces of one joint, and an interface that no motor has."""
+        """Refuse two interfaces of one joint, and an interface that the motor lacks."""
         modes: dict[str, str] = {}
         for name in (*start, *stop):
             if name not in self._owners:

@@ -1,4 +1,4 @@
-"""Feed-forward of velocity (0x60B1) and torque (0x60B2) beside the positions of CSP (CiA 402-2).
+"""Feed-forward of velocity (0x60B1) and torque (0x60B2) in addition to the positions of CSP (CiA 402-2).
 
 The offsets are what the controller of the position gives beside it, in the units of 0x60FF and
 0x6071, within the drive's limits; the drive adds them to its velocity and torque loop and never to the position. They
@@ -63,7 +63,7 @@ class FeedForward:
             _span(self._effort, INT16_MAX / abs(scale.eff_to_dev))
 
     def refused(self) -> str | None:
-        """Return once the offset that is not sent because another controller commands it."""
+        """Return once the offset that is ignored because another controller commands it."""
         if self._foreign == self._told:
             return None
         self._told = interface = self._foreign

@@ -50,7 +50,7 @@ _SI_UNITS: Final = {"rpm": 0x00B44700, "0.1 rpm": 0xFFB44700}
 
 @dataclass(frozen=True, slots=True)
 class UnitDoubt:
-    """Doubt about the unit of a drive's velocities: a sentence, and whether the motion is `faster` than they are."""
+    """Doubt about a drive's velocity unit: a sentence, and whether the motion is `faster` than the reported one."""
 
     text: str
     faster: bool
@@ -78,7 +78,7 @@ def doubt_unit(axis: AxisProcessData, speed: float, raw: int, *, rising: bool) -
 
 
 def _words(axis: AxisProcessData, units: list[tuple[str, float]], *, faster: bool) -> str:
-    """Return a text that velocities are in one of `units`, the likeliest first, with the key of bus.yml."""
+    """Return a text that velocities are in one of `units`, the most likely first, with the key of bus.yml."""
     (first, per_turn), scale = units[0], axis.scale
     to_dev = math.copysign(per_turn * abs(scale.pos_to_dev) / axis.turn, scale.vel_to_dev)
     names = " or ".join(name for name, _ in units)
@@ -142,13 +142,13 @@ class Feedback:
         self._derived_from, self._derived_at = 0, -_LOOK_NS  # count and stamp
 
     def node_ready(self) -> None:
-        """Reset after the node returned: its position is that of the joint before."""
+        """Reset after the node returned: its position is set to the previous joint position."""
         self._axis.unwrap.rebase()
         self._derived_at = -_LOOK_NS
         self._raw_position = self._raw_velocity = self._raw_effort = None
 
     def restart(self) -> None:
-        """Reset after homing: from here on the position of the drive counts."""
+        """Reset after homing: the drive's position is valid from now on."""
         self._axis.unwrap = PositionUnwrapper()
         self._raw_position = None
         self._derived_at = -_LOOK_NS
@@ -199,7 +199,7 @@ class Feedback:
         return min(default, round((1.2 * abs(self._raw_velocity) / slope + 0.1) * 1e9))
 
     def refresh_scale(self) -> None:
-        """Convert again with the next frames, after a change of the scale."""
+        """Convert the next frames again after a change of the scale."""
         self._slack = round(abs(self._axis.scale.pos_to_dev) * _SLACK) + 1
         self._raw_position = self._raw_velocity = self._raw_effort = None
         self._position_count = self._velocity_count = self._effort_count = -1

@@ -64,7 +64,7 @@ class StateInterface:
 
 
 class ValueRange(Protocol):
-    """Source of the range of an object."""
+    """Source of an object's value range."""
 
     def value_range(self) -> tuple[float, float]:
         """Return minimum and maximum."""
@@ -72,7 +72,7 @@ class ValueRange(Protocol):
 
 
 class CommandInterface:
-    """One commanded number: `value` in SI units, nan for no command; `owner` is the controller that claimed it.
+    """Commanded number: `value` in SI units, nan without a command; `owner` is the controller that claimed it.
 
     - `minimum`, `maximum`: limits of the description, infinite without limits.
     - `enabled`: the hardware follows it now; hardware without drives always does.
@@ -206,7 +206,7 @@ class HardwareComponent(Protocol):
         ...
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Set the mode of the claimed interfaces and start to enable; stop the released ones. Never blocks."""
+        """Select the mode of the claimed interfaces and start to enable; stop the released ones. Never blocks."""
         ...
 
     def read(self, now: int, period: float) -> ReturnType:
@@ -248,7 +248,7 @@ class InterfaceRegistry:
         return tuple(self._commands.values())
 
     def register(self, component: HardwareComponent) -> None:
-        """Add a component; a second component of the name, or a second interface of a name, is a ControlError."""
+        """Add a component; ControlError for a duplicate name of a component or an interface."""
         if component.name in self._components:
             raise ControlError(f"two hardware components are called {component.name!r}; rename one <ros2_control> tag")
         _refuse_doubles("state", component.name, component.state_interfaces, self._states)
@@ -296,7 +296,7 @@ class InterfaceRegistry:
         return self._components[exporter] if exporter is not None else None
 
     def claim(self, names: Sequence[str], owner: str) -> list[CommandInterface]:
-        """Claim all these command interfaces for `owner`, or none and raise.
+        """Claim all these command interfaces for `owner`, or raise without claiming any.
 
         UnknownInterface or InterfaceConflict. Interfaces that the owner already has remain.
         """
@@ -343,12 +343,12 @@ class ComponentLifecycle(ABC):
 
     @property
     def simulated_ns(self) -> int | None:
-        """None: it runs in real time."""
+        """None: the component runs in real time."""
         return None
 
     @property
     def changeable(self) -> bool:
-        """False: no physics moves it."""
+        """False: no physics moves the component."""
         return False
 
     def configure(self) -> None:
@@ -380,10 +380,10 @@ class ComponentLifecycle(ABC):
         self.state = LifecycleState.FINALIZED
 
     def reset(self, keyframe: str) -> None:  # noqa: B027 - most have nothing to do
-        """Do nothing: nothing is simulated."""
+        """Do nothing: the component is not simulated."""
 
     def act(self, world_act: WorldAct) -> None:  # noqa: B027 - as above
-        """Do nothing: there is no world."""
+        """Do nothing: the component has no world."""
 
     def scan(self) -> Sequence[LaserScanReading]:
         """Return an empty list: there are no lidars."""

@@ -1,4 +1,4 @@
-"""One joint and its drive axis: SI units towards the controllers, process data and CiA 402 towards the drive.
+"""One joint and its drive axis: SI units for the controllers, process data and CiA 402 for the drive.
 
 Whether the axis may move is the state of its chart (`axis_statechart`), whose triggers are fired
 here: a target reaches the drive only in FOLLOWING; in every other state the target is standstill at the actual
@@ -95,7 +95,7 @@ class JointParts:
 
     @property
     def wanted(self) -> bool:
-        """Whether the joint is meant to follow commands."""
+        """Whether the joint is to follow commands."""
         return self.power.wanted
 
     @property
@@ -115,18 +115,18 @@ class JointParts:
 
     @property
     def homed(self) -> bool:
-        """Whether a homing has found its zero, which was not lost since."""
+        """Whether a homing has found the zero and it has not been lost since."""
         return self.reference.known
 
     @property
     def can_enable(self) -> bool:
-        """Whether only its group keeps the joint from being enabled."""
+        """Whether the joint waits only for its group to be enabled."""
         machine = self.machine
         return machine.enabled or (machine.waiting and self.parameters.loaded)
 
     @property
     def at_standstill(self) -> bool:
-        """Whether the drive reports (nearly) no motion."""
+        """Whether the drive reports (almost) no motion."""
         return self.feedback.at_standstill
 
     def age_ns(self, now: int) -> int | None:
@@ -282,11 +282,11 @@ class JointDrive(JointParts):
         self._fire(PhaseTrigger.HALT)
 
     def fault_reset(self) -> None:
-        """Acknowledge a fault; the drive stays disabled. Without a fault nothing changes."""
+        """Reset a fault; the drive stays disabled. Without a fault nothing changes."""
         self._fire(PhaseTrigger.FAULT_RESET)
 
     def give_up(self) -> None:
-        """Process the loss of operation by the drive itself, or of its node."""
+        """Process the loss of OPERATION ENABLED by the drive, or of its node."""
         self._fire(PhaseTrigger.DRIVE_LEFT if self.node.ready else PhaseTrigger.NODE_LOST)
         self._abort_homing("the drive left operation")
 
@@ -316,7 +316,7 @@ class JointDrive(JointParts):
                 self._events.append(JointEvent(*event, stops=True))
 
     def step(self, now: int) -> bool:
-        """Advance the state machine by one cycle; return whether `events` has any."""
+        """Advance the state machine by one cycle; return whether `events` has entries."""
         self._now = now
         machine, status, power = self.machine, self._status, self.power
         status.update(now)
@@ -399,7 +399,7 @@ class JointDrive(JointParts):
 
     @property
     def _stops_at_limits(self) -> bool:
-        """Whether a limit ends a coordinated motion of the joint; not during homing, nor for an arm."""
+        """Whether a limit ends a coordinated motion of the joint; False during homing and for an arm."""
         target = self.targets.current
         positions = target is not None and target.interface == POSITION and self.base is None
         return self.homing is None and len(self.group.joints) > 1 and not positions
@@ -489,7 +489,7 @@ class JointDrive(JointParts):
             self._events.append(JointEvent("feedback_stale", "its feedback is stale", Level.ERROR, stops=True))
 
     def _step_homing(self, run: JointHoming, now: int) -> None:
-        """Advance a homing by one cycle: enable in mode HM once its method is known, return when it is over."""
+        """Advance a homing by one cycle: enable in mode HM once its method is known, return at its end."""
         if run.phase is HomingPhase.KNOWN:
             run.phase = HomingPhase.ENABLE
             try:
@@ -525,7 +525,7 @@ class JointDrive(JointParts):
             self.stop(self._now)
 
     def _is_unserved(self, event: ModeTimedOut) -> bool:
-        """Whether an enabled drive stays in a mode that does not serve the claimed interface."""
+        """Whether an enabled drive stays in a mode without the claimed interface."""
         claimed, restored = self.claimed, event.restored
         if not event.enabled or claimed in (None, TARGET):
             return False

@@ -94,7 +94,7 @@ class StatusWatch:
     def look(
         self, word: int, mode: int | None, target: ModeTarget | None, stops_at_limits: bool = False
     ) -> list[JointEvent]:
-        """Process a statusword and return the events that begin or end with it."""
+        """Process a statusword and return the events that begin or end."""
         rose, fell = word & ~self._bits & _BITS, self._bits & ~word & _BITS
         if not rose | fell:
             return []

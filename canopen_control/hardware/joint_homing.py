@@ -142,12 +142,12 @@ class HomePosition:
 
     @property
     def known(self) -> bool:
-        """Whether the last homing has found the zero, and it was not lost since."""
+        """Whether the last homing has found the zero and it has not been lost since."""
         return self._last is not None and self._last.homed
 
     @property
     def result(self) -> str | None:
-        """Reason of the last failed homing, "" after a successful one, None before its end."""
+        """Reason of the last failed homing, "" after success, None before its end."""
         return None if self._last is None else self._last.result
 
     def begin(self, method: int | None, *, was_enabled: bool) -> None:

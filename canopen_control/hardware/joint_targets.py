@@ -56,7 +56,7 @@ _NEAR: Final = 1 << 30  # counts: closer than this no rounding makes a target li
 
 
 class JointTargets:
-    """Command interfaces of a joint and the targets behind them; RobotConfigError for one without an RPDO.
+    """Command interfaces of a joint and their targets; RobotConfigError for an interface without an RPDO.
 
     `claimed` is the command interface that a controller drives, `mode` the mode last asked for, `current` its target;
     `tracked` the command whose `tracking` is watched, None where none is.
@@ -92,16 +92,16 @@ class JointTargets:
         return self.current is not None and self.current.handshakes
 
     def mode_for(self, interface: str) -> int:
-        """Return the mode for a command interface: bus.yml's, else the best the drive lists; or DriveError."""
+        """Return the mode for a command interface: bus.yml's, else the best listed by the drive; or DriveError."""
         return choose_mode(self._axis, self._parameters, interface)
 
     def mode_serves(self, mode: int) -> str | None:
-        """Return the command interface that a mode serves here, None for none."""
+        """Return the command interface that a mode serves, None for none."""
         target = make_target(mode, self._axis, self._machine)
         return None if target is None else target.interface
 
     def leading_interface(self, interfaces: Collection[str]) -> str:
-        """Return the leading one of the interfaces claimed together; DriveError if the combination is invalid.
+        """Return the leading one of interfaces claimed together; DriveError if the combination is invalid.
 
         Beside a position in CSP there may be its velocity and effort, whose offsets RPDOs carry.
         """
@@ -127,7 +127,7 @@ class JointTargets:
         return POSITION
 
     def claim(self, interface: str | None, beside: Collection[str] = ()) -> None:
-        """Select the claimed interface, or none, and its mode; `beside` lists interfaces that feed it forward.
+        """Select the claimed interface, or none, and its mode; `beside` lists its feed-forward interfaces.
 
         A TARGET follows the mode instead, which a user asks for, or the next enable.
         """
@@ -150,7 +150,7 @@ class JointTargets:
             )
 
     def set_mode(self, mode: int) -> None:
-        """Ask for a mode that the drive lists; UnsupportedMode for another."""
+        """Request a mode that the drive lists; UnsupportedMode for another."""
         require_mode(mode, listed_modes(self._axis, self._parameters))
         self.mode = mode
         if self._machine.enabled and self._machine.mode not in (None, mode):
@@ -207,7 +207,7 @@ class JointTargets:
         return stands
 
     def follow(self, now: int, period: float) -> None:
-        """Send the command within the limits of the description, or none."""
+        """Send the command within the limits of the description, or nothing without a command."""
         current, command = self.current, self._command
         if current is None:
             return
@@ -236,7 +236,7 @@ class JointTargets:
                 self._axis.digital_outputs.set(int(value) & 0xFFFFFFFF)
 
     def refresh(self) -> None:
-        """Find the command interface of the target (claimed, and served by the mode) and its range.
+        """Update the command interface of the target (claimed, and served by the mode) and its range.
 
         Called again when the scale has changed.
         """
@@ -304,10 +304,10 @@ class ModeTarget(metaclass=ABCMeta):
 
     @abstractmethod
     def value_range(self) -> tuple[float, float]:
-        """Return the lowest and the highest value that its object can hold now, in SI units."""
+        """Return the minimum and maximum of its object in SI units."""
 
     def commands_into_limit(self, value: float) -> bool:  # noqa: ARG002 - the verb of every mode
-        """Whether a target in SI units leads beyond the active limit; a position never does, it stays before it."""
+        """Whether a target in SI units moves beyond the active limit; False for a position, which ends at the limit."""
         return False
 
     def events(self) -> Sequence[SetPointEvent]:
@@ -345,11 +345,11 @@ class _ScaledTarget(ModeTarget):
         return min(ends), max(ends)
 
     def commands_into_limit(self, value: float) -> bool:
-        """Whether a velocity or torque leads beyond the limit that is active."""
+        """Whether a velocity or torque moves beyond the active limit."""
         return value * self.factor() * self._axis.limits.blocked > 0  # not for nan
 
     def _scaled(self, value: float) -> int:
-        """Return a target in device units; 0 for none, and for one that does not fit, which is noted."""
+        """Return a target in device units; 0 for none, and for one out of range, which is recorded."""
         raw = to_object(value * self.factor(), self.low, self.high)
         self._axis.out_of_range = _NAN if raw is not None else value
         return 0 if raw is None else raw
@@ -365,7 +365,7 @@ class VelocityTarget(_ScaledTarget):
     ramped = False  # by the master
 
     def hold(self) -> None:
-        """Command no velocity."""
+        """Command zero velocity."""
         self._value = _NAN
         self._slope = 0.0
         self.output.set(0)
@@ -389,7 +389,7 @@ class VelocityTarget(_ScaledTarget):
         return self._axis.scale.vel_to_dev
 
     def ramp_down(self, period: float) -> bool:
-        """Ramp towards zero at the drive's deceleration; set zero where the drive makes the ramp."""
+        """Ramp towards zero at the drive's deceleration, or command zero if the drive ramps."""
         raw: int = self.output.value
         self._value = _NAN
         if not self.ramped or raw == 0:
@@ -409,7 +409,7 @@ class RampedVelocityTarget(VelocityTarget):
 
 
 class WordVelocityTarget(VelocityTarget):
-    """VL: revolutions per minute in a word (0x6042), with the ramp of the drive unlocked."""
+    """Target of VL: revolutions per minute in a word (0x6042), with the ramp of the drive enabled."""
 
     bits = _VL_RUN
     low = INT16_MIN
@@ -425,7 +425,7 @@ class WordVelocityTarget(VelocityTarget):
 
 
 class EffortTarget(_ScaledTarget):
-    """TQ and CST: a stop takes the torque away.
+    """Target of TQ and CST: a stop sets the torque to zero.
 
     A torque bounds no velocity: one that would drive a joint beyond the velocity limit of its description is taken
     away, as ros2_control's joint limiter does it. The joint goes on gaining speed for the two cycles that a measured
@@ -440,7 +440,7 @@ class EffortTarget(_ScaledTarget):
         self._speed = _NAN  # in the cycle before
 
     def hold(self) -> None:
-        """Command no torque."""
+        """Command zero torque."""
         self._value, self._last, self._speed = _NAN, None, _NAN
         self.output.set(0)
 
@@ -482,16 +482,16 @@ class EffortTarget(_ScaledTarget):
 
 
 class _PositionTarget(ModeTarget):
-    """Target of position: present position, with turns of the drive's counter."""
+    """Target position, with the turns of the drive's counter."""
 
     def value_range(self) -> tuple[float, float]:
-        """Return the range within half a turn of the counter: beyond it the drive would turn the other way."""
+        """Return the range within half a turn of the counter; beyond it the drive would turn the other way."""
         here, scale = self._axis.raw_position + self._axis.unwrap.offset, self._axis.scale
         ends = [(here + way - scale.offset_pos_to_dev) / scale.pos_to_dev for way in (INT32_MIN + 1, INT32_MAX)]
         return min(ends), max(ends)
 
     def _count_of(self, value: float, none: int) -> int:
-        """Return the count of a target; `none` without one, and for one that does not fit, which is noted."""
+        """Return the count of a target; `none` without one, and for one out of range, which is recorded."""
         axis = self._axis
         scale = axis.scale
         count = value * scale.pos_to_dev + scale.offset_pos_to_dev
@@ -507,7 +507,7 @@ class _PositionTarget(ModeTarget):
 
 
 class PositionTarget(_PositionTarget):
-    """CSP: a target for every SYNC, in steps the drive can make; the master's ramp ends the motion."""
+    """Target of CSP, one per SYNC, in steps that the drive can follow; the master's ramp ends the motion."""
 
     interface = POSITION
     tracks = True
@@ -520,19 +520,19 @@ class PositionTarget(_PositionTarget):
         self._ramp = TrapezoidalProfile()
 
     def hold(self) -> None:
-        """Target the actual position."""
+        """Command the actual position."""
         self._count, self._value = None, _NAN
         self._speed = self._slope = 0.0
         self._ramp.rest()
         self.output.set(self._axis.raw_position)
 
     def ramp(self, velocity: float, slope: float) -> None:
-        """See `ModeTarget`; infinite ones leave the way to the drive."""
+        """See `ModeTarget`; with infinite values the drive computes the profile."""
         counts = abs(self._axis.scale.pos_to_dev / self._axis.scale.vel_to_dev)
         self._ramp.limit(velocity * counts, slope * counts)
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
-        """Send a position, no faster than the largest velocity; without one stay."""
+        """Send a position within the velocity limit; without a command hold."""
         if self._same(value) and self._speed == 0.0:
             return
         if self._ramp.speed and value != value:
@@ -543,7 +543,7 @@ class PositionTarget(_PositionTarget):
         self._go(here, self._towards(here, self._count_of(value, here), period), period)
 
     def ramp_down(self, period: float) -> bool:
-        """Ramp the target to rest at the drive's deceleration."""
+        """Ramp the target to standstill at the drive's deceleration."""
         self._value = _NAN
         if self._speed == 0.0:
             return True
@@ -579,7 +579,7 @@ class PositionTarget(_PositionTarget):
         return here + step if way > 0 else here - step
 
     def _go(self, here: int, count: int, period: float) -> None:
-        """Send a position count within the software limits, in place of the last one."""
+        """Send a position count within the software limits, replacing the last one."""
         axis = self._axis
         limits, offset = axis.limits, axis.unwrap.offset
         raw = wrap_int32(count - offset)
@@ -594,13 +594,13 @@ class PositionTarget(_PositionTarget):
 
 
 class InterpolatedTarget(PositionTarget):
-    """IP: as CSP, with interpolation switched on."""
+    """Target of IP: as CSP, with interpolation enabled."""
 
     bits = _INTERPOLATE
 
 
 class SetPointTarget(_PositionTarget):
-    """PP: every new target is a set-point with its own handshake; a stop is the drive's halt (0x605D)."""
+    """Target of PP: every new target is a set-point with its own handshake; a stop is the drive's halt (0x605D)."""
 
     interface = POSITION
     handshakes = True
@@ -611,7 +611,7 @@ class SetPointTarget(_PositionTarget):
         self._given: int | None = None
 
     def hold(self) -> None:
-        """Drop the set-point and target the actual position."""
+        """Drop the set-point and command the actual position."""
         self._value, self._given = _NAN, None
         if self._handshake.busy:
             self._handshake.abort("the axis is not enabled")
@@ -620,7 +620,7 @@ class SetPointTarget(_PositionTarget):
         self.output.set(self._axis.raw_position)
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
-        """Send a new target, replacing an active one; without one the drive stops on the way."""
+        """Send a new target, replacing an active one; without a command stop the drive's motion."""
         handshake, machine = self._handshake, self._machine
         if self._same(value):
             pass
@@ -636,7 +636,7 @@ class SetPointTarget(_PositionTarget):
                 self.output.set(handshake.target)
 
     def _under_way(self) -> bool:
-        """Whether the axis is seen moving, farther than `_FAR` from its set-point."""
+        """Whether the axis is moving, farther than `_FAR` from its set-point."""
         axis, target = self._axis, self._handshake.target
         velocity, position = axis.velocity, axis.position
         if target is None or velocity is None or position is None or not (velocity.fresh and position.fresh):
@@ -645,7 +645,7 @@ class SetPointTarget(_PositionTarget):
         return far and abs(velocity.value * axis.scale.vel_from_dev) > _FAR
 
     def move(self, count: int, *, relative: bool) -> None:
-        """Send one set-point in device units, from outside a controller."""
+        """Send one set-point in device units, without a controller."""
         self._handshake.move(count, relative=relative, immediately=True)
 
     def ramp_down(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode
@@ -663,7 +663,7 @@ class SetPointTarget(_PositionTarget):
         return self._handshake.events()
 
     def _take_back(self, target: int) -> None:
-        """Set the target to where the drive's own ramp ends, unless it is already at the target."""
+        """Set the target to the end of the drive's own ramp, unless it is already at the target."""
         self._given = None
         axis, here = self._axis, self._axis.raw_position
         if not self._handshake.busy:

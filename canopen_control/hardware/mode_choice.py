@@ -1,4 +1,4 @@
-"""Which mode of operation serves a command interface of a joint (0x6502, CiA 402-2), and whether an RPDO carries it.
+"""Choice of the mode of operation for a command interface (0x6502, CiA 402-2), and of its RPDO.
 
 The key of bus.yml decides the mode where it says something, else the best mode that the drive lists (0x6502)
 and whose target an RPDO carries, cyclic before profile; what cannot be is refused before anything is sent.
@@ -93,7 +93,7 @@ def _of_file(axis: AxisProcessData) -> list[int]:
 
 
 def _of_drive(axis: AxisProcessData, parameters: AxisParameters) -> tuple[OperationMode, ...]:
-    """Return the modes of 0x6502 as read from the drive, else of the EDS; () without either.
+    """Return the modes of 0x6502 in the drive, else in the EDS; () without either.
 
     0 says nothing: a drive has a mode, and a maker who gives no value writes it too.
     """
@@ -148,12 +148,12 @@ def require_targets(axis: AxisProcessData, interfaces: Collection[str]) -> None:
 
 
 def _feeds(axis: AxisProcessData, interface: str) -> bool:
-    """Whether an RPDO carries the offset of a command interface that has no target of its own."""
+    """Whether an RPDO contains the offset of a command interface without a target of its own."""
     return (axis.velocity_offset if interface == VELOCITY else axis.torque_offset) is not None
 
 
 def _served(axis: AxisProcessData, interface: str) -> tuple[int, ...]:
-    """Return the modes that serve a command interface, first those with a target in bus.yml."""
+    """Return the modes that serve a command interface, those with a target in bus.yml first."""
     own = [mode for mode, name in axis.own_modes.items() if name == interface]
     return (*own, *(mode for mode in _SERVED[interface] if mode not in own))
 
@@ -164,7 +164,7 @@ def _is_mapped(axis: AxisProcessData, mode: int) -> bool:
 
 
 def require_mapped(axis: AxisProcessData, mode: int) -> None:
-    """Raise DriveError where no RPDO carries the target of a mode."""
+    """Raise DriveError if no RPDO contains the target of a mode."""
     if not _is_mapped(axis, mode):
         index, subindex = axis.target_objects.get(mode, (0, 0))
         raise DriveError(
@@ -198,7 +198,7 @@ PLUGINS: Final = (
 
 
 def add_plugin_interfaces(description: UrdfDescription, plans: Iterable[NodePlan]) -> UrdfDescription:
-    """Return the description with the interfaces that its plugins would export, and a note for each joint that has."""
+    """Return the description with the interfaces that its plugins would export, and a note for each changed joint."""
     by_name = {plan.name: plan for plan in plans}
     hardware = tuple(_completed(tag, by_name) for tag in description.hardware)
     before = {joint.name: joint for tag in description.hardware for joint in tag.joints}

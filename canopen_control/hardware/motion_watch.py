@@ -1,4 +1,4 @@
-"""Check ten times a second whether an enabled axis follows its commands: it stands still, or moves away.
+"""Motion check of an enabled axis, ten times a second: detects standstill and motion away from the target.
 
 Positions are compared in counts. A drive that is enabled and takes its set-points from another source, or whose brake
 is still shut, stands; one whose feedback is mirrored moves away from its target. An axis that stands at a limit of its
@@ -65,7 +65,7 @@ class MotionWatch:
 
     @property
     def unmoved(self) -> bool:
-        """Whether set-points of a position have left an axis that has not moved since its enable."""
+        """Whether an axis with position set-points has not moved since its enable."""
         return not self._moved and self._standing > 0
 
     def _way(self, target: ModeTarget) -> int:
@@ -91,7 +91,7 @@ class MotionWatch:
         self.late = cyclic and not self._moved and self._standing == _LATE_LOOKS
 
     def _look_direction(self, way: int, here: int, step: int, scale: float) -> None:
-        """Count checks with a motion away from the target; a reversal on the way does not count."""
+        """Count checks with a motion away from the target; a reversal during a profile does not count."""
         if abs(step) < _STEP * scale:
             self._rest, self._right, self._away = here, False, 0
             return

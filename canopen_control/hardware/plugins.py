@@ -1,4 +1,4 @@
-"""Meaning of the plugin of a <ros2_control> tag: drives, simulation or mirrored commands.
+"""Plugins of <ros2_control> tags: drives, simulation or mirrored commands.
 
 The plugin names of other stacks are kept, so that their descriptions run unchanged, and so is the
 one line that users change to go from simulation to hardware. `--mock` and `--real` do the same without a change.
@@ -88,12 +88,12 @@ class _Joint:
             self.set(ACCELERATION, 0.0)
 
     def get(self, name: str) -> float:
-        """Return a state, 0.0 if the joint does not have it."""
+        """Return a state, 0.0 if the joint lacks it."""
         state = self.states.get(name)
         return 0.0 if state is None or math.isnan(state.value) else state.value
 
     def set(self, name: str, value: float) -> None:
-        """Set a state, if the joint has it."""
+        """Set a state if the joint has it."""
         state = self.states.get(name)
         if state is not None:
             state.value = value
@@ -267,7 +267,7 @@ class _State:
 
 
 class _Command:
-    """A command on both sides, in the same way; its bounds, given for the joint, are turned for the actuator too."""
+    """Command on both sides of a transmission; its bounds, given for the joint, are converted for the actuator."""
 
     __slots__ = ("factor", "inner", "offset", "outer")
 
@@ -297,7 +297,7 @@ _POWERS: Final = {POSITION: -1, VELOCITY: -1, ACCELERATION: -1, EFFORT: 1}
 
 
 class TransmittedSystem:
-    """A component seen through its transmissions: the same interfaces by name, with the joints' values.
+    """Component behind its transmissions: the same interfaces by name, with the joints' values.
 
     What no transmission turns is the component's own.
     """
@@ -373,7 +373,7 @@ class TransmittedSystem:
         return self.component.scan()
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Ask the component."""
+        """Forward the request to the component."""
         self.component.prepare_command_mode_switch(start, stop)
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
@@ -381,7 +381,7 @@ class TransmittedSystem:
         self.component.perform_command_mode_switch(start, stop)
 
     def read(self, now: int, period: float) -> ReturnType:
-        """Read the component and turn its actuators' states into the joints'."""
+        """Read the component and convert its actuators' states to joint states."""
         result = self.component.read(now, period)
         for state in self._states:
             state.outer.value = state.inner.value * state.factor + state.offset
@@ -389,7 +389,7 @@ class TransmittedSystem:
         return result
 
     def write(self, now: int, period: float) -> ReturnType:
-        """Turn the joints' commands into the actuators' and write the component."""
+        """Convert joint commands to actuator commands and write the component."""
         for command in self._commands:
             command.inner.value = (command.outer.value - command.offset) / command.factor
         result = self.component.write(now, period)
@@ -402,7 +402,7 @@ class TransmittedSystem:
 
 
 def _seen(inner: CommandInterface) -> CommandInterface:
-    """Return the joint's side of an actuator's command interface, with the bounds that were given for the joint."""
+    """Return the joint's side of an actuator's command interface, with the joint's bounds."""
     return CommandInterface(inner.joint, inner.interface, inner.value, minimum=inner.minimum, maximum=inner.maximum)
 
 
@@ -439,7 +439,7 @@ def kind_of(
 def made_up(
     description: UrdfDescription, tag: Ros2ControlSystem, kind: PluginKind, engine: Engine | None = None
 ) -> HardwareComponent:
-    """Return the component of a tag that needs no bus. A tag that is mocked by option moves its joints."""
+    """Return the component of a tag without a bus; with the mock option its joints follow commands."""
     if kind is PluginKind.SIMULATION:
         return driverless_system.SimulatedSystem(tag, description.joints, engine=engine)
     if tag.plugin not in PLUGINS:
@@ -448,7 +448,7 @@ def made_up(
 
 
 def transmitted(component: HardwareComponent, tag: Ros2ControlSystem) -> HardwareComponent:
-    """Return a component behind the transmissions of its tag, if they change something."""
+    """Return a component behind the transmissions of its tag, unchanged without effective ones."""
     if all(transmission.trivial for transmission in tag.transmissions):
         return component
     return TransmittedSystem(component, tag.transmissions)

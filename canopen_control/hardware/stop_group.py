@@ -33,7 +33,7 @@ class GroupMember(Protocol):
 
     @property
     def can_enable(self) -> bool:
-        """Whether nothing but its group keeps it from being enabled."""
+        """Whether the joint waits only for its group to be enabled."""
 
     def has_settled(self, now: int) -> bool:
         """Whether a stop may end in disabling the drive."""
@@ -46,7 +46,7 @@ J = TypeVar("J", bound=GroupMember)
 
 
 class BaseJoints(Generic[J]):
-    """Joints claimed by one base controller; `name` is the controller's."""
+    """Joints claimed by one base controller; `name` is that of the controller."""
 
     __slots__ = ("joints", "name")
 
@@ -63,7 +63,7 @@ class StopGroup(Generic[J]):
         self.busy = False
 
     def stop(self, now: int) -> list[J]:
-        """Ramp every joint to zero, then disable; return those that were to move."""
+        """Ramp every joint to zero, then disable; return the joints that were to move."""
         moving = [joint for joint in self.joints if joint.wanted]
         for joint in self.joints:
             joint.stop(now)
@@ -87,7 +87,7 @@ class StopGroup(Generic[J]):
 
 
 def regroup(joints: Iterable[J], bases: Mapping[str, Collection[str]], now: int) -> None:
-    """Assign the joints of each base to it, and merge the stop groups of its joints.
+    """Assign joints to the base controllers that claim them, and merge their stop groups.
 
     A base of which only a part is enabled, or on its way to be, is stopped.
     """

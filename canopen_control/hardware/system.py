@@ -62,7 +62,7 @@ def enable_together(joints: Sequence[JointDrive], now: int, report: Callable[[Ev
 
 
 class Recovery:
-    """Watches the joints that wait to be enabled again."""
+    """Recovery of joints that wait to be enabled again."""
 
     def __init__(self, joints: Sequence[JointDrive], report: Callable[[Event], None]) -> None:
         self._joints, self._report = joints, report
@@ -106,7 +106,7 @@ PLUGINS: Final[tuple[str, ...]] = (
 
 
 class CanopenSystem(ComponentLifecycle):
-    """The joints of one <ros2_control> tag and their drives.
+    """Joints of one <ros2_control> tag and their drives.
 
     `groups` are the robot's stop groups by name, to which the joints are added; components that share them stop
     together.
@@ -145,14 +145,14 @@ class CanopenSystem(ComponentLifecycle):
         self._supervise_at = 0
 
     def _begin(self) -> None:
-        """Nothing to do: the master boots the nodes, and drives stay disabled until a controller claims them."""
+        """Do nothing: the master boots the nodes, and drives stay disabled until a controller claims them."""
 
     def _rest(self) -> None:
         self.stop(self._now)
         self.devices.release(self.devices.command_names)
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Check the switch: one interface of motion per joint, or a position with feed-forward, in a mode it has."""
+        """Check the switch: one motion interface per joint, or a position with feed-forward, with a suitable mode."""
         for joint, interfaces in self._moved(start).items():
             if joint.claimed is not None and f"{joint.joint}/{joint.claimed}" not in stop:
                 raise ControlError(
@@ -194,7 +194,7 @@ class CanopenSystem(ComponentLifecycle):
         return OK
 
     def write(self, now: int, period: float) -> ReturnType:
-        """Advance every drive's state machine and set its targets; trouble at one joint stops its group."""
+        """Advance every drive's state machine and set its targets; an error at one joint stops its group."""
         for group in self.groups:
             if group.busy:
                 group.coordinate(now)
@@ -219,7 +219,7 @@ class CanopenSystem(ComponentLifecycle):
         self.devices.poll(now)
 
     def prepare_enable(self, joints: Sequence[JointDrive]) -> None:
-        """Set the modes of drives before they are enabled; ControlError or DriveError if one has none."""
+        """Set the modes of drives before they are enabled; ControlError or DriveError for a drive without one."""
         for joint in joints:
             if not joint.node.ready:
                 raise ControlError(
@@ -239,7 +239,7 @@ class CanopenSystem(ComponentLifecycle):
                 joint.targets.set_mode(joint.targets.mode)  # a user's word, to try it again
 
     def enable(self, joints: Sequence[JointDrive]) -> None:
-        """Enable drives for a user: all, or none with the reason."""
+        """Enable drives for a user: all, or none, with the reason."""
         self.prepare_enable(joints)
         for joint in joints:
             joint.enable()
@@ -255,11 +255,11 @@ class CanopenSystem(ComponentLifecycle):
 
     @property
     def stopped(self) -> bool:
-        """Whether no joint moves under power any more, and no output waits to be sent."""
+        """Whether no joint moves under power, and no output waits to be sent."""
         return all(not joint.node.ready or joint.stopped for joint in self.joints) and not self.devices.sending
 
     def _moved(self, interfaces: Sequence[str]) -> dict[JointDrive, list[str]]:
-        """Return the joints that these interfaces move, and by which of theirs."""
+        """Return the joints moved by these interfaces, with their interfaces."""
         by_joint: dict[JointDrive, list[str]] = {}
         for name in interfaces:
             if name in self.devices.command_names:
@@ -270,7 +270,7 @@ class CanopenSystem(ComponentLifecycle):
         return by_joint
 
     def skipped(self, edges: int) -> None:
-        """Account for missed cycles, in which the drives got no set-point."""
+        """Account for missed cycles without set-points."""
         for joint in self.joints:
             if joint.power.following:
                 joint.tracking.skip(edges)
@@ -309,7 +309,7 @@ class CanopenSystem(ComponentLifecycle):
 
 
 def _then(cause: JointDrive, *, resumable: bool) -> str:
-    """Return the next step after a stop: a request of the user, unless bus.yml allows the node's return to suffice."""
+    """Return the next step after a stop: an enable request, unless bus.yml allows automatic enabling after a return."""
     if resumable:
         return "; they are enabled again when it is back (recovery: enable)"
     first = "canopen-control axis fault-reset all, then " if cause.machine.fault else ""
@@ -320,7 +320,7 @@ def _then(cause: JointDrive, *, resumable: bool) -> str:
 def _group(
     parts: Sequence[ControlJoint], joints: Sequence[JointDrive], groups: dict[str, StopGroup[JointDrive]]
 ) -> None:
-    """Assign each joint to its stop group; the default is one group for the robot."""
+    """Assign each joint to its stop group; by default one group contains the whole robot."""
     for joint, control in zip(joints, parts, strict=True):
         name = control.parameters.get("stop_group", "")
         if any(name != parts[joints.index(other)].parameters.get("stop_group", "") for other in joint.partners):
@@ -371,7 +371,7 @@ def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImag
 
 
 def _axis_of(joint: ControlJoint) -> int:
-    """Read the axis of a device with several: `axis` or `channel`, from 0."""
+    """Return the axis of a multi-axis device: `axis` or `channel`, from 0."""
     text = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
     if not text.isdigit() or int(text) >= AXES:
         raise RobotConfigError(f"joint {joint.name}: axis {text!r}; a device has the axes 0 to {AXES - 1}")

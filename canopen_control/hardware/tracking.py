@@ -18,7 +18,7 @@ _NAN: Final = math.nan
 
 
 class TrackingFigures(NamedTuple):
-    """Largest and root mean square error, over `window_s` and since the joint was enabled; set-points by number."""
+    """Maximum and RMS tracking error, over `window_s` and since enabling; set-points by number."""
 
     window_s: float
     worst: float
@@ -82,17 +82,17 @@ class Tracking:
         self.restart()
 
     def restart(self) -> None:
-        """Compare with nothing that was commanded before: the joint has rested, or has another mode."""
+        """Reset the comparison after standstill or a mode change."""
         self._first = self._second = self._third = _NAN
         self._still = _PAUSE + 1
 
     def compare(self, interface: str, *, positions: bool) -> None:
-        """Compare this interface from now on, "" for none."""
+        """Select the compared interface, "" for none."""
         self.interface, self._positions = interface, positions
         self.restart()
 
     def step(self, target: float, actual: float) -> None:
-        """Add the set-point of this cycle and the measured value before it; nan for none."""
+        """Add this cycle's set-point and the value measured before it; nan for none."""
         last = self._first
         error = (self._third if self._late else self._second) - actual
         self._third, self._second, self._first = self._second, last, target
@@ -119,7 +119,7 @@ class Tracking:
 
     @property
     def moving(self) -> bool:
-        """Whether its set-points lead on."""
+        """Whether its set-points command motion."""
         return self._still <= _PAUSE if self._positions else self._first != 0.0 and self._first == self._first
 
     def figures(self) -> TrackingFigures | None:

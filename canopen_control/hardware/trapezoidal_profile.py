@@ -1,4 +1,4 @@
-"""Trapezoidal ramp to a place, for modes of operation in which the drive makes none: steps of position, cycle by cycle.
+"""Trapezoidal position profile for modes in which the drive computes none: one step per cycle.
 
 A set-point of a trajectory is where the axis is to be in this cycle; a place is where it is to come to in the end,
 and a drive in CSP or IP would be asked to be there at once.
@@ -17,7 +17,7 @@ _LEAST: Final = 1  # count in a cycle: slower than this is not told to the drive
 
 
 class TrapezoidalProfile:
-    """The ramp of one axis; `speed` is the present one, below 0 on a way down; `limited` whether there is any."""
+    """Profile of one axis; `speed` is the present one, negative downwards; `limited` is whether it has limits."""
 
     __slots__ = ("_most", "_rise", "limited", "speed")
 
@@ -26,7 +26,7 @@ class TrapezoidalProfile:
         self.limit(math.inf, math.inf)
 
     def limit(self, most: float, rise: float) -> None:
-        """Set other limits from the next step on."""
+        """Set the limits from the next step on."""
         self._most, self._rise = most, rise
         self.limited = most < math.inf or rise < math.inf
 

@@ -28,7 +28,7 @@ _WHEEL_FOLDER: Final = re.compile(r"(?P<prefix>.+)/lib\d*/python[^/]+/site-packa
 
 
 def lean_python(module: str) -> list[str]:
-    """Return the command that runs `main` of a module of the package with no other package than msgspec on the path.
+    """Return the command that runs `main` of a module of the package with only msgspec on the path.
 
     Isolated and without site, Python starts in half the time.
     """
@@ -42,7 +42,7 @@ def lean_python(module: str) -> list[str]:
 
 
 def clean_environment(*, ros: bool, base: Mapping[str, str] | None = None) -> dict[str, str]:
-    """Return the environment for a child, based on `base` (default: ours); `ros` means that the child imports rclpy.
+    """Return the environment of a child, based on `base` (default: ours); `ros` is for one that imports rclpy.
 
     A library path set by the user or by a sourced ROS is kept.
     """

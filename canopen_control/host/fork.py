@@ -37,26 +37,26 @@ Main: TypeAlias = "tuple[str, Sequence[str]]"
 
 
 def allow_forks() -> None:
-    """Allow children of this process, and theirs, to be forks of it."""
+    """Allow children of this process, and their children, to be its forks."""
     global _allowed
     _allowed = True
 
 
 def forbid_forks() -> None:
-    """Take `allow_forks` back."""
+    """Revoke `allow_forks`."""
     global _allowed
     _allowed = False
 
 
 def can_fork() -> bool:
-    """Whether a child may be a fork: on Linux with pidfd, where it is allowed, while there is one thread."""
+    """Whether a child may be a fork: on Linux with pidfd, if allowed, while there is only one thread."""
     return (
         _allowed and sys.platform == "linux" and hasattr(os, "pidfd_open") and len(os.listdir("/proc/self/task")) == 1
     )
 
 
 class ForkedProcess:
-    """Child made by `fork`, with what `subprocess.Popen` has for its starter."""
+    """Child created by `fork`, with the methods of `subprocess.Popen` that its starter needs."""
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
@@ -100,7 +100,7 @@ def fork(
     keep: Collection[int],
     detached: bool = False,
 ) -> ForkedProcess:
-    """Start `main` as a fork of this process with a session of its own; `argv` is the command line that it shows.
+    """Start `main` as a fork of this process with its own session; `argv` is the command line that ps shows.
 
     Its standard input is empty; `output` takes standard output and error, None: those of this process. It inherits the
     descriptors `keep` and no others. `detached`: the process that is returned ends at once, and its child, of the same
@@ -128,7 +128,7 @@ def _run_child(
     mask: Collection[int],
     detached: bool,
 ) -> NoReturn:
-    """Run the program in the fork, and end it: nothing of the callers' frames is executed here."""
+    """Run the program in the fork, and end it without executing any frame of its callers."""
     code = 1
     try:
         os.setsid()
@@ -178,7 +178,7 @@ def _reset_environment(environment: Mapping[str, str]) -> None:
 
 
 def _reset_streams() -> None:
-    """Open the standard streams, unbuffered as PYTHONUNBUFFERED has them."""
+    """Open the standard streams, unbuffered as with PYTHONUNBUFFERED."""
     _kept.extend((sys.stdin, sys.stdout, sys.stderr, sys.__stdin__, sys.__stdout__, sys.__stderr__))
     usual = sys.__stdout__
     encoding, errors = ("utf-8", "strict") if usual is None else (usual.encoding, usual.errors or "strict")
@@ -193,7 +193,7 @@ def _reset_streams() -> None:
 
 
 def _reset_signals() -> None:
-    """Restore what Python sets at its start; what is ignored stays ignored, as across exec."""
+    """Restore the signal handlers of Python's start; ignored signals stay ignored, as across exec."""
     signal.set_wakeup_fd(-1)
     for number in signal.valid_signals():
         if callable(signal.getsignal(number)):
@@ -202,7 +202,7 @@ def _reset_signals() -> None:
 
 
 def _show(argv: Sequence[str], environment: Mapping[str, str]) -> None:
-    """Let the kernel show this command line and environment: they are read from the memory they were passed in.
+    """Make the kernel show this command line and environment by overwriting the memory of the original ones.
 
     The environment follows the command line there, and is no longer in use. A command line that is not ended by a zero
     byte at its old end is one string (proc_pid_cmdline(5)), so that its words are separated by spaces.

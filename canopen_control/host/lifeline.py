@@ -16,7 +16,7 @@ READY_WORD: Final = b"ready"
 
 
 def lifeline_fd() -> int | None:
-    """Return the descriptor of this process' lifeline, None if it has none.
+    """Return the descriptor of this process's lifeline, None without one.
 
     It becomes readable, at end of file, when the parent has ended. Nothing is ever written to it.
     """
@@ -39,12 +39,12 @@ def _inherited_pipe(variable: str) -> int | None:
 
 
 def report_ready() -> None:
-    """Report to `spawn_detached` that the service of this process is up; a no-op in processes started otherwise."""
+    """Report to `spawn_detached` that the service of this process is up; a no-op in other processes."""
     _report(READY_WORD)
 
 
 def report_failure(sentence: str) -> None:
-    """Report to `spawn_detached` why this process has no service; a no-op in processes started otherwise."""
+    """Report to `spawn_detached` why this process has no service; a no-op in other processes."""
     _report(" ".join(sentence.split()).encode()[:4000])
 
 
@@ -58,7 +58,7 @@ def _report(line: bytes) -> None:
 
 
 class LivenessReport:
-    """Repeated report of a child of `spawn` that it is ready, then that it is alive.
+    """Repeated report from a child of `spawn` that it is ready, then that it is alive.
 
     It does nothing in a process without a starter that requested it.
     """

@@ -83,7 +83,7 @@ class Connection:
         return self._socket.fileno()
 
     def expect_answer(self) -> None:
-        """Count a request that `answer` will answer: a client that waits is not disconnected for another one."""
+        """Count a request as pending until `answer`: a client that waits is not disconnected for another one."""
         self._unanswered += 1
 
     def answer(self, line: bytes) -> None:
@@ -152,7 +152,7 @@ class Connection:
             self._release()
 
     def eviction_order(self, now: int) -> tuple[int, int] | None:
-        """Return the order of eviction, lowest first, as a class and a time; None: not now. Called by the server."""
+        """Return the order of disconnection, lowest first: a class and a time; None: not now. Called by the server."""
         if now - self._came < _GRACE_NS or self.reason:
             return None
         if not self._asked:

@@ -1,4 +1,4 @@
-"""Dataclasses whose methods are made when they are first used, for the imports of a start.
+"""Dataclasses that create their methods on first use, for faster imports at start.
 
 The standard decorator compiles up to eight methods for each class, which is two fifths of the time that the imports of
 `run` take; most of them are never called. Python from 3.13 on compiles those of a class at once, and is left alone.
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class _Method:
-    """Method of a dataclass that replaces itself by the function when it is looked up or called."""
+    """Method of a dataclass that creates the function on lookup or call and replaces itself."""
 
     __slots__ = ("__name__", "_make")
 
@@ -33,7 +33,7 @@ class _Method:
         return function if instance is None else function.__get__(instance, owner)
 
     def __call__(self, *arguments: object) -> object:
-        """Call the function where another one encloses it: that of `repr`, against recursion."""
+        """Call the function inside an enclosing one, such as `repr`'s guard against recursion."""
         function = self._make()
         self._make = lambda: function
         return function(*arguments)
@@ -41,7 +41,7 @@ class _Method:
 
 @contextlib.contextmanager
 def quick_dataclasses() -> Iterator[None]:
-    """Let dataclasses that are defined meanwhile make their methods on first use; those of compiled modules do not.
+    """Make dataclasses defined in this context create methods on first use, except those of compiled modules.
 
     To be used around imports of this package only.
     """

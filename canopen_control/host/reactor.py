@@ -242,7 +242,7 @@ class Reactor:
                     self._turn(None)  # a manual clock without timers: only a descriptor can continue
 
     def run_until(self, condition_or_deadline: Callable[[], bool] | int, timeout_ns: int | None = None) -> bool:
-        """Serve until a condition is true or a deadline is reached, and return whether it was.
+        """Serve until a condition is true or a deadline is reached, and return the condition.
 
         The condition is checked before every turn. The result is False if `timeout_ns` elapsed, if `stop` was called,
         or, on a manual clock, if no event is left.
@@ -319,7 +319,7 @@ class Reactor:
         return False
 
     def _step(self, limit: int | None) -> bool:
-        """Serve one turn; False if no event is left before the limit."""
+        """Serve one turn; False without an event before the limit."""
         if not self.clock.is_manual:
             self._turn(self._longest_wait())
             return limit is None or self.now() < limit

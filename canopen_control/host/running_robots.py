@@ -12,7 +12,7 @@ def find_robots() -> list[str]:
 
 
 def select_robot(name: str | None = None) -> str:
-    """Return the robot that is meant: `name`, or without one the only robot there is; ConfigError otherwise."""
+    """Return the robot `name`, or without a name the only robot that runs; ConfigError otherwise."""
     running = find_robots()
     if name is not None:
         if check_name(name) in running:

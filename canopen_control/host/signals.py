@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def on_signals(numbers: Iterable[signal.Signals], call: Callable[[], object]) -> Iterator[None]:
-    """Call `call` on the main thread at any of these signals until the end of the block; then restore the handlers."""
+    """Call `call` on the main thread at any of these signals during the block; then restore the handlers."""
     before = {number: signal.signal(number, lambda *_: call()) for number in numbers}
     try:
         yield
@@ -23,5 +23,5 @@ def on_signals(numbers: Iterable[signal.Signals], call: Callable[[], object]) ->
 
 
 def interrupt() -> None:
-    """Raise KeyboardInterrupt as Ctrl-C does, for signals that end a program in the same way."""
+    """Raise KeyboardInterrupt like Ctrl-C, for signals that end a program in the same way."""
     raise KeyboardInterrupt

@@ -160,7 +160,7 @@ def list_sockets(kind: SocketKind) -> list[str]:
 
 
 def _peer(sock: socket.socket) -> tuple[int, int] | None:
-    """Return process id (0 if unknown) and user id of the other end, None if it is already gone."""
+    """Return process id (0 if unknown) and user id of the other end, None if it is gone."""
     try:
         if _LINUX:
             pid, uid, _ = _UCRED.unpack(sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _UCRED.size))

@@ -157,7 +157,7 @@ class Rhythm:
         self.interval_ns = self._last_ns = self._step_ns = 0  # 0: single shot
 
     def goes_on(self, deadline_ns: int) -> bool:
-        """Whether the next deadline, 0 for none, is the next of the period.
+        """Return whether the next deadline (0 for none) continues the period.
 
         Otherwise set the timer, with `interval_ns`.
         """
@@ -185,7 +185,7 @@ class Alarm(Protocol):
         ...
 
     def set(self, deadline_ns: int | None) -> None:
-        """Fire at `deadline_ns`, or never; clears an earlier firing, so that nothing has to be read."""
+        """Fire at `deadline_ns`, or never; clears an earlier firing so that it need not be read."""
         ...
 
     def close(self) -> None:
@@ -250,7 +250,7 @@ class _CtypesAlarm:
 
 
 def open_alarm() -> Alarm | None:
-    """Return the kernel's timer, None if it is missing: the timeout of the selector is used then."""
+    """Return the kernel's timer, None if it is missing: the timeout of the selector is then used."""
     if not sys.platform.startswith("linux"):
         return None
     try:

@@ -108,7 +108,7 @@ def work_words(name: str, text: str, node: str, robot: str) -> list[str]:
 
 
 class WorkRun:
-    """Running verb; `title` is its line, `code` its exit code, None while it runs.
+    """Run of a verb; `title` is its line, `code` its exit code, None while it runs.
 
     CanopenError where there can be no process.
     """
@@ -146,12 +146,12 @@ class WorkRun:
         return rows
 
     def end(self) -> None:
-        """Ask for its end, as Ctrl-C does; a no-op once it has ended."""
+        """Interrupt the verb like Ctrl-C; a no-op once it has ended."""
         if self.code is None:
             self._process.send_signal(signal.SIGINT)
 
     def close(self) -> None:
-        """End the verb and wait for its ramp to rest."""
+        """End the verb and wait until the drive has stopped."""
         self.end()
         try:
             self._process.wait(_GRACE_S)
@@ -166,7 +166,7 @@ class WorkRun:
 
 
 def _tied_to_this_thread() -> Callable[[], object] | None:
-    """Return the preexec function of a child process, which gets SIGINT when this thread ends."""
+    """Return a preexec function that sends the child SIGINT when this thread ends."""
     if not sys.platform.startswith("linux"):
         return None
     prctl = ctypes.CDLL(None).prctl
@@ -271,7 +271,7 @@ class DriveObjects:
         return self._cells
 
     def look(self, addresses: Iterable[str]) -> None:
-        """Read these rows and no others."""
+        """Read only these rows from now on."""
         if self._node is not None:
             entries = [self._entries[address] for address in addresses if address in self._entries]
             self._reader.watch(_SCREEN, self._node, entries)

@@ -75,12 +75,12 @@ class _Row:
 
 @dataclass(slots=True)
 class FrameTable:
-    """Counts frames by identifier."""
+    """Frame counter by identifier."""
 
     rows: dict[int, _Row] = field(default_factory=dict)
 
     def add(self, decoded: DecodedFrame) -> None:
-        """Count a frame; new identifiers beyond the bound are left out."""
+        """Count a frame; new identifiers above the maximum number are ignored."""
         row = self.rows.get(decoded.can_id)
         if row is None:
             if len(self.rows) < _IDENTIFIERS:
@@ -119,7 +119,7 @@ class TraceLog:
 
 
 class LoadMeter:
-    """The bus load of the last full second, stuff bits left out; times in ns."""
+    """Bus load of the last full second without stuff bits; times in ns."""
 
     def __init__(self, bitrate: int) -> None:
         self.bitrate = bitrate
@@ -158,7 +158,7 @@ class PortWatcher(Protocol):
 
 
 class BusTap:
-    """Decodes the frames of a bus and passes them to `take`; `problem` is the reason why it receives none, or "".
+    """Decoder of a bus's frames, passed to `take`; `problem` is the reason why none arrive, or "".
 
     `owner` is the robot that runs on it, or empty.
     """
@@ -186,7 +186,7 @@ class BusTap:
             watcher.port_changed(self._port)
 
     def tick(self, now: int) -> None:
-        """Open the bus if it is time to; `now` in monotonic ns."""
+        """Open the bus when due; `now` in monotonic ns."""
         self.meter.tick(now)
         if self._port is not None or now < self._retry_ns:
             return

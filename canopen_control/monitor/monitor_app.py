@@ -1,4 +1,4 @@
-"""The monitor's screen: tables, logs and keys. No safety function: STOP is a key of a program (ISO 13850).
+"""Screen of the monitor: tables, logs and keys. Its STOP key is not a safety function (ISO 13850).
 
 It draws five times a second and never waits; what a key asks of the robot is asked on a thread,
 and what the robot answers is told. STOP has priority over whatever has the focus.
@@ -66,7 +66,7 @@ _PLAIN: Final = {Tone.PLAIN: "", Tone.GOOD: "", Tone.IDLE: "", Tone.WARN: "bold"
 
 
 def tone_styles(environment: Mapping[str, str]) -> dict[Tone, str]:
-    """Return the style of each tone; without colours where NO_COLOR says so."""
+    """Return the style of each tone; without colours with NO_COLOR."""
     return _PLAIN if environment.get("NO_COLOR") else _COLOURS
 
 
@@ -106,7 +106,7 @@ FRAME_COLUMNS: Final = ("id", "count", "period ms", "node", "what", "data", "tex
 
 
 class LiveTable(DataTable[Text]):
-    """Rows of cells by name; `show` makes them so and `written` counts the cells that this has cost."""
+    """Rows of cells by name; `show` updates them, `written` counts the updated cells."""
 
     def __init__(self, columns: Sequence[str], **how: Any) -> None:  # noqa: ANN401 - textual's own keywords
         super().__init__(cursor_type="row", zebra_stripes=False, **how)
@@ -120,7 +120,7 @@ class LiveTable(DataTable[Text]):
             self.add_column(title, key=title)
 
     def show(self, rows: Mapping[str, tuple[Cell, ...]]) -> None:
-        """Show these rows, new ones in their order."""
+        """Show these rows; new rows are added in their order."""
         for gone in [key for key in self._shown if key not in rows]:
             self.remove_row(gone)
             del self._shown[gone]
@@ -142,7 +142,7 @@ class LiveTable(DataTable[Text]):
 
     @property
     def in_sight(self) -> list[str]:
-        """The names of the rows that the window shows."""
+        """Names of the rows that are visible in the window."""
         first = max(0, int(self.scroll_y))
         keys = [row.key.value or "" for row in self.ordered_rows[first : first + max(0, self.size.height)]]
         return [key for key in keys if key]
@@ -154,7 +154,7 @@ class LiveTable(DataTable[Text]):
                 self.written += 1
 
     def _resizes(self, title: str, old: Cell, new: Cell) -> bool:
-        """Whether a column gets another width: a new one has the whole screen laid out, so not for a digit less."""
+        """Whether a column changes its width, which redraws the screen; ignored for a difference of one digit."""
         width, before, after = self.columns[ColumnKey(title)].content_width, cell_len(str(old)), cell_len(str(new))
         return after > width or (before >= width and after < before - _SLACK)
 
@@ -239,12 +239,12 @@ class DrivePane(Vertical):
         self._report(run.title, Tone.IDLE)
 
     def end(self) -> None:
-        """Ask the verb for its end, as Ctrl-C does."""
+        """Interrupt the verb like Ctrl-C."""
         if self._run is not None:
             self._run.end()
 
     def close(self) -> None:
-        """End the verb; waits for its ramp."""
+        """End the verb and wait until the drive has stopped."""
         if self._run is not None:
             self._run.close()
 
@@ -372,7 +372,7 @@ class MonitorApp(App[None]):
             self.refresh_picture()
 
     def refresh_picture(self) -> None:
-        """Redraw the changes."""
+        """Redraw changed parts."""
         if not self.is_running:
             return
         self._drawn = time.monotonic()
@@ -410,7 +410,7 @@ class MonitorApp(App[None]):
             self._alarm.update(Text(content.alarm))
 
     def _show_drives(self, shown: bool) -> None:
-        """Hide the table of drives while there are none, as on a simulated robot."""
+        """Hide the table of drives while there are none, as with a simulated robot."""
         if shown and not self._drives.display and not isinstance(self.focused, FilterLine):
             self._drives.display = True
             self._drives.focus()
@@ -464,7 +464,7 @@ class MonitorApp(App[None]):
     # -- keys
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002 - textual's
-        """Hide the actions that a listening source does not have."""
+        """Hide the actions that a listening source lacks."""
         return self.source.can_command or action not in _COMMANDS
 
     def action_keys(self) -> None:
@@ -499,11 +499,11 @@ class MonitorApp(App[None]):
 
     @property
     def _selected(self) -> str:
-        """The node of the row with the cursor, "" for none."""
+        """Node of the row with the cursor, "" for none."""
         return (self._drives.selected or "").partition("/")[0]
 
     def action_filter(self) -> None:
-        """Ask for a filter of the trace, or for a search of the objects where these are looked at."""
+        """Prompt for a filter of the trace, or for a search if objects are shown."""
         on_objects = self.query_one("#tabs", TabbedContent).active == _DRIVE_TAB
         if not on_objects:
             self.action_tab("trace")
@@ -531,7 +531,7 @@ class MonitorApp(App[None]):
         self._drive.choose()
 
     def action_end_work(self) -> None:
-        """Ask the verb that runs for its end, as Ctrl-C does."""
+        """Interrupt the running verb like Ctrl-C."""
         self._drive.end()
 
     def action_undo(self) -> None:
@@ -597,15 +597,15 @@ class MonitorApp(App[None]):
 
 
 class FilterLine(Input):
-    """A line for words without spaces: textual takes printable keys from bindings, even of priority, for an input."""
+    """Input line for words without spaces: textual gives bindings precedence over input, even for printable keys."""
 
     def check_consume_key(self, key: str, character: str | None) -> bool:
-        """Leave the STOP key to the screen."""
+        """Pass the STOP key on to the screen."""
         return key != "space" and super().check_consume_key(key, character)
 
 
 class _Reader:
-    """Lets the running event loop read a tap's port, while it has one."""
+    """Registration of a tap's port with the running event loop."""
 
     def __init__(self, tap: BusTap) -> None:
         self._tap, self._loop = tap, asyncio.get_running_loop()

@@ -35,7 +35,7 @@ class Tone(enum.Enum):
 
 
 class Cell(NamedTuple):
-    """Words and how good that is."""
+    """Text with its tone."""
 
     text: str
     tone: Tone = Tone.PLAIN
@@ -46,7 +46,7 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class LogLine:
-    """Something that happened; `time` in Unix seconds."""
+    """Line of a log; `time` in Unix seconds."""
 
     time: float
     text: str
@@ -92,5 +92,5 @@ def sdo_cell(reads: int, writes: int, failed: int) -> Cell:
 
 
 def plain(text: str) -> Cell:
-    """Return a cell that is neither good nor bad."""
+    """Return a cell with a neutral tone."""
     return Cell(text)

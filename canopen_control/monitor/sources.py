@@ -150,7 +150,7 @@ class BusTable:
     # -- frames
 
     def _from_node(self, decoded: DecodedFrame) -> bool:
-        """Whether the node itself sent it; what others send to it proves nothing."""
+        """Whether the node sent the frame; frames to the node do not show that it exists."""
         return not decoded.subject.startswith(("RPDO", "SDO request")) and "request" not in decoded.text
 
     def _heard(self, node_id: int, time: int) -> _Node:
@@ -284,7 +284,7 @@ class RobotLink:
         self._thread: threading.Thread | None = None
 
     def start(self, on_sample: Callable[[], None] = lambda: None) -> None:
-        """Start to look for the robot."""
+        """Start to search for the robot."""
         self._thread = threading.Thread(target=self._run, args=(on_sample,), name="robot link", daemon=True)
         self._thread.start()
 
@@ -310,7 +310,7 @@ class RobotLink:
         return events
 
     def ask(self, request: Request[A], timeout: float) -> A:
-        """Ask the robot and wait up to `timeout` seconds; RemoteError. For threads that may wait."""
+        """Send a request and wait up to `timeout` seconds; RemoteError. For threads that may block."""
         robot = self._robot
         if robot is None:
             raise RemoteError("BusClosed", f"{ROBOT.of(type(request)).name} does not reach the robot: {self.why}")
@@ -347,7 +347,7 @@ class RobotLink:
             self.why = f"robot {self.name} has been silent for more than {_SILENCE_S:g} s; does it hang?"
 
     def _keep(self, event: RobotEvent) -> None:
-        """Store an event unless it is known: the stream repeats those of the status."""
+        """Store an event unless it is known: the stream repeats the events of the status."""
         if event not in self._told:
             self._told.append(event)
             self._events.append(event)
@@ -378,7 +378,7 @@ def content_of(robot: str, state: StateSample) -> MonitorContent:
 
 
 def without_robot(robot: str, why: str) -> MonitorContent:
-    """Return the content while there is no robot."""
+    """Return the content without a robot."""
     return MonitorContent(robot, Cell("not connected", Tone.BAD), f"{why}. STOP does not reach it; trying again")
 
 
@@ -467,16 +467,16 @@ class ScreenSource(Protocol):
         ...
 
     def start(self, on_sample: Callable[[], None]) -> None:
-        """Begin; `on_sample` is called, from any thread, when a new sample of the robot has come."""
+        """Begin; `on_sample` is called, from any thread, for each new sample of the robot."""
 
     def close(self) -> None:
-        """End."""
+        """End the source."""
 
     def tick(self) -> None:
         """Run due work; called a few times a second."""
 
     def listen(self, on: bool) -> None:
-        """Frames are looked at from now on, or not any more."""
+        """Start or stop listening to frames."""
 
     def choose(self, node: str) -> DriveObjects | None:
         """Select a node and return its objects; None if they cannot be read."""
@@ -491,7 +491,7 @@ class ScreenSource(Protocol):
         """Return the emergencies since the last call."""
 
     def command(self, request: Request[Any]) -> None:
-        """Ask the robot and wait; RemoteError. For threads that may wait."""
+        """Send a request and wait; RemoteError. For threads that may block."""
 
     def begin(self, title: str, text: str, node: str) -> WorkRun:
         """Start a verb on a node with the input line; CanopenError if it cannot be started."""
@@ -499,7 +499,7 @@ class ScreenSource(Protocol):
 
 
 class LiveRobot:
-    """Source of a running robot: its API, and its buses where others can listen."""
+    """Source for a running robot: its API, and its buses if others can listen to them."""
 
     can_command = True
 
@@ -521,7 +521,7 @@ class LiveRobot:
         return NetworkDescription(nodes=nodes, master_node_id=master)
 
     def start(self, on_sample: Callable[[], None] = lambda: None) -> None:
-        """Start to look for the robot."""
+        """Start to search for the robot."""
         self._link.start(on_sample)
 
     def close(self) -> None:
@@ -532,13 +532,13 @@ class LiveRobot:
             tap.close()
 
     def listen(self, on: bool) -> None:
-        """Open its buses, or leave them."""
+        """Open its buses, or close them."""
         if on is not self._listening:
             self._listening = on
             self._tap()
 
     def tick(self) -> None:
-        """Listen to the robot's buses once they are known, if wanted."""
+        """Listen to the robot's buses once they are known, if requested."""
         if self._link.layouts is not self._layouts:
             self._layouts = self._link.layouts
             self._networks = [network_of_layout(layout) for layout in self._layouts.values()]
@@ -547,7 +547,7 @@ class LiveRobot:
             tap.tick(time.monotonic_ns())
 
     def choose(self, node: str) -> DriveObjects:
-        """Select the node whose objects are read."""
+        """Select the node of the object table."""
         self._objects.choose(self._link.name or "", self._link.places.get(node))
         return self._objects
 
@@ -565,12 +565,12 @@ class LiveRobot:
         return [log_line(event) for event in events]
 
     def emergencies(self) -> list[LogLine]:
-        """Return the emergencies among what `log` has returned."""
+        """Return the emergencies in the result of `log`."""
         emergencies, self._emergencies = self._emergencies, []
         return emergencies
 
     def command(self, request: Request[Any]) -> None:
-        """Ask the robot."""
+        """Send a request to the robot."""
         self._link.ask(request, TIMEOUT_S)
 
     def begin(self, title: str, text: str, node: str) -> WorkRun:
@@ -578,7 +578,7 @@ class LiveRobot:
         return WorkRun(work_words(title, text, node, self._link.name or ""))
 
     def _tap(self) -> None:
-        """Listen to the buses of a robot that was found, or has come back, perhaps with others; or not any more."""
+        """Listen to the buses of a robot that was found or has returned, perhaps with others; or stop listening."""
         for tap in self.taps:
             tap.close()
         owner, networks = self._link.name or "", self._networks if self._listening else []
@@ -590,7 +590,7 @@ class LiveRobot:
 
 
 class BusSource:
-    """A bare bus that is only listened to."""
+    """Source for a bare bus, which it only listens to."""
 
     can_command = False
 
@@ -616,7 +616,7 @@ class BusSource:
         self._tap.tick(time.monotonic_ns())
 
     def choose(self, node: str) -> None:  # noqa: ARG002 - as every source has it
-        """Return nothing: to read objects is to send."""
+        """Return None: reading objects would require sending."""
         return
 
     def content(self) -> MonitorContent:
@@ -637,13 +637,13 @@ class BusSource:
         return self._table.emergencies()
 
     def command(self, request: Request[Any]) -> None:
-        """Refuse: this source never sends."""
+        """Refuse the request: this source never sends."""
         raise RemoteError(
             "LocalProtocolError", f"{ROBOT.of(type(request)).name}: this monitor only listens on {self.network.channel}"
         )
 
     def begin(self, title: str, text: str, node: str) -> WorkRun:  # noqa: ARG002 - as every source has it
-        """Refuse, likewise."""
+        """Refuse the request: this source never sends."""
         raise ConfigError(f"{title}: this monitor only listens on {self.network.channel}")
 
     def _take(self, decoded: DecodedFrame) -> None:

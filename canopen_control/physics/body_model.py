@@ -1,4 +1,4 @@
-"""MuJoCo model of a robot: on a floor, its root free if it has wheels, with a motor on each driven joint.
+"""MuJoCo model of a robot on a floor, with a free root if it has wheels, and a motor on each driven joint.
 
 Wheels become ellipsoids with their radius and width: these have one contact point and turn as odometry expects, while a
 cylinder scrubs by an amount that depends on the time step. Everything touches the floor; parts of the robot do not
@@ -88,14 +88,14 @@ class Body:
 
     @property
     def links(self) -> dict[str, int]:
-        """Indices of its links by their own names."""
+        """Indices of its links by name."""
         names = ((str(self.model.body(number).name), number) for number in range(1, self.model.nbody))
         return {name.removeprefix(self.prefix): number for name, number in names if name.startswith(self.prefix)}
 
 
 @dataclass(frozen=True)
 class PreparedRobot:
-    """Robot before it is added to a world: its specification, its contacts with the floor, and its motors by joint."""
+    """Robot before its addition to a world: its specification, its contacts with the floor, and its motors by joint."""
 
     spec: Any
     root: str
@@ -138,7 +138,7 @@ def compiled(spec: Any, path: str) -> Any:  # noqa: ANN401 - as above
 
 
 def alone(robot: PreparedRobot, world: WorldDescription, step: float, path: str) -> Body:
-    """Put a robot on a floor of its own; a fixed robot touches it at its lowest point."""
+    """Put a robot on its own floor; a fixed robot touches the floor at its lowest point."""
     lay_floor(robot.spec, step, 0.0 if robot.free else min(0.0, -robot.ground.lift))
     add_scenery(robot.spec, world, solref(step))
     return robot.body(compiled(robot.spec, path))
@@ -157,7 +157,7 @@ def prepared(
     start: Start,
     sensors: Sequence[WorldSensor] = (),
 ) -> PreparedRobot:
-    """Return a robot with everything but its world; `axes` by their joints.
+    """Return a robot complete except for its world; `axes` by joint.
 
     `free` is whether its root is free, None: if it has wheels. Lengths in m, `step` in s. PhysicsError, with a line in
     the file at `path`, for a missing joint.
@@ -196,7 +196,7 @@ def _described(joint: Joint) -> Described:
 
 
 def give_locks(spec: Any, axes: Mapping[str, AxisSettings], step: float) -> None:  # noqa: ANN401 - as above
-    """Add a lock to each driven joint, off until a brake or a blocked shaft needs it."""
+    """Add a lock to each driven joint, inactive until a brake or a blocked shaft needs it."""
     for joint in axes:
         lock = spec.add_equality(name=f"{_LOCK}{joint}", type=mujoco.mjtEq.mjEQ_JOINT, name1=joint, active=False)
         lock.objtype = mujoco.mjtObj.mjOBJ_JOINT
@@ -227,7 +227,7 @@ def set_options(spec: Any, step: float) -> None:  # noqa: ANN401 - as above
 
 
 def _touch_floor(spec: Any, ground: Ground, floor: FloorContact, step: float) -> None:  # noqa: ANN401 - as above
-    """Set the contact of each shape with the floor."""
+    """Set the floor contact of each shape."""
     touches = {touch.geom: touch for touch in ground.touches}
     rolling = {touch.geom for touch in ground.touches if touch.part is not ContactPart.CASTER}
     turning = {geom.parent.name for geom in spec.geoms if geom.name in rolling}
@@ -258,7 +258,7 @@ def solref(step: float) -> list[float]:
 
 
 def _loosened(geom: Any, step: float, friction: float) -> Any:  # noqa: ANN401 - as above
-    """Put half of a cylinder on a free axle of its own; the other half is the hub."""
+    """Put half of a cylinder on a separate free axle; the other half is the hub."""
     geom.contype = geom.conaffinity = 0
     geom.density = 0.5 * geom.density
     wheel = geom.parent.add_body(name=f"{geom.name} rolling", pos=geom.pos, quat=geom.quat)
@@ -337,7 +337,7 @@ def settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 class _Warnings:
-    """Log of the first warning of MuJoCo.
+    """Recorder of MuJoCo's first warning.
 
     MuJoCo itself would repeat the warning at each step and write MUJOCO_LOG.TXT into the current folder.
     """
@@ -393,7 +393,7 @@ def build_mjcf(
 
 
 def _described_in_mjcf(joint: Any) -> Described:  # noqa: ANN401 - MuJoCo has no types
-    """Return the motor values of a joint in the scene; without friction there its author gave none."""
+    """Return the motor values of a joint in the scene; without friction there they count as undefined."""
     return Described(friction=joint.frictionloss or None, damping=float(joint.damping[0]))
 
 

@@ -1,4 +1,4 @@
-"""Disturbances of robots in a world: payloads, pushes, changes of friction, each at its time.
+"""Timed disturbances of robots in a world: payloads, pushes, changes of friction.
 
 A payload changes mass, centre of mass and inertia of a link during the simulation. Each wheel and caster gets the
 friction of its place: that of the floor, or of the patch below it. Times are in ns from the start of the world, and the
@@ -34,7 +34,7 @@ _CHANGED: Final = ("body_mass", "body_ipos", "body_iquat", "body_inertia", "geom
 
 
 class JointBlocker(Protocol):
-    """Owner of joints that can be blocked."""
+    """Interface for blocking joints."""
 
     def block(self, robot: str, joint: str, on: bool) -> None:
         """Block or release a joint of a robot."""

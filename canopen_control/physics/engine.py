@@ -1,4 +1,4 @@
-"""Entry point of the virtual drives: creates the world of plant files for the engine `mujoco`.
+"""Entry point for the virtual drives: creates the world of plant files for the engine `mujoco`.
 
 Mistakes are reported before the simulation starts; guesses about the robots are in the world's notes.
 """
@@ -85,7 +85,7 @@ def _of_mjcf(file: PhysicsFile, path: Path, world: WorldDescription, sensors: li
 
 
 def _alone(robot: PreparedRobot, world: WorldDescription, file: PhysicsFile) -> Body:
-    """Return a robot in a world of its own."""
+    """Return a robot in its own world."""
     from canopen_control.physics.body_model import alone
 
     return alone(robot, world, file.step_ms * 1e-3, file.urdf)

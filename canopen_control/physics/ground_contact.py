@@ -33,7 +33,7 @@ _LIFTED_M: Final = 0.002  # height above the floor without a force
 
 @dataclass(frozen=True)
 class RollerWheel:
-    """Mecanum wheel by the indices of its shape and body; `angle` of the roller's axle from ahead, in degrees."""
+    """Mecanum wheel by the indices of its shape and body; `angle` of the front roller's axle in degrees."""
 
     geom: int
     frame: int
@@ -93,7 +93,7 @@ _ROUND: Final = (int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_
 
 
 class ContactPart(enum.Enum):
-    """Kind of a contact with the floor."""
+    """Kind of floor contact."""
 
     WHEEL = "wheel"
     ROLLER = "roller"
@@ -102,7 +102,7 @@ class ContactPart(enum.Enum):
 
 @dataclass(frozen=True)
 class Touch:
-    """Contact of a named shape: the joint that turns it, if it is a wheel, and its radius in m."""
+    """Contact of a named shape: the joint that turns the shape, if it is a wheel, and its radius in m."""
 
     geom: str
     part: ContactPart
@@ -165,7 +165,7 @@ def _touch(model: Any, data: Any, geom: int) -> Touch:  # noqa: ANN401 - as abov
 
 
 def _turning(model: Any, body: int) -> Iterator[int]:  # noqa: ANN401 - as above
-    """Yield the hinges of a body, or else of the nearest body above it that has any."""
+    """Yield the hinges of a body, or else of the nearest ancestor with hinges."""
     while body and not int(model.body_jntnum[body]):
         body = int(model.body_parentid[body])
     first = int(model.body_jntadr[body])
@@ -181,7 +181,7 @@ def _is_about(
     axis: NDArray[np.float64],
     radius: float,
 ) -> bool:
-    """Whether a shape, round about its `own` axis or about any, turns about a horizontal axis through its centre."""
+    """Whether a shape turns about a horizontal axis through its centre; a round one about its `own` axis."""
     off = place - anchor
     distance = float(np.linalg.norm(off - (off @ axis) * axis))
     level = abs(float(axis[2])) < _LEVEL

@@ -1,4 +1,4 @@
-"""Control loops of a servo drive on one joint of the world: encoder, position loop, velocity loop, current limit.
+"""Control loops of a servo drive on a joint of the world: encoder, position loop, velocity loop, current limit.
 
 The loops run once per step of the world, see the joint only through its encoder, and output a torque for the step.
 Angles are in rad and torques in N m at the joint (m and N for a prismatic one); counts and per mille of the drive are
@@ -69,7 +69,7 @@ class ServoLoop:
         self._integral = torque
 
     def begin(self) -> None:
-        """Reset everything, after the joint was moved elsewhere."""
+        """Reset everything after the joint was moved elsewhere."""
         self._place, self._velocity, self._integral = None, 0.0, 0.0
 
     def torque(self, angle: float, position: float, velocity: float, limit: float) -> float:
@@ -80,7 +80,7 @@ class ServoLoop:
         return self._push(self._feed_forward * velocity + self._gain * error - self._velocity, limit)
 
     def velocity_torque(self, angle: float, velocity: float, limit: float) -> float:
-        """Return the limited torque that moves a joint to a velocity; position errors are not made up for."""
+        """Return the limited torque that moves a joint at a velocity, without compensation of position errors."""
         self._see(angle)
         return self._push(velocity - self._velocity, limit)
 
@@ -106,12 +106,12 @@ class ServoLoop:
         return force
 
     def _hold(self, limit: float) -> float:
-        """Return the torque at a position that is right within one count, without hunting."""
+        """Return the torque that holds a position within one count, without oscillation."""
         return max(-limit, min(limit, self._integral - self.kp * self._velocity))
 
 
 class Moved(Protocol):
-    """World as seen by one of its joints."""
+    """Interface of a world for one of its joints."""
 
     angles: NDArray[np.float64]
     speeds: NDArray[np.float64]
@@ -128,7 +128,7 @@ class Moved(Protocol):
         """End the sleep, because of an action from outside."""
 
     def set_lock(self, place: JointPlace, locked: bool) -> None:
-        """Lock a joint at its position, or release it."""
+        """Lock a joint at its position, or release the lock."""
 
     def set_friction(self, place: JointPlace, torque: float) -> None:
         """Change the friction of a joint."""
@@ -179,7 +179,7 @@ class JointPlant:
 
     @position.setter
     def position(self, value: float) -> None:
-        """Displace the encoder; the joint does not move."""
+        """Shift the encoder; the joint does not move."""
         self._offset += value - self._position
         self._position = value
         self._world.wake()
@@ -245,7 +245,7 @@ class JointPlant:
         return owner.torque is not None or now < owner.demand.end_ns or owner.demand.final_velocity != 0.0
 
     def order(self) -> tuple[object, ...]:
-        """Return the demand of the drive, for comparison with the previous one."""
+        """Return the demand of the drive for comparison with the previous one."""
         owner = self.owner
         if owner is None:
             return ()
@@ -274,7 +274,7 @@ class JointPlant:
         self._world.efforts[self.place.dof] = newtons + self._external * self._per_mille
 
     def _led(self, owner: AxisOwner, clock: int, limit: float) -> float:
-        """Return the torque that follows the demand."""
+        """Return the torque for the demand."""
         position, velocity = owner.demand.at(clock)
         angle, speed = float(self._world.angles[self.place.qpos]), velocity / self._scale
         if owner.velocity_mode:

@@ -75,7 +75,7 @@ class AxisSettings:
 
 @dataclass(frozen=True)
 class FloorContact:
-    """Floor: sliding friction of wheels, of casters, and of all other parts of the robot that touch it."""
+    """Sliding friction of wheels, of casters, and of all other parts of the robot on the floor."""
 
     friction: float = setting(0.8, low=0.0, high=10.0)
     caster_friction: float = setting(0.02, low=0.0, high=10.0)
@@ -83,7 +83,7 @@ class FloorContact:
 
 @dataclass(frozen=True)
 class SensorSettings:
-    """Sensor on a link, see `world_sensors`; `reach` in m is the range of a range finder, `seed` that of its noise.
+    """Sensor on a link, see `world_sensors`; `reach` in m is that of a range finder, `seed` that of its noise.
 
     `scene` is the prefix of its sensors in a MuJoCo scene that already has them.
     """
@@ -113,7 +113,7 @@ class EncoderSettings:
 
 @dataclass(frozen=True)
 class PhysicsFile:
-    """Complete plant file; `arguments` are those of xacro, `density` in kg/m3 is that of links without masses."""
+    """Contents of a plant file; `arguments` are those of xacro, `density` in kg/m3 is that of links without masses."""
 
     axes: dict[str, AxisSettings]
     engine: str = "mujoco"

@@ -60,7 +60,7 @@ def patches_of(patches: Iterable[Patch]) -> tuple[WorldShape, ...]:
 
 
 def shapes_of(model: Any, data: Any, own: str = "") -> tuple[WorldShape, ...]:  # noqa: ANN401 - MuJoCo has no types
-    """Return the shapes of a world except those of the robot whose names begin with `own`.
+    """Return the shapes of a world without those of the robot with the name prefix `own`.
 
     Positions are those in `data`; m, quaternions w, x, y, z.
     """
@@ -107,7 +107,7 @@ def _lengths(model: Any, number: int) -> Any:  # noqa: ANN401 - numpy's
 
 
 def _middle(model: Any, data: Any, number: int) -> Any:  # noqa: ANN401 - as above
-    """Return the offset from the position of a shape to its centre, in the world; nonzero only for a mesh."""
+    """Return the offset in the world from a shape's position to its centre; nonzero only for a mesh."""
     return data.geom_xmat[number].reshape(3, 3) @ model.geom_aabb[number, :3]
 
 
@@ -157,7 +157,7 @@ class PhysicsWorld:
         disturbances.look_at_grip()
 
     def _settle(self) -> None:
-        """Let the robots sink onto the floor before the start, with locked joints."""
+        """Let the robots settle on the floor before the start, with locked joints."""
         places = [place for robot in self._robots.values() for place in robot.body.joints.values()]
         for place in places:
             self.set_lock(place, True)
@@ -172,7 +172,7 @@ class PhysicsWorld:
 
     @property
     def period_ns(self) -> int | None:
-        """Interval in ns of advancing the axes without a request."""
+        """Interval in ns at which the axes are advanced without a request."""
         return _ASLEEP_NS if self._asleep else self._awake_ns
 
     @property
@@ -211,7 +211,7 @@ class PhysicsWorld:
     # -- time
 
     def reach(self, now: int, by: JointPlant) -> None:
-        """Advance everything to `now`; `by` is the axis that will serve its own timers."""
+        """Advance everything to `now`; `by` is the axis that serves its own timers."""
         if now <= self._shown:
             return
         was, by.busy = by.busy, True
@@ -243,7 +243,7 @@ class PhysicsWorld:
         return nearest
 
     def _advance(self, now: int) -> None:
-        """Step to the last grid point that is not after `now`."""
+        """Step to the last grid point at or before `now`."""
         if now <= self._shown:
             return
         last, plants = now // self.step_ns, list(self._plants.values())
@@ -271,12 +271,12 @@ class PhysicsWorld:
         return ((self._point or 0) - (self._began or 0)) * self.step_ns
 
     def _sleep_until(self, last: int) -> int:
-        """Return the grid point until which nothing can happen."""
+        """Return the grid point before which nothing can happen."""
         due = self._disturbances.next_ns()
         return last if due is None else min(last, (self._began or 0) - (-due // self.step_ns))
 
     def act(self, world_act: WorldAct, robot: str | None = None) -> None:
-        """Apply a disturbance now, at the time to which the world was advanced."""
+        """Apply a disturbance at the present time of the world."""
         self._disturbances.act(world_act, self._age_ns(), self._first if robot is None else robot)
         self.wake()
 
@@ -340,7 +340,7 @@ class PhysicsWorld:
 
 
 class WorldSide:
-    """`World` as seen by the drives of one robot on one bus: their axes, its pose, and all other shapes."""
+    """`World` for the drives of one robot on one bus: their axes, its pose, and all other shapes."""
 
     def __init__(self, world: PhysicsWorld, robot: WorldRobot, bus: str) -> None:
         self._world, self._robot, self._bus = world, robot, bus

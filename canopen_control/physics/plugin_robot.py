@@ -55,7 +55,7 @@ _FASTEST: Final = 1000.0
 
 @dataclass(frozen=True)
 class LidarSettings:
-    """Lidar by its name: rad, m, Hz; `place` is that of its tag."""
+    """Lidar with its name: rad, m, Hz; `place` is that of its tag."""
 
     name: str
     frame: str
@@ -77,7 +77,7 @@ class LidarSettings:
 
 
 def tag_lidars(tag: Ros2ControlSystem, root: str, path: str) -> list[LidarSettings]:
-    """Return the lidars of a tag; PhysicsError with all mistakes and their places in the file at `path`."""
+    """Return the lidars of a tag; PhysicsError with all errors and their places in the file at `path`."""
     lidars, problems = [], list[str]()
     for part in tag.sensors:
         if not any(key in part.parameters for key in _NEEDED):
@@ -93,7 +93,7 @@ def tag_lidars(tag: Ros2ControlSystem, root: str, path: str) -> list[LidarSettin
 
 
 def _lidar(part: ControlJoint, hardware: Mapping[str, str], root: str, place: str, wrong: list[str]) -> LidarSettings:
-    """Return a lidar; mistakes are added to `wrong`."""
+    """Return a lidar; errors are added to `wrong`."""
     params = part.parameters
     wrong += [f"no {key}; a lidar has {', '.join(_NEEDED)} in rad" for key in _NEEDED if key not in params]
     number = {key: _number(params, key, 0.0, wrong) for key in _NEEDED}
@@ -145,7 +145,7 @@ def _number(params: Mapping[str, str], key: str, default: float, wrong: list[str
 
 
 def camera_notes(parts: Iterable[ControlJoint], cameras: Iterable[str] = ()) -> list[str]:
-    """Return a sentence for each camera of a tag, or of a scene by its name, which is omitted."""
+    """Return a sentence for each ignored camera of a tag or a scene."""
     names = [part.name for part in parts if any(key in part.parameters for key in _CAMERA)]
     names += [part.name for part in parts if part.parameters.get("mujoco_type", "").strip() == "camera"]
     return [
@@ -155,7 +155,7 @@ def camera_notes(parts: Iterable[ControlJoint], cameras: Iterable[str] = ()) -> 
 
 
 def frame_error(lidar: LidarSettings, frames: Iterable[str]) -> PhysicsError:
-    """Return the error of a lidar without its frame."""
+    """Return the error for a lidar whose frame is missing."""
     names = [frame for frame in frames if frame]
     return PhysicsError(
         f"{lidar.place}: sensor {lidar.name}: no link {lidar.frame!r} for its frame_name{nearest(lidar.frame, names)}"
@@ -172,7 +172,7 @@ _DIGITS: Final = 4  # decimal digits of a distance in m
 
 
 class LidarScanner:
-    """Lidar of a model in a state; PhysicsError without its frame."""
+    """Lidar of a model in a state; PhysicsError if its frame is missing."""
 
     def __init__(self, model: Any, data: Any, settings: LidarSettings) -> None:  # noqa: ANN401 - MuJoCo has no types
         self._model, self._data, self._settings = model, data, settings
@@ -247,7 +247,7 @@ def axes_of(tag: Ros2ControlSystem) -> dict[str, AxisSettings]:
 
 
 def sensors_of(description: UrdfDescription, tag: Ros2ControlSystem) -> list[WorldSensor]:
-    """Return the sensors of a tag that a world supports; PhysicsError with their mistakes."""
+    """Return the sensors of a tag that a world supports; PhysicsError with their errors."""
     model = description.model
     sensors = urdf_sensors(tag.sensors, model.links, model.root, description.path)
     return [WorldSensor.of(name, sensor) for name, sensor in sensors.items()]
@@ -263,7 +263,7 @@ class _Target:
 
 
 class EffortLoop(Protocol):
-    """Control loop that computes an effort from an error, in place of a joint's own servo."""
+    """Control loop from an error to an effort, in place of a joint's own servo."""
 
     def compute(self, error: float, dt: float) -> float:
         """Return the effort for an error, `dt` s after the previous one."""
@@ -275,7 +275,7 @@ class EffortLoop(Protocol):
 
 
 class JointMotor:
-    """One joint of the world: rad, rad/s, N m (m, m/s, N); its target is used from the next step on.
+    """Motor of one joint of the world: rad, rad/s, N m (m, m/s, N); its target applies from the next step on.
 
     `loops`, by commanded interface, replace its servo; its peak torque limits them too.
     """
@@ -352,7 +352,7 @@ class JointMotor:
         self._robot.data.qfrc_applied[place.dof] = self.effort
 
     def _effort(self, angle: float, place: float, speed: float, error: float) -> float:
-        """Return the effort of the loop of the commanded interface, else of the servo for a position and a velocity."""
+        """Return the effort of the commanded interface's loop, else of the servo for a position and a velocity."""
         peak, loop = self._place.motor.peak_torque, self._loops.get(self._target.interface)
         if loop is None:
             return self._loop.torque(angle, place, speed, peak)

@@ -57,7 +57,7 @@ Timed = tuple[int, str, WorldAct]
 
 @dataclass(frozen=True)
 class Start:
-    """Start pose of a robot, its heading in degrees."""
+    """Start pose of a robot, with its heading in degrees."""
 
     at: tuple[float, float] = (0.0, 0.0)
     heading: float = 0.0
@@ -76,7 +76,7 @@ class RobotStart(Start):
 
 @dataclass(frozen=True)
 class Patch:
-    """Rectangle of the floor with its own friction, by its centre."""
+    """Rectangle of the floor with its own friction, defined by its centre."""
 
     at: tuple[float, float]
     size: tuple[float, float]
@@ -105,7 +105,7 @@ class Ramp:
 
 @dataclass(frozen=True)
 class Box:
-    """Box on the floor, or `above` it; it moves if it has a mass."""
+    """Box on the floor, or `above` it; movable if it has a mass."""
 
     at: tuple[float, float]
     size: tuple[float, float, float]
@@ -147,7 +147,7 @@ class WorldStep(WorldEvent):
 
 @dataclass(frozen=True)
 class WorldDescription:
-    """Complete world file; `floor` None: as in the plant file.
+    """Contents of a world file; without `floor` that of the plant file.
 
     `solids` are the shapes of its `sdf`, or of an SDF file given directly, `notes` differences from Gazebo in them.
     """

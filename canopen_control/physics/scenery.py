@@ -1,4 +1,4 @@
-"""Objects on the floor of a world: ramps, boxes, walls and solids of an SDF world as shapes of the simulation.
+"""Objects on the floor of a world as simulation shapes: ramps, boxes, walls and solids of an SDF world.
 
 A ramp is a slab whose upper side begins at the floor. Fixed objects touch only robots, a box with a mass also touches
 the floor and everything else. Ramps and solids have the friction of the shape that touches them, a wheel or a caster.

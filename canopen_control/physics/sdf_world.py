@@ -88,7 +88,7 @@ def _pieces(faces: Any, count: int) -> Iterator[list[int]]:  # noqa: ANN401 - nu
 
 
 def _solid(corners: Any) -> Any:  # noqa: ANN401 - as above
-    """Return the vertices of a solid: those of a flat piece on both sides of it."""
+    """Return the vertices of a solid; those of a flat piece are doubled on both sides."""
     middle = corners.mean(axis=0)
     axes = np.linalg.svd(corners - middle, full_matrices=True)[2]
     spread = np.ptp((corners - middle) @ axes.T, axis=0)
@@ -146,7 +146,7 @@ def read_sdf_world(path: Path) -> SdfWorld:
 
 @dataclass
 class _Scope:
-    """World, model or link during reading: its pose in the world, and the poses of named elements in it."""
+    """World, model or link during reading: its pose in the world, and the poses of the named elements in it."""
 
     path: Path
     element: Element
@@ -179,7 +179,7 @@ class _Reader:
             yield f"{path}: each part of a mesh touches as its convex hull: {listed}"
 
     def mistake(self, path: Path, element: Element, text: str) -> None:
-        """Add a mistake with its place."""
+        """Add an error with its place."""
         self.problems.append(f"{path}:{element.place.line}:{element.place.column}: {text}")
 
     def root(self, path: Path) -> Element | None:
@@ -274,7 +274,7 @@ class _Reader:
         return scope.place.then(self._inside(scope, element))
 
     def _inside(self, scope: _Scope, element: Element) -> Pose:
-        """Return the pose of a child in its scope, by its <pose> and the frame it is relative to."""
+        """Return the pose of a child in its scope, by its <pose> and reference frame."""
         pose = element.child("pose")
         base = element.attributes.get("attached_to", "") if element.tag == "frame" else ""
         base = base if pose is None else pose.attributes.get("relative_to", "") or base
@@ -443,7 +443,7 @@ def _is_yes(text: str) -> bool:
 
 
 def _resources(path: Path) -> Iterator[Path]:
-    """Yield the folders of models: those around the file, and those that Gazebo searches."""
+    """Yield the model folders: those around the file, and those that Gazebo searches."""
     yield from (path.parent, path.parent.parent, path.parent.parent / "models")
     for key in _PATHS:
         yield from (Path(entry) for entry in os.environ.get(key, "").split(os.pathsep) if entry)

@@ -1,4 +1,4 @@
-"""One MuJoCo model with several robots on one floor, which touch each other; each has its own name prefix.
+"""MuJoCo model with several robots on one floor, which can touch each other; each has its own name prefix.
 
 Each robot has a contact bit of its own, so that its parts pass through each other but not through another robot. A
 robot without wheels is fixed to the ground at its start, at its lowest point.
@@ -30,7 +30,7 @@ _ALL: Final = 0x7FFFFFFF
 
 
 def joined(robots: Mapping[str, tuple[PreparedRobot, RobotStart]], world: WorldDescription, path: str) -> Any:  # noqa: ANN401 - MuJoCo has no types
-    """Return the model of robots by their names, each at its start; PhysicsError if two overlap.
+    """Return the model of robots by name, each at its start pose; PhysicsError if two overlap.
 
     `path` is the file of the world. The specifications of the robots become parts of this one and must not be reused.
     """
@@ -50,7 +50,7 @@ def joined(robots: Mapping[str, tuple[PreparedRobot, RobotStart]], world: WorldD
 
 
 def _give_kind(spec: Any, kind: int) -> None:  # noqa: ANN401 - as above
-    """Set the contact bits of a robot's shapes, so that they touch other robots too."""
+    """Set the contact bits of a robot's shapes, so that they also touch other robots."""
     for geom in spec.geoms:
         if geom.contype:
             geom.contype, geom.conaffinity = kind, _ALL & ~kind

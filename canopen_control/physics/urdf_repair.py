@@ -53,7 +53,7 @@ class RepairedUrdf:
 
 
 def repaired(description: UrdfDescription) -> RepairedUrdf:
-    """Return a description for MuJoCo's reader; PhysicsError for what cannot be repaired."""
+    """Return a description for MuJoCo's reader; PhysicsError if it cannot be repaired."""
     root = ET.fromstring(description.urdf_xml)
     notes: list[str] = []
     meshes = _Meshes()
@@ -110,7 +110,7 @@ def _give_shapes(link: ET.Element, path: str, notes: list[str], meshes: _Meshes)
 
 
 class _Meshes:
-    """Mesh files in the form MuJoCo reads, `contents` by the names used in the text."""
+    """Mesh files in a form that MuJoCo reads, `contents` by the names used in the text."""
 
     def __init__(self) -> None:
         self.contents: dict[str, bytes] = {}
@@ -190,7 +190,7 @@ def _check_inertia(link: ET.Element, description: UrdfDescription, notes: list[s
 
 
 def _is_moved(description: UrdfDescription, link: str) -> bool:
-    """Whether a joint that moves ends at a link."""
+    """Whether a movable joint ends at a link."""
     return any(joint.child == link and not joint.fixed for joint in description.joints.values())
 
 

@@ -1,4 +1,4 @@
-"""<sensor> tags of a description that a world can measure: kind, link and noise.
+"""<sensor> tags that a world can measure: kind, link and noise.
 
 The kind follows from the state interfaces, or is the parameter `mujoco_type`, as in mujoco_ros2_control. Other
 parameters are `frame_id` (the link, default the root), `noise` (standard deviation), `seed` of the noise, `range_max`
@@ -60,7 +60,7 @@ _LARGEST_SEED: Final = 2**31 - 1
 def urdf_sensors(
     parts: Iterable[ControlJoint], links: Collection[str], root: str, path: str
 ) -> dict[str, SensorSettings]:
-    """Return the sensors of a tag by name; PhysicsError with all mistakes and their lines in the file at `path`."""
+    """Return the sensors of a tag by name; PhysicsError with all errors and their lines in the file at `path`."""
     sensors, problems = {}, list[str]()
     for part in parts:
         wrong = list[str]()
@@ -74,7 +74,7 @@ def urdf_sensors(
 
 
 def _kind(part: ControlJoint) -> SensorKind | None:
-    """Return the kind of a tag, None if a world cannot measure it; an unknown `mujoco_type` gives None too."""
+    """Return the kind of a tag; None if a world cannot measure it, also for an unknown `mujoco_type`."""
     mujoco_type = part.parameters.get("mujoco_type")
     if mujoco_type is not None:
         return _TYPES.get(mujoco_type.strip())
@@ -83,7 +83,7 @@ def _kind(part: ControlJoint) -> SensorKind | None:
 
 
 def _sensor(part: ControlJoint, links: Collection[str], root: str, wrong: list[str]) -> SensorSettings | None:
-    """Return one sensor, None if a world cannot measure it; mistakes are added to `wrong`."""
+    """Return one sensor, None if a world cannot measure it; errors are added to `wrong`."""
     params = part.parameters
     mujoco_type = params.get("mujoco_type", "").strip()
     if mujoco_type and mujoco_type not in (*_TYPES, *_OTHERS):

@@ -27,7 +27,7 @@ _BASE_DOFS: Final = 6  # degrees of freedom of a free root
 
 
 class WorldRobot:
-    """One robot, "" if it is alone; `encoders` are those on its joints by bus and node id.
+    """Robot in a world, named "" if it is the only one; `encoders` are those on its joints by bus and node id.
 
     `begin` sets the state of the world, `touch_down` is called when it stands on the floor.
     """
@@ -58,13 +58,13 @@ class WorldRobot:
             self._qpos, self._dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
 
     def touch_down(self) -> None:
-        """Initialise the load on its rollers and its initial heading after it was put on the floor."""
+        """Initialise the load on its rollers and its initial heading after the robot was put on the floor."""
         load = self._weight() / max(1, len(self.body.rollers))
         self._rollers = [MecanumContact(self.body.model, self._data, wheel, load) for wheel in self.body.rollers]
         self.look_at_heading()
 
     def _weight(self) -> float:
-        """Return its weight in N."""
+        """Return the robot's weight in N."""
         if self.body.base is None:
             return 0.0
         model = self.body.model

@@ -65,11 +65,11 @@ class WorldSensor:
         return cls(name, settings.kind, settings.link, settings.noise, settings.reach, settings.seed, settings.scene)
 
     def own(self) -> tuple[str, ...]:
-        """Return the names of its parts as added to a model."""
+        """Return the names of its parts in a model."""
         return tuple(f"{self.name} {number}" for number in range(len(_PARTS[self.kind])))
 
     def of_scene(self) -> tuple[str, ...]:
-        """Return the names of its parts in a scene that contains it, with the suffixes of mujoco_ros2_control."""
+        """Return the names of its parts in a scene that contains the sensor, with mujoco_ros2_control's suffixes."""
         return tuple(f"{self.scene}{ending}" for ending in _ENDINGS[self.kind]) if self.scene else ()
 
 
@@ -94,7 +94,7 @@ def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  
 
 
 def _stands(sensor: WorldSensor, existing: Mapping[str, Any], path: str) -> bool:
-    """Return whether a scene already has a sensor; PhysicsError if another MuJoCo object has its name."""
+    """Return whether a scene already has the sensor; PhysicsError if another MuJoCo object has its name."""
     names = sensor.of_scene()
     if not names or not all(name in existing for name in names):
         return False

@@ -34,7 +34,7 @@ TYPES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class SignalScale:
-    """Factor read from an object of the device: `of` computes it from the number, `assumed` is used without the object.
+    """Factor from an object of the device: `of` computes it from the number; `assumed` replaces a missing object.
 
     It is read after the boot of the node, not taken from a file, because users and devices change it.
     """
@@ -77,7 +77,7 @@ class Signal:
 
     @property
     def where(self) -> str:
-        """Object in messages."""
+        """Address of the object, for messages."""
         return f"0x{self.index:04X}:{self.subindex:02X}" + ("" if self.bit is None else f".{self.bit}")
 
     @property

@@ -34,7 +34,7 @@ class Profile(enum.IntEnum):
 
     @property
     def words(self) -> str:
-        """Name of a device with this profile, as shown to users."""
+        """Name of a device with this profile, for users."""
         return _WORDS[self]
 
 
@@ -87,6 +87,6 @@ def profile_of(od: ObjectDictionary) -> Profile:
 
 
 def _is_told_the_charge(od: ObjectDictionary) -> bool:
-    """Whether the state of charge can be written: a charger with the objects of a battery receives it."""
+    """Whether the state of charge is writable: a charger has the same objects as a battery, and receives it."""
     entry = od.get(0x6081)
     return entry is not None and entry.writable and entry.rpdo_mappable

@@ -167,7 +167,7 @@ def charger_signals(od: ObjectDictionary) -> Iterator[Signal]:
 
 
 def _signals_of(od: ObjectDictionary, table: _Table) -> Iterator[tuple[Signal, Entry]]:
-    """Yield the signals of a table whose objects the device has, each with its object."""
+    """Yield the signals of a table whose objects exist in the device, each with its object."""
     for name, index, subindex, factor, unit in table:
         if (entry := od.get(index, subindex)) is not None:
             yield Signal(name, index, subindex, factor=factor, unit=unit), entry
@@ -187,7 +187,7 @@ ANALOGUE_INPUTS: Final = (0x6401, 0x6402, 0x6400, 0x6403)
 
 @dataclass(frozen=True, slots=True)
 class _Group:
-    """Objects of the same lines, the usual one first; `lines` is the number per subindex if they are bits."""
+    """Objects for the same signals, the usual one first; `lines` is the number per subindex if they are bits."""
 
     prefix: str
     output: bool
@@ -302,7 +302,7 @@ def profile_signals(od: ObjectDictionary, profile: Profile) -> dict[str, Signal]
 
 
 def object_signal(od: ObjectDictionary, name: str) -> Signal | None:
-    """Return the raw number of an object as a signal named by its address, None if there is no such object."""
+    """Return the raw number of an object as a signal named by its address, None without the object."""
     place = object_of(name) if name[:2] in ("0x", "0X") else None
     entry = None if place is None else od.get(place[0], place[1])
     if place is None or entry is None or entry.data_type.bits is None:

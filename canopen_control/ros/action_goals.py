@@ -62,7 +62,7 @@ class GoalRequest(NamedTuple):
 
 
 class JudgedActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, without types
-    """Serves an action; callbacks are called in the executor's thread.
+    """Action server; callbacks are called in the executor's thread.
 
     `on_goal(request)` is answered by `answer`, `on_cancel(uuid)` is followed by `finish`. `on_lost(uuid)` tells of a
     goal that was accepted whose client was gone before it could be told.
@@ -97,7 +97,7 @@ class JudgedActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, withou
         )
 
     def known(self, uuid: bytes) -> RosMessage | None:
-        """Return the handle of an accepted goal, while rclpy keeps it; None otherwise."""
+        """Return the handle of an accepted goal while rclpy keeps it; None otherwise."""
         return self._goal_handles.get(uuid)
 
     def answer(self, uuid: bytes, refusal: RosMessage | None) -> None:
@@ -161,7 +161,7 @@ class JudgedActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, withou
 
 
 def _is_executing(handle: RosMessage) -> None:
-    """Set the state as a handle's `execute` does first."""
+    """Set the state, like the first step of a handle's `execute`."""
     handle._update_state(_rclpy.GoalEvent.EXECUTE)  # noqa: SLF001 - else rclpy would wait for the end in a coroutine
 
 
@@ -181,7 +181,7 @@ A = TypeVar("A")
 
 
 class TrajectorySender:
-    """Sender of trajectories one after another; `connect` opens the connection at the first one."""
+    """Sender of successive trajectories; `connect` opens the connection for the first one."""
 
     def __init__(self, connect: Callable[[], ReactorClient]) -> None:
         self._connect = connect
@@ -248,7 +248,7 @@ class GoalAnswer(Protocol):
 
     @property
     def accepted(self) -> bool:
-        """Whether the goal is executed."""
+        """Whether the goal was accepted."""
         ...
 
     @property
@@ -312,7 +312,7 @@ class FollowedGoal(Generic[V]):
 
 
 class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
-    """Action server of one controller; a class for each action converts its goals for the robot.
+    """Action server of one controller; subclasses convert the goals of each action for the robot.
 
     `kind` is that of the controller's samples during execution.
     """
@@ -351,15 +351,15 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
 
     @abstractmethod
     def cancels(self, why: str | None) -> Request[Done]:
-        """Return the request that ends the goal of a connection."""
+        """Return the request that cancels the goal of a connection."""
 
     @abstractmethod
     def failed(self, text: str) -> E:
-        """Return the result of a goal after the robot is gone."""
+        """Return the result of a goal after the robot has ended."""
 
     @abstractmethod
     def told(self, result: E, *, by_others: bool) -> RosMessage:
-        """Return the result for the client; `by_others` means that it did not request the cancellation."""
+        """Return the result for the client; with `by_others` the client did not request the cancellation."""
 
     @abstractmethod
     def feedback(self, sample: S) -> RosMessage:
@@ -425,7 +425,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
             self._ros.warn(self._topic, f"{self._topic}: {error}")
 
     def close(self) -> None:
-        """Leave the graph; goals end, with a result for their clients."""
+        """Remove the action server; goals end with a result for their clients."""
         for followed in list(self._goals.values()):
             self._end(followed, self.failed("the ROS bridge leaves, and the goal ends with it"))
         self._ros.call(self._server.destroy)
@@ -442,7 +442,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
                 handle.publish_feedback(self.feedback(sample))
 
     def _followed(self, state: StateSample) -> list[FollowedGoal[V]]:
-        """Return the executed goals, and check whether their clients are still present."""
+        """Return the active goals, and check whether their clients are still present."""
         followed = [goal for goal in self._goals.values() if goal.verdict is not None]
         if followed and not self._watched <= state.time < self._watched + _WATCH_S:  # a clock may be set back
             self._watched = state.time
@@ -455,7 +455,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         return handle if handle is not None and followed.wants_feedback(time) else None
 
     def _watch(self, followed: list[FollowedGoal[V]]) -> None:
-        """End the goals whose client is gone."""
+        """End the goals whose clients are gone."""
         watched = [goal for goal in followed if goal.verdict is not None and not goal.verdict.outlives_client]
         present = self._clients.present() if watched else set()
         for goal in watched:

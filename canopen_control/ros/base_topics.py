@@ -104,7 +104,7 @@ _QUALITIES: Final[dict[str | None, Any]] = {"reference": REFERENCE}
 
 
 class TwistCommands(Endpoint):
-    """The two topics of one base controller."""
+    """Both twist topics of one base controller."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller
@@ -113,7 +113,7 @@ class TwistCommands(Endpoint):
         self._plain = ros.subscribe(Twist, f"{topic}_unstamped", self._on_message, quality)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Know whether it is active."""
+        """Update whether the controller is active."""
         self._controller = controller
 
     def on_state(self, state: StateSample) -> None:
@@ -207,7 +207,7 @@ def send_twist(ros: Ros, controller: ControllerReading, message: Twist | TwistSt
 
 
 class SharedTwist(Endpoint):
-    """The subscription of one robot; `kind` is "Twist", "TwistStamped" or "auto"."""
+    """Subscription of one robot; `kind` is "Twist", "TwistStamped" or "auto"."""
 
     def __init__(self, ros: Ros, topic: str, kind: str) -> None:
         self._ros, self._topic = ros, topic

@@ -43,7 +43,7 @@ _RCLPY_END_S: Final = 1.5  # for rclpy to end
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run until the robot, the parent or a signal ends it; 0 good, 1 it could not start."""
+    """Run until the end of the robot or the parent, or a signal; 0 good, 1 if it could not start."""
     arguments, ros_arguments = _parse(list(sys.argv[1:] if argv is None else argv))
     try:
         require_ros()
@@ -80,7 +80,7 @@ def _say(text: str) -> None:
 
 
 def _claim(robot: str, timeout: float) -> int:
-    """Claim the robot in a ROS domain, since two bridges would send each command twice.
+    """Claim the robot in a ROS domain, because two bridges would send each command twice.
 
     `timeout` in s is for one that is ending, of a run before.
     """
@@ -96,7 +96,7 @@ def _claim(robot: str, timeout: float) -> int:
 
 
 class Bridge:
-    """The process: signals, lifeline, context and node, and the session with the robot while there is one."""
+    """Bridge process: signals, lifeline, context and node, and a session while the robot runs."""
 
     def __init__(self, arguments: argparse.Namespace, ros_arguments: list[str]) -> None:
         self._name = select_robot(arguments.name)
@@ -135,7 +135,7 @@ class Bridge:
         self._close()
 
     def _ask_ros(self) -> None:
-        """Report to `run` through the thread of ROS's callbacks that both threads are alive."""
+        """Report to `run`, through ROS's callback thread, that both threads are alive."""
         if self._session is not None and self._has_answered:
             self._has_answered = False
             self._session.call(self._answer)
@@ -146,7 +146,7 @@ class Bridge:
         self._has_answered = True
 
     def _connect(self) -> None:
-        """Connect to the robot; started by hand, retry until it runs."""
+        """Connect to the robot; a bridge started manually retries until the robot runs."""
         from canopen_control.ros.session import RosSession
 
         client: RobotClient | None = None
@@ -174,12 +174,12 @@ class Bridge:
         self._reactor.call_later(_RETRY_NS, self._connect)
 
     def _end_session(self) -> bool:
-        """Close the session; False if a thread of rclpy hangs."""
+        """Close the session; False if a thread of rclpy does not return."""
         session, self._session = self._session, None
         return session is None or session.close()
 
     def _close(self) -> None:
-        """Leave; a thread that hangs in rclpy is not waited for."""
+        """Close the bridge without waiting for a thread that does not return from rclpy."""
         giving_up = threading.Timer(_RCLPY_END_S, os._exit, (0,))
         giving_up.daemon = True
         giving_up.start()

@@ -1,4 +1,4 @@
-"""Options of the bridge: arguments, and the same as parameters of its node.
+"""Options of the bridge, as arguments or parameters of its node.
 
 A parameter (`--ros-args -p NAME:=VALUE`, `--params-file`) wins over an argument; it is read when
 the bridge starts. A value that does not fit is one sentence.
@@ -42,7 +42,7 @@ class BridgeOptions:
 
 
 def with_parameters(node: Node, options: BridgeOptions) -> BridgeOptions:
-    """Return the options as the parameters of the node have them; raises ConfigError."""
+    """Return the options with the values of the node's parameters; ConfigError."""
     values = {}
     for field in fields(BridgeOptions):
         default = getattr(options, field.name)

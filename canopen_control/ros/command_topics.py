@@ -1,4 +1,4 @@
-"""Topics of the controllers that take plain commands: forward command, GPIO and PID."""
+"""Command topics of controllers with plain values: forward command, GPIO and PID."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class ForwardCommands(Endpoint):
-    """The subscription of one forward controller."""
+    """Subscription of one forward controller."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller
@@ -64,7 +64,7 @@ class ForwardCommands(Endpoint):
 
 
 class GpioCommands(Endpoint):
-    """The subscription of one controller."""
+    """Subscription of one GPIO controller."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller, self._topic = ros, controller, f"{controller.name}/commands"
@@ -172,7 +172,7 @@ class PidReferences(Endpoint):
 
     @staticmethod
     def is_wanted(controller: ControllerReading) -> bool:
-        """Whether the topic is needed; that of references always is."""
+        """Whether the topic is needed; the reference topic always is."""
         del controller
         return True
 
@@ -208,7 +208,7 @@ class PidReferences(Endpoint):
 
 
 class PidMeasuredStates(PidReferences):
-    """The subscription of `~/measured_state`, of a controller that claims no states of its own."""
+    """Subscription of `~/measured_state`, for a controller without state interfaces of its own."""
 
     topic = "measured_state"
 
@@ -222,7 +222,7 @@ class PidMeasuredStates(PidReferences):
 
     @staticmethod
     def is_wanted(controller: ControllerReading) -> bool:
-        """Whether the controller is configured for measured states by messages."""
+        """Whether the controller is configured to receive measured states as messages."""
         return bool(controller.required_command_interfaces) and not controller.required_state_interfaces
 
 
@@ -250,7 +250,7 @@ def _dofs_of(controller: ControllerReading) -> list[str]:
 
 
 def _order(names: Sequence[str], dofs: Sequence[str]) -> list[int]:
-    """Return where in a message each degree of freedom is; ValueError if it does not name each once."""
+    """Return the position of each degree of freedom in a message; ValueError unless each occurs once."""
     if sorted(names) == sorted(dofs):
         return [names.index(dof) for dof in dofs]
     strange = next((name for name in names if name not in dofs), None)
@@ -260,7 +260,7 @@ def _order(names: Sequence[str], dofs: Sequence[str]) -> list[int]:
 
 
 def _sorted(field: str, values: Sequence[float], order: Sequence[int], dofs: Sequence[str]) -> list[float]:
-    """Return the values in the order of the degrees of freedom; ValueError unless each has a finite one."""
+    """Return the values in the order of the degrees of freedom; ValueError unless each has one finite value."""
     if len(values) != len(order):
         raise ValueError(f"{field} has {len(values)} numbers for {', '.join(dofs)}; give {len(order)}")
     ordered = [float(values[index]) for index in order]

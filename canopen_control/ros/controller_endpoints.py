@@ -89,7 +89,7 @@ _INVALID_GOAL: Final = -1
 
 
 class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult, TrajectorySample]):
-    """The action server of one controller."""
+    """Action server of one trajectory controller."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._action: Any = interface("control_msgs/action/FollowJointTrajectory")
@@ -158,7 +158,7 @@ class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult, Tra
 
 
 class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
-    """The action server of one controller, with GripperCommand."""
+    """Action server of one controller, with GripperCommand."""
 
     name: ClassVar[str] = "control_msgs/action/GripperCommand"
 
@@ -168,7 +168,7 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         super().__init__(ros, controller, self._action, "gripper_cmd", GripperSample)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Know its joint."""
+        """Update the joint of the controller."""
         self._joint = next(iter(controller.joints), "")
 
     def request(self, goal: RosMessage) -> SendGripper:
@@ -196,7 +196,7 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         sender.client.ask(self.request(goal), answer)
 
     def refused(self, verdict: GripperVerdict | None, text: str) -> RosMessage:
-        """Return an empty result: there is no room for the reason, which is logged."""
+        """Return an empty result without the reason, which is logged instead."""
         del verdict, text
         return self.result(self.failed(""), self._action.Result())
 
@@ -213,7 +213,7 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         return GripperResult(state="aborted", text=text)
 
     def told(self, result: GripperResult, *, by_others: bool) -> RosMessage:
-        """Return the result for the client, and log the reason of a failure, for which it has no field."""
+        """Return the result for the client; log the reason of a failure, for which the result has no field."""
         del by_others
         if result.state != "succeeded":
             self._ros.warn(self._topic, f"{self._topic}: {result.text}")
@@ -234,7 +234,7 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
 
 
 class ParallelGripperAction(GripperAction):
-    """The action server of one controller, with ParallelGripperCommand."""
+    """Action server of one controller, with ParallelGripperCommand."""
 
     name: ClassVar[str] = "control_msgs/action/ParallelGripperCommand"
 
@@ -253,7 +253,7 @@ class ParallelGripperAction(GripperAction):
         return into
 
     def feedback(self, sample: GripperSample) -> RosMessage:
-        """Return the feedback of a sample: its state alone."""
+        """Return the feedback of a sample: only its state."""
         into = self._action.Feedback()
         self._put(sample, into.state)
         into.state.header.stamp = time_message(sample.time)
@@ -306,7 +306,7 @@ def endpoints_for(ros: Ros, controller: ControllerReading) -> list[Endpoint]:
 
 
 def _made(make: Factory, ros: Ros, controller: ControllerReading) -> Iterator[Endpoint]:
-    """Yield an endpoint, none where this ROS does not have its interface: the controller's others are there."""
+    """Yield an endpoint; nothing if this ROS lacks its interface, without effect on the controller's others."""
     try:
         yield make(ros, controller)
     except MissingInterface as error:

@@ -1,4 +1,4 @@
-"""`/controller_manager/*`: the services that `ros2 control` and the spawner of a ROS installation call.
+"""`/controller_manager/*`: the services used by `ros2 control` and the spawner of a ROS installation.
 
 Rules (controller_manager_msgs, Jazzy 4.46): names and answers are upstream's; strictness 2 is strict, any
 other best effort; a request that is refused is answered with ok false, and why is logged, and said where the answer has
@@ -43,7 +43,7 @@ STATES: Final = {"unknown": 0, "unconfigured": 1, "inactive": 2, "active": 3, "f
 
 
 class ControllerManagerServices(Endpoint):
-    """The services of one robot, below `controller_manager`, relative to the namespace."""
+    """Services of one robot below `controller_manager`, relative to the namespace."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros
@@ -215,7 +215,7 @@ class ControllerManagerServices(Endpoint):
         response: RosMessage,
         reply: Reply,
     ) -> None:
-        """Send a request; `fill` copies its answer into the response, a refusal is logged."""
+        """Send a request; `fill` copies its answer into the response; a refusal is logged."""
         method = ROBOT.of(type(query)).name
 
         def answer(result: A | None, error: str | None) -> None:
@@ -235,5 +235,5 @@ def _succeed(response: RosMessage) -> None:
 
 
 def _without_owner(controller: ControllerReading, names: Iterable[str]) -> list[str]:
-    """Return the names of a controller's interfaces without its own before them, as upstream lists them."""
+    """Return the names of a controller's interfaces without its own name as prefix, as ros2_control lists them."""
     return [name.removeprefix(f"{controller.name}/") for name in names]

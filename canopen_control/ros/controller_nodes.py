@@ -87,7 +87,7 @@ def descriptor_of(reading: ParameterReading) -> RosMessage:
 
 
 def wanted_by(parameter: RosMessage) -> ParameterValue:
-    """Return the value requested by a rcl_interfaces/msg/Parameter; a type that controllers do not have is unset."""
+    """Return the value in a rcl_interfaces/msg/Parameter; a type unknown to controllers counts as unset."""
     kind = _KIND_OF.get(parameter.value.type, "not_set")
     value = None if kind == "not_set" else getattr(parameter.value, f"{kind}_value")
     plain = value if isinstance(value, bool | int | float | str | None) else list(value)
@@ -95,7 +95,7 @@ def wanted_by(parameter: RosMessage) -> ParameterValue:
 
 
 def matches(name: str, prefixes: Iterable[str], depth: int) -> bool:
-    """Return whether a parameter is below one of the prefixes, or there are none; depth 0 is unlimited (rclcpp)."""
+    """Return whether a parameter is below one of the prefixes, if there are any; depth 0 is unlimited (rclcpp)."""
     names = list(prefixes)
     if not names:
         return not depth or name.count(".") < depth
@@ -122,7 +122,7 @@ _OF_NAMES: Final = (
 
 
 class ParameterServices(Endpoint):
-    """Parameter services below `name`, relative to the namespace; `name` is also the controller of the robot."""
+    """Parameter services below `name`, relative to the namespace; `name` is also that of the controller."""
 
     def __init__(self, ros: Ros, name: str) -> None:
         self._ros, self._name = ros, name
@@ -183,7 +183,7 @@ class ParameterServices(Endpoint):
     # ----------------------------------------------------------------------------------------------------- setting
 
     def _set(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
-        """Set the parameters one after the other, in the order of the request."""
+        """Set the parameters one by one, in the order of the request."""
         results: list[RosMessage] = []
         parameters = list(request.parameters)
 
@@ -243,7 +243,7 @@ class ParameterServices(Endpoint):
 
 
 class ControllerNodes:
-    """Nodes of controllers next to `first`, the bridge's; `of` returns their context for endpoints."""
+    """Nodes of controllers in addition to `first`, the bridge's node; `of` returns their context for endpoints."""
 
     def __init__(self, shared: SessionPort, first: Node, context: Context, spinner: Spinner) -> None:
         self._shared, self._first, self._context, self._spinner = shared, first, context, spinner
@@ -259,7 +259,7 @@ class ControllerNodes:
         return self._nodes[name][0]
 
     def forget(self, name: str) -> None:
-        """Remove a node after its endpoints were closed."""
+        """Remove a node whose endpoints are closed."""
         node = self._nodes.pop(name, None)
         if node is not None:
             ros, parameters = node
@@ -267,6 +267,6 @@ class ControllerNodes:
             self._spinner.remove(ros.node)
 
     def close(self) -> None:
-        """Remove all."""
+        """Remove all nodes."""
         for name in list(self._nodes):
             self.forget(name)

@@ -61,7 +61,7 @@ def seconds_of(seconds: int, nanoseconds: int) -> float | None:
 
 
 def diagonal(values: Sequence[float]) -> list[float]:
-    """Return a covariance of six by six, row by row, with this diagonal; 0 if it is empty."""
+    """Return a 6x6 covariance, row by row, with this diagonal; zeros if it is empty."""
     covariance = [0.0] * 36
     for row, value in enumerate(values[:6]):
         covariance[7 * row] = float(value)
@@ -88,13 +88,13 @@ def transform_of(sample: Sample) -> Transform | None:
 
 
 def frames_with_a_place(state: StateSample) -> frozenset[str]:
-    """Return the frames with a pose from odometry or a pose sample, which no joint may have as a child."""
+    """Return the frames with a pose from odometry or a pose sample; no joint may have one of them as child."""
     samples = (*state.told(OdometrySample).values(), *state.told(PoseSample).values())
     return frozenset(transform.child for transform in map(transform_of, samples) if transform is not None)
 
 
 def wrong(values: Sequence[float], controller: ControllerReading) -> str | None:
-    """Return why the robot would refuse these values as a command, None when it takes them."""
+    """Return why the robot would refuse these values as a command, None if it accepts them."""
     if not all(map(math.isfinite, values)):
         return f"{controller.name}: a value is not finite: {_shown(values)}; the command was dropped"
     if controller.width and len(values) != controller.width:
@@ -110,5 +110,5 @@ def _shown(values: Sequence[float], most: int = 8) -> str:
 
 
 def unknown_as_nan(value: float | None) -> float:
-    """Return a value as ROS messages have it."""
+    """Return a value as in ROS messages, nan if it is unknown."""
     return math.nan if value is None else value

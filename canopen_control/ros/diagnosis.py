@@ -26,7 +26,7 @@ _TROUBLE: Final = {
 
 
 class Diagnosis(NamedTuple):
-    """One status; `values` keep their order."""
+    """Diagnosis of one component; `values` keep their order."""
 
     name: str
     hardware_id: str
@@ -38,7 +38,7 @@ class Diagnosis(NamedTuple):
 def diagnose(
     robot: str, state: StateSample, controllers: Mapping[str, ControllerReading], missed_before: int = 0
 ) -> list[Diagnosis]:
-    """Return the status of every node and controller, of diagnostics broadcasters, and of the cycle.
+    """Return the diagnoses of every node and controller, of diagnostics broadcasters, and of the cycle.
 
     `missed_before` is what was told last time.
     """

@@ -1,4 +1,4 @@
-"""`/diagnostics` once per second, and at once when a level changes; `~/events` with everything that happens.
+"""`/diagnostics` once per second, and at once when a level changes; `~/events` with every event.
 
 `/diagnostics` is absolute and holds one status per node, per controller and for the cycle. Events
 are rcl_interfaces/msg/Log, the message of `/rosout`, with the node's or the robot's name; EMCY messages of the drives
@@ -40,7 +40,7 @@ class Diagnostics(Endpoint):
         self._levels: dict[str, int] = {}
 
     def on_state(self, state: StateSample) -> None:
-        """Publish when it is time, or when something has become better or worse."""
+        """Publish when due, or when a level has changed."""
         diagnoses = diagnose(self._ros.robot, state, self._ros.controllers, self._missed)
         levels = {diagnosis.name: int(diagnosis.level) for diagnosis in diagnoses}
         time = state.time
@@ -137,7 +137,7 @@ class Rosout(Endpoint):
             self._publisher.publish(message)
 
     def _says_again(self, event: RobotEvent, name: str, level: int) -> bool:
-        """Whether an event only repeats the reported cause, as a lost node after its heartbeat."""
+        """Whether an event repeats the reported cause, such as a lost node after its missing heartbeat."""
         last = self._causes.get(name)
         same = last is not None and abs(event.time - last.time) <= _SAME_S and level <= last.level
         if last is not None and same and event.kind != "stop" and event.text.endswith(last.text):

@@ -1,4 +1,4 @@
-"""`/NODE/*` services: of each drive as ros2_canopen's Cia402Driver has them, of others as its ProxyDriver; and more.
+"""`/NODE/*` services, of drives as in ros2_canopen's Cia402Driver, of others as in its ProxyDriver, and more.
 
 A Trigger that was done answers success with an empty message, as ros2_canopen does; one that was
 refused says why, and one that was done to more drives, since a base controller holds them together, says that. No
@@ -86,7 +86,7 @@ class DriveTargets:
 
 
 class DriveServices(Endpoint):
-    """The services of one node, or of its axis of one `joint`."""
+    """Services of one node, or of its axis for one `joint`."""
 
     def __init__(self, ros: Ros, node: RosNode, targets: DriveTargets, joint: str | None = None) -> None:
         self._ros, self._node, self._targets, self._own = ros, node, targets, joint
@@ -163,7 +163,7 @@ class DriveServices(Endpoint):
         return node.axes[0].joint if node is not None and len(node.axes) == 1 else None
 
     def _controller(self, joint: str) -> ControllerReading | None:
-        """Return the controller that commands this joint by one value per joint, or by its target alone."""
+        """Return the controller that commands this joint with one value per joint, or by its target alone."""
         for controller in self._ros.controllers.values():
             if (
                 controller.active
@@ -176,7 +176,7 @@ class DriveServices(Endpoint):
 
 
 class MasterServices(Endpoint):
-    """`/master/sdo_read` and `/master/sdo_write`: a node by its id."""
+    """`/master/sdo_read` and `/master/sdo_write`: access to a node by its id."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros

@@ -1,4 +1,4 @@
-"""`/NODE/*` topics of each drive, as ros2_canopen's drivers have them, and `emcy`.
+"""`/NODE/*` topics of each drive, as in ros2_canopen's drivers, and `emcy`.
 
 `nmt_state` is what the node says of itself, told when it changes and kept for who comes later, in
 ros2_canopen's words; `joint_states` has the stamp of its sample. `rpdo` has one message per object of the node's TPDOs
@@ -43,7 +43,7 @@ _LEVELS: Final = {"info": DiagnosticStatus.OK, "warning": DiagnosticStatus.WARN,
 
 
 class DriveTopics(Endpoint):
-    """The topics of one node."""
+    """Topics of one node."""
 
     def __init__(self, ros: Ros, node: RosNode) -> None:
         self._ros, self._view = ros, node
@@ -108,7 +108,7 @@ class DriveTopics(Endpoint):
             self._nmt.publish(String(data=nmt_state))
 
     def _joints(self, state: StateSample, joints: list[str]) -> JointState:
-        """Return the state under the node's name, as ros2_canopen does; with several axes, the joints' names."""
+        """Return the state under the node's name, as ros2_canopen does; with several axes under the joints' names."""
         message = JointState()
         message.header.stamp = time_message(state.time)
         names, message.position, message.velocity, message.effort = joint_arrays(state.joints, joints)
@@ -116,7 +116,7 @@ class DriveTopics(Endpoint):
         return message
 
     def _emergency(self, event: RobotEvent) -> DiagnosticArray:
-        """Return an event as a message; one that sums up a flood has no values."""
+        """Return an event as a message; the summary of several has no values."""
         level = _LEVELS.get(event.level, DiagnosticStatus.WARN)
         status = DiagnosticStatus(level=level, name=self._view.name, message=event.text)
         status.hardware_id = f"node {self._view.node_id}"
@@ -173,7 +173,7 @@ class ProxyNode(Endpoint):
         self._asked = self._closed = False
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Learn its joint, once it is configured, and find the node."""
+        """Find the node of its joint once the controller is configured."""
         self._controller = controller
         if controller.joints and not self._asked:
             self._asked = True
@@ -232,7 +232,7 @@ class ProxyNode(Endpoint):
 
 
 class DeviceNode(ProxyNode):
-    """The same, and the services of a drive."""
+    """Topics and services of one drive below its controller."""
 
     def own_joint(self) -> str | None:
         """Return the joint."""

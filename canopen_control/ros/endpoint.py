@@ -40,13 +40,13 @@ class Ros(Protocol):
 
     @property
     def controllers(self) -> dict[str, ControllerReading]:
-        """The controllers that are loaded, by name."""
+        """Loaded controllers by name."""
 
     def command(self, request: CommandController | TwistController) -> None:
         """Send the newest command of a controller."""
 
     def unix(self, stamp: float | None) -> float | None:
-        """Return a stamp of ROS in Unix seconds, the robot's time; from any thread."""
+        """Return a stamp of ROS in Unix s of the robot's clock; from any thread."""
 
     def warn(self, key: str, text: str) -> None:
         """Log a warning, rate-limited."""
@@ -64,13 +64,13 @@ class Ros(Protocol):
         """Destroy a subscription."""
 
     def serve(self, kind: str, name: str, handler: Handler) -> object:
-        """Create a service of the interface `kind`; if ROS lacks it, it is left out with a warning.
+        """Create a service of the interface `kind`; omit it with a warning if ROS lacks the interface.
 
         `handler(request, response, reply)` is called on the reactor's thread and never blocks.
         """
 
     def leave_out(self, interface: str) -> None:
-        """Report an interface that ROS lacks, once for each."""
+        """Report an interface that ROS lacks, once each."""
 
     def unserve(self, service: object) -> None:
         """Destroy a service."""
@@ -85,11 +85,11 @@ class Ros(Protocol):
         """Call a function on the thread of ROS's callbacks; from any thread."""
 
     def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
-        """Ask the robot, and have `answer(result, error)` called on the reactor's thread, where this is called too."""
+        """Send a request to the robot; `answer(result, error)` is called on the reactor's thread, as this is."""
 
 
 def success_of(response: RosMessage, reply: Reply) -> Callable[[object, str | None], None]:
-    """Return a callback that answers a service with `success` and `message`."""
+    """Return a callback that fills `success` and `message` of a service's response."""
 
     def answer(_done: object, error: str | None) -> None:
         response.success, response.message = error is None, error or ""
@@ -99,14 +99,14 @@ def success_of(response: RosMessage, reply: Reply) -> Callable[[object, str | No
 
 
 class NewSamples(Generic[S]):
-    """The samples of one kind, each once: a topic gets a message for each time that a controller publishes."""
+    """Samples of one kind, each once, so that a topic gets one message per publication of a controller."""
 
     def __init__(self, kind: type[S]) -> None:
         self._kind = kind
         self._times: dict[str, float] = {}
 
     def of(self, state: StateSample) -> dict[str, S]:
-        """Return those that were published since the last call, by controller."""
+        """Return the samples published since the last call, by controller."""
         samples = state.told(self._kind)
         new = {name: sample for name, sample in samples.items() if self._times.get(name) != sample.time}
         self._times = {name: sample.time for name, sample in samples.items()}
@@ -117,13 +117,13 @@ class Endpoint:
     """Topics of one controller, or of the robot; methods without an override do nothing."""
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Learn that the controller it belongs to has changed."""
+        """Process a change of the controller of the endpoint."""
 
     def on_state(self, state: StateSample) -> None:
         """Process a sample of the state stream."""
 
     def on_event(self, event: RobotEvent) -> None:
-        """Learn that something has happened."""
+        """Process an event."""
 
     def on_process_data(self, nodes: dict[str, list[MappedValue]]) -> None:
         """Process TPDO contents by node."""
@@ -144,7 +144,7 @@ class Answer:
         self.request_id: RosMessage = getattr(header, "request_id", header)
 
     def __call__(self, response: object) -> object:
-        """Send it."""
+        """Send the response."""
         return self._send(response, self._header)
 
 
@@ -154,7 +154,7 @@ class _Taken(NamedTuple):
 
 
 def serve(node: Node, kind: type, name: str, handler: Handler) -> RosMessage:
-    """Create a service with a deferred answer, possibly from another thread.
+    """Create a service whose answer may come later, from another thread.
 
     `handler(request, response, reply)` is called on the executor's thread and must not block. rclpy answers a service
     when its callback returns, and its EventsExecutor takes no coroutine. So the callback here only collects the

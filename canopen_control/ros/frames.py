@@ -1,4 +1,4 @@
-"""`/tf` and `/tf_static`: odometry, poses, and robot_state_publisher's job for the joints of the description.
+"""`/tf` and `/tf_static`: odometry, poses, and the joints of the description as in robot_state_publisher.
 
 Both topics are absolute; static ones are kept for who comes later, moving ones are reliable and
 come once for each joint state, each odometry and each pose that a controller publishes, with its stamp. Frames get the
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class Frames(Endpoint):
-    """The transforms of one robot, `urdf` its description."""
+    """Transforms of one robot; `urdf` is its description."""
 
     def __init__(self, ros: Ros, urdf: str) -> None:
         self._ros = ros

@@ -1,4 +1,4 @@
-"""ROS graph for the command line: topics, services, publishing and calling, on a node of its own.
+"""ROS graph for the command line: topics, services, publishing and calling, with a separate node.
 
 Everything waits for a finite time, and ends at once when its thread is interrupted. A fresh node
 does not know the graph yet, so it is given a moment before it is asked.
@@ -39,7 +39,7 @@ _SHORT: Final = re.compile(r"([a-z][a-z0-9_]*)/(?:(msg|srv)/)?([A-Za-z][A-Za-z0-
 
 
 def full_name(text: str, kind: str) -> str:
-    """Return "std_msgs/msg/String" of that or of "std_msgs/String"; ConfigError when it is the name of no interface."""
+    """Return "std_msgs/msg/String" for that or "std_msgs/String"; ConfigError for an unknown interface."""
     match = _SHORT.fullmatch(text)
     if match is None or match[2] not in (None, kind):
         raise ConfigError(
@@ -197,7 +197,7 @@ class Graph:
         self._context.try_shutdown()
 
     def spin(self, seconds: float, until: Callable[[], object] = lambda: False) -> bool:
-        """Serve callbacks until a condition holds; whether it does."""
+        """Execute callbacks until a condition is true; return the condition."""
         deadline = time.monotonic() + seconds
         while not until():
             remaining = deadline - time.monotonic()
@@ -212,7 +212,7 @@ class Graph:
         return sorted(self._node.get_topic_names_and_types())
 
     def services(self) -> Names:
-        """Return (name, types) of the services of others."""
+        """Return (name, types) of the services of other nodes."""
         self.spin(MOMENT_S)
         own = f"/{self._node.get_name()}/"
         return sorted(service for service in self._node.get_service_names_and_types() if not service[0].startswith(own))

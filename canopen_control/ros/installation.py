@@ -1,4 +1,4 @@
-"""ROS 2 installation of this Python: whether it works, and its environment variables.
+"""ROS 2 installation for this Python: whether it works, and its environment variables.
 
 Importing rclpy with a middleware that it does not have ends the process (exit code 102) instead of raising, and an
 rclpy of another Python fails deep inside a C extension; so both are looked at from outside first.

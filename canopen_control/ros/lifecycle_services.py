@@ -1,4 +1,4 @@
-"""`/lifecycle_manager` and the lifecycle services of master and nodes, which bring a ros2_canopen robot up.
+"""`/lifecycle_manager` and the lifecycle services of master and nodes, which start a ros2_canopen robot.
 
 Rules (lifecycle_msgs; ros2_canopen's lifecycle_manager): the runtime boots the nodes by itself, so that
 `configure` finds them there, `activate` asks whether they are ready, and `deactivate` stops and disables them; a state
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class LifecycleTransition(NamedTuple):
-    """A row of the table: from any of `sources` to `target`; `reached` are the states in which it is done already."""
+    """Row of the table: from any of `sources` to `target`; in the states in `reached` it has already been done."""
 
     number: int
     label: str
@@ -49,7 +49,7 @@ _SHUTDOWN: Final = {6: 5, 7: 5}  # upstream has a number for the shutdown of eac
 
 
 class LifecycleServices(Endpoint):
-    """Lifecycle services below `path`; `node` is their node, None for all, `members` the nodes of that one."""
+    """Lifecycle services below `path` of `node` (None: of all nodes); `members` are the nodes they affect."""
 
     def __init__(self, ros: Ros, path: str, node: str | None = None, members: Sequence[LifecycleServices] = ()) -> None:
         self._ros, self._path, self._node, self._members = ros, path, node, members
@@ -68,7 +68,7 @@ class LifecycleServices(Endpoint):
         self._actions = {"activate": self._activate, "deactivate": self._deactivate, "shutdown": self._deactivate}
 
     def on_state(self, state: StateSample) -> None:
-        """Know which nodes are ready."""
+        """Update which nodes are ready."""
         self._nodes = state.nodes
 
     def close(self) -> None:

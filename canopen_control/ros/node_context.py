@@ -26,7 +26,7 @@ A = TypeVar("A")
 
 
 class SessionPort(Protocol):
-    """Shared part of all nodes of a robot, see `endpoint.Ros`; `warn_of` logs as one of the nodes."""
+    """Common part of all nodes of a robot, see `endpoint.Ros`; `warn_of` logs as one of the nodes."""
 
     robot: str
     controllers: dict[str, ControllerReading]
@@ -59,7 +59,7 @@ class SessionPort(Protocol):
         """Call a function on the thread of ROS's callbacks."""
 
     def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
-        """Ask the robot."""
+        """Send a request to the robot."""
 
 
 class NodeContext:
@@ -74,7 +74,7 @@ class NodeContext:
 
     @property
     def controllers(self) -> dict[str, ControllerReading]:
-        """The controllers that are loaded, by name."""
+        """Loaded controllers by name."""
         return self._shared.controllers
 
     def warn(self, key: str, text: str) -> None:

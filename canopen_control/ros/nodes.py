@@ -32,14 +32,14 @@ _FORBIDDEN: Final = re.compile(r"[^A-Za-z0-9_]")
 
 
 class Channel(NamedTuple):
-    """One axis of a node with several: its joint, and the path of its services."""
+    """Axis of a multi-axis node: its joint, and the path of its services."""
 
     joint: str
     name: str
 
 
 class RosNode(NamedTuple):
-    """A node of the bus; `remappings` are pairs of names that were made absolute.
+    """Node of the bus; `remappings` are pairs of absolute names.
 
     `rpdo` are the objects that its RPDOs map, with their bits, by index and subindex. `channels` is empty for a node
     with one axis or none. `joints` are what it moves, none for a proxy; `is_drive`: its EDS has a controlword.
@@ -58,7 +58,7 @@ class RosNode(NamedTuple):
     place: str = ""
 
     def path(self, name: str, channel: Channel | None = None) -> str:
-        """Return the name of one of its services or topics, or of a channel's, remapped."""
+        """Return the remapped name of one of its services or topics, or of a channel's."""
         below = (self.place or ros_name(self.name)) if channel is None else channel.name
         path = resolve(self.namespace, f"{below}/{name}".rstrip("/"))
         return dict(self.remappings).get(path, path)
@@ -67,7 +67,7 @@ class RosNode(NamedTuple):
 def nodes_of(
     listing: NodeListing, namespace: str, layout: Layout | None = None, states: Mapping[str, NodeReading] | None = None
 ) -> list[RosNode]:
-    """Return the nodes of the API's listing; `namespace` is the bridge's, `states` are the nodes of its status."""
+    """Return the nodes of the API's listing; `namespace` is the bridge's; `states` are those of the status."""
     mapped = {} if layout is None else dict(_mapped(layout))
     known_states = states or {}
     return [
@@ -84,13 +84,13 @@ def nodes_of(
 
 
 def ros_name(name: str) -> str:
-    """Return a name as ROS allows it: letters, digits and underscores, no digit first."""
+    """Return a name with the characters that ROS allows: letters, digits and underscores, no digit first."""
     allowed = _FORBIDDEN.sub("_", name)
     return allowed if allowed[:1].isalpha() or allowed[:1] == "_" else f"_{allowed}"
 
 
 def resolve(namespace: str, name: str, node: str = "") -> str:
-    """Return an absolute name: of one that is absolute, private (`~/x`, below `node`) or relative to a namespace."""
+    """Return the absolute form of a name: absolute, private (`~/x`, below `node`) or relative to a namespace."""
     if name.startswith("/"):
         return name
     if name.startswith("~"):
@@ -109,7 +109,7 @@ def _node(place: NodePlace, bridges: str) -> RosNode:
 
 
 def _mapped(layout: Layout) -> Iterator[tuple[str, dict[tuple[int, int], int]]]:
-    """Yield the name of each node, and what its RPDOs map."""
+    """Yield the name of each node and the objects mapped in its RPDOs."""
     for bus in layout.buses.values():
         for node in bus.nodes:
             objects = [entry for pdo in node.pdos if pdo.direction == "rpdo" for entry in pdo.objects]

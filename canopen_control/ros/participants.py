@@ -1,4 +1,4 @@
-"""ROS programs as DDS participants: the client of a request, and whether it still runs.
+"""ROS programs as DDS participants: the client of a request, and whether it is still running.
 
 Rules (DDS, Fast DDS): the first twelve bytes of a GUID are its participant's, one for a process mostly.
 A participant that ends says so; one that was killed is missed when its lease is over, after 20 s by default. Fast DDS
@@ -38,20 +38,20 @@ def client_of(header: RosMessage) -> bytes | None:
 
 
 class ActionClients:
-    """The participants that could send goals of an action, by its full name, which this process serves."""
+    """Participants that could send goals of the action with this full name."""
 
     def __init__(self, node: Node, action: str) -> None:
         self._node, self._action = node, action
 
     def present(self) -> set[bytes]:
-        """Return the participants known to DDS now."""
+        """Return the participants presently known to DDS."""
         publishers = self._node.get_publishers_info_by_topic(
             f"rq{self._action}/_action/send_goalRequest", no_mangle=True
         )
         return set(map(_participant, publishers))
 
     def runs_here(self, participant: bytes) -> bool:
-        """Whether the participant is a process on this host; False for other containers."""
+        """Whether the participant is a process on this host; False for another container."""
         host = self._host()
         return host is not None and participant[:4] == _VENDOR + host and runs(_process(participant))
 
@@ -65,7 +65,7 @@ class ActionClients:
 
 
 def folder_of(node: Node, participant: bytes | None) -> Path | None:
-    """Return the working folder of a participant's process, None for one of another host."""
+    """Return the working folder of a participant's process, None for another host."""
     own = map(_participant, node.get_publishers_info_by_topic("/rosout"))
     host = next((gid[2:4] for gid in own if gid[:2] == _VENDOR and _process(gid) == os.getpid() % 65536), None)
     if participant is None or host is None or participant[:4] != _VENDOR + host:
@@ -89,7 +89,7 @@ def _process(participant: bytes) -> int:
 
 
 def runs(lowest: int, procfs: Path = _PROCFS) -> bool:
-    """Whether a process runs whose id has these lower 16 bits; zombies do not count."""
+    """Whether a process with these lower 16 bits of its id is running; zombies do not count."""
     for number in range(lowest, _PIDS, 65536):
         try:
             text = (procfs / str(number) / "stat").read_text()

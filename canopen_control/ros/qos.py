@@ -1,4 +1,4 @@
-"""Qualities of service, as ros2_control and robot_state_publisher have them.
+"""Qualities of service as in ros2_control and robot_state_publisher.
 
 Measured with Fast DDS: a publisher with the system default is reliable and transient local, a subscription with it
 best effort and volatile. So such a publisher satisfies every subscriber, and such a subscription takes every publisher.
@@ -41,7 +41,7 @@ ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL, lif
 
 
 def quality_of(publishers: Sequence[Any]) -> Any:  # noqa: ANN401 - rclpy's, without types
-    """Return a subscription's quality that all these publishers satisfy, and that misses nothing they keep."""
+    """Return a subscription's quality that is compatible with these publishers and receives stored messages."""
     profiles = [publisher.qos_profile for publisher in publishers]
     reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
     is_latched = bool(profiles) and all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles)

@@ -1,4 +1,4 @@
-"""The part of rclpy that is used, in one place and without types.
+"""Wrapper of the used part of rclpy, without types.
 
 rclpy is typed in parts, differently in each release, and may not be installed where types are checked; what is imported
 by name here is Any everywhere.
@@ -79,7 +79,7 @@ def ros_seconds(node: Node) -> float | None:
 
 
 def make_executor(context: Context) -> Any:  # noqa: ANN401 - see above
-    """Return an EventsExecutor where this rclpy has one, else a single-threaded one."""
+    """Return an EventsExecutor if this rclpy has one, else a single-threaded one."""
     try:
         events = importlib.import_module("rclpy.experimental.events_executor")
     except ImportError:

@@ -1,4 +1,4 @@
-"""The publisher of a controller's samples: a message for each update that the state stream carries.
+"""Publisher of a controller's samples: one message per update in the state stream.
 
 Rules (ros2_controllers, Jazzy): names, types and quality of the topics are upstream's. One object serves for all
 messages of a topic; one that is not latched is filled only where there is a subscriber.
@@ -31,7 +31,7 @@ def time_message(unix_s: float) -> Time:
 
 
 class RosMessages:
-    """Maker of rclpy's messages, with the frames of a robot."""
+    """Factory of rclpy's messages, with the frames of a robot."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros
@@ -50,7 +50,7 @@ class RosMessages:
 
 
 class SamplePublisher(Endpoint):
-    """Publisher of one `row` of the table for one controller; its topic is made with the first message if optional."""
+    """Publisher of one `row` of the table for one controller; an optional topic is created with its first message."""
 
     def __init__(self, ros: Ros, controller: ControllerReading, row: SampleTopic) -> None:
         self._ros, self._row, self._controller, self._samples = ros, row, controller, NewSamples(row.kind)
@@ -66,7 +66,7 @@ class SamplePublisher(Endpoint):
         self._publisher = self._ros.node.create_publisher(type(self._message), topic, SYSTEM_DEFAULT)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Use the frame of a controller for samples without one."""
+        """Use the frame of a controller for samples without a frame."""
         self._controller = controller
 
     def on_state(self, state: StateSample) -> None:

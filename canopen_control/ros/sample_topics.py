@@ -38,10 +38,10 @@ if TYPE_CHECKING:
 
 
 class Messages(Protocol):
-    """Maker of messages: of rclpy's classes in the bridge, of rosbags' in a bag."""
+    """Factory of messages: of rclpy's classes in the bridge, of rosbags' in a bag."""
 
     def empty(self, name: str) -> Any:  # noqa: ANN401 - a generated class
-        """Return a message of `package/msg/Name` whose numbers are 0 and whose lists are empty."""
+        """Return a message of `package/msg/Name` with zero numbers and empty lists."""
 
     def floats(self, values: Iterable[float]) -> object:
         """Return an array of numbers."""
@@ -51,7 +51,7 @@ class Messages(Protocol):
 
 
 class SampleTopic(NamedTuple):
-    """Topic of the samples of one `kind`: its type, the source of each field, and the units that the report shows.
+    """Topic for samples of one `kind`: its type, the source of each field, and the units in reports.
 
     `frame` is the field of the sample that names the header's frame; without it the frame is the controller's. A sample
     whose field `optional` is None has no message. `latched` ones are published although nobody subscribes, for a later
@@ -70,7 +70,7 @@ class SampleTopic(NamedTuple):
     bag: bool = True
 
     def name(self, controller: ControllerReading) -> str:
-        """Return the topic's name of a controller, relative to the namespace of the robot."""
+        """Return the name of a controller's topic, relative to the namespace of the robot."""
         if self.kind is JointStatesSample:
             return controller.published(self.topic) or ""
         topic = controller.odometry_topic if self.topic == "odom" else self.topic
@@ -286,7 +286,7 @@ def _value(sample: Sample, source: str) -> Any:  # noqa: ANN401 - of any type
 
 
 def _put(messages: Messages, part: Any, field: str, value: Any, time: float) -> None:  # noqa: ANN401 - as above
-    """Set a field: a structure by names, a vector by axes, an unknown number as nan."""
+    """Set a field: a structure by names, a vector by axes, an unknown number to nan."""
     target = getattr(part, field, None)
     if target is None:  # not in this ROS
         return

@@ -1,4 +1,4 @@
-"""SDO services: those of ros2_canopen, and objects of any type with the reason of a refusal.
+"""SDO services of ros2_canopen, and for objects of any type with the reason of a refusal.
 
 `/NODE/sdo_read`, `/NODE/sdo_write`, `/master/sdo_read` and `/master/sdo_write` answer as
 ros2_canopen's do; they have no room for a reason, which is logged. `get_objects` and `set_objects` use messages that
@@ -44,7 +44,7 @@ _ADDRESS: Final = re.compile(r"(?:0x)?([0-9A-Fa-f]{4})(?::([0-9A-Fa-f]{1,2}))?(?
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Object with the data type to read it as; "" to use its length."""
+    """Object with the data type for reading; "" uses its length."""
 
     index: int
     subindex: int
@@ -79,7 +79,7 @@ def decode(data: bytes, kind: str) -> Value:
 
 
 def encode(value: Value, kind: str, length: int) -> bytes:
-    """Return the bytes of a value; without a type a number has `length` bytes. ValueError when it does not fit."""
+    """Return the bytes of a value; without a type a number has `length` bytes. ValueError if it is out of range."""
     try:
         if isinstance(value, bytes):
             return value
@@ -102,14 +102,14 @@ def of_datatype(datatype: int) -> int:
 
 
 def as_uint32(data: bytes) -> int:
-    """Return an object's bytes as ros2_canopen's `data`; ValueError when they are too many."""
+    """Return an object's bytes as ros2_canopen's `data`; ValueError if it is too long."""
     if len(data) > 4:
         raise ValueError(f"it has {len(data)} bytes, `data` of the service has 4; use get_objects")
     return int.from_bytes(data, "little")
 
 
 def of_uint32(data: int, length: int) -> bytes:
-    """Return `data` of a service as an object of that length; ValueError when it does not fit."""
+    """Return `data` of a service as an object of a length; ValueError if it is out of range."""
     signed = data - (1 << 32) if data >= 1 << 31 else data
     if not 1 <= length <= 4:
         raise ValueError(f"the object has {length} bytes, `data` of the service has 4; use set_objects")
@@ -128,7 +128,7 @@ _LARGEST: Final = (1 << 63) - 1
 
 
 class NodeSdo:
-    """SDO services of one node; `name` is that in the API."""
+    """SDO services of one node; `name` is its name in the API."""
 
     def __init__(self, ros: Ros, name: str) -> None:
         self._ros, self._name = ros, name
@@ -189,7 +189,7 @@ class NodeSdo:
 
 
 def master_handlers(ros: Ros) -> list[tuple[str, str, Handler]]:
-    """Return (name, type, handler) of the services of ros2_canopen's master: a node by its id, with a data type."""
+    """Return (name, type, handler) of the services of ros2_canopen's master: access by node id and data type."""
 
     def read(request: RosMessage, response: RosMessage, reply: Reply) -> None:
         of_datatype(request.canopen_datatype)
@@ -281,7 +281,7 @@ def _read_request(node: str, address: Address) -> SdoRead:
 
 
 def _teller(ros: Ros, node: str, response: RosMessage, reply: Reply) -> Callable[[str | None], None]:
-    """Return what fills `success` of a response and sends it; a reason is the log's."""
+    """Return a callback that sets `success` of a response and sends it; a reason is logged."""
 
     def told(error: str | None) -> None:
         if error is not None:
@@ -295,7 +295,7 @@ def _teller(ros: Ros, node: str, response: RosMessage, reply: Reply) -> Callable
 def _one_by_one(
     items: list[Any], call_one: Callable[[int, Any, Callable[[], None]], None], done: Callable[[], object]
 ) -> None:
-    """Run the requests in order, since a node serves one transfer at a time."""
+    """Run the requests in order, because a node serves one transfer at a time."""
 
     def go_on(number: int) -> None:
         if number == len(items):
@@ -307,7 +307,7 @@ def _one_by_one(
 
 
 def _fill(into: RosMessage, kind: str, result: SdoData | None, error: str | None) -> None:
-    """Set a ParameterValue from an object; without a value its type is not set, and the text has the reason."""
+    """Set a ParameterValue from an object; without a value its type is not set, and the text is the reason."""
     try:
         if result is None:
             raise ValueError(error)

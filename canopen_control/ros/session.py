@@ -1,4 +1,4 @@
-"""Session of one robot in ROS, until robot or ROS ends.
+"""Session of one robot in ROS, until the robot or ROS ends.
 
 Two threads. The reactor's owns the connection to the robot and publishes what comes over it; the
 spinner's takes what ROS sends and hands it over through the mailbox. Whatever is wrong with a message, a topic or a
@@ -96,12 +96,12 @@ class Activity(Endpoint):
         self._next = self._time = 0.0
 
     def on_event(self, event: RobotEvent) -> None:
-        """Request the hardware states with the next sample, since they may have changed."""
+        """Request the hardware states with the next sample, because they may have changed."""
         del event
         self._due = True
 
     def on_state(self, state: StateSample) -> None:
-        """Ask for the hardware if anything may have changed."""
+        """Request the hardware states if they may have changed."""
         self._time = state.time
         controllers = dict(state.controllers)
         # a clock that was set back does not silence it
@@ -167,7 +167,7 @@ class Mailbox(Generic[T]):
             return wake
 
     def take(self, now: int) -> tuple[dict[str, T], int | None]:
-        """Return what may leave now, and when to come again for the rest (ns; None: when woken)."""
+        """Return the values due now, and the time of the next (ns; None: when woken)."""
         with self._lock:
             due = {name: value for name, value in self._waiting.items() if self._due_at(name) <= now}
             for name in due:
@@ -178,7 +178,7 @@ class Mailbox(Generic[T]):
             return due, later
 
     def forget(self, name: str) -> None:
-        """Drop the value of a name that has ended."""
+        """Drop the value of a name."""
         with self._lock:
             self._waiting.pop(name, None)
             self._sent.pop(name, None)
@@ -191,7 +191,7 @@ class Mailbox(Generic[T]):
 
 
 class RobotDescription(Endpoint):
-    """Published once, when the bridge starts; transient local."""
+    """Publisher of the description at the bridge's start; transient local."""
 
     def __init__(self, ros: Ros, urdf: str) -> None:
         self._ros = ros
@@ -263,7 +263,7 @@ class RosTime:
         return message if now is None else stamped(message, now)
 
     def unix(self, stamp: float | None) -> float | None:
-        """Return a stamp of ROS as the robot's time; None without one."""
+        """Return a stamp of ROS in the robot's time; None without a stamp."""
         if stamp is not None and (epoch := self._epoch) is not None:
             wall = self._wall()
             return stamp if abs(stamp - wall) < abs(stamp - (wall - epoch)) else stamp + epoch
@@ -274,7 +274,7 @@ class RosTime:
         return None if self._simulated else self._clock()
 
     def _epoch_of(self, message: StateSample) -> float | None:
-        """Return when the simulation began in Unix seconds, None where stamps are not the simulation's."""
+        """Return the start of the simulation in Unix s, None if stamps are not simulated time."""
         return message.sim_epoch if self.in_simulation or self._clock() is not None else None
 
     def _of(self, name: str, time: float, now: float) -> tuple[float, float]:
@@ -289,7 +289,7 @@ class RosTime:
 
 
 class SimClock(Endpoint):
-    """The publisher, made with the first sample that carries a simulated time."""
+    """Publisher of /clock, created with the first sample with simulated time."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros
@@ -317,7 +317,7 @@ _LACKING_NS: Final = 1_000_000_000
 
 
 class RosSession:
-    """Topics of one robot; `on_end(why)` is called once, on the loop, when the robot has ended.
+    """Endpoints of one robot; `on_end(why)` is called once, on the loop, when the robot has ended.
 
     Its endpoints know it through the node that each is on, see `node_context`.
     """
@@ -383,7 +383,7 @@ class RosSession:
                 self._warn(str(error), str(error))
 
     def _of_nodes(self, nodes: list[RosNode]) -> list[Callable[[], Endpoint]]:
-        """Return what each node has, stop verbs and all."""
+        """Return the endpoints of each node, with stop verbs."""
         ros, targets, lifecycles = self._ros, DriveTargets(), list[LifecycleServices]()
 
         def lifecycle(path: str, node: str | None = None) -> Endpoint:
@@ -402,7 +402,7 @@ class RosSession:
         return factories
 
     def open(self) -> None:
-        """Subscribe on both sides and begin; raises RemoteError."""
+        """Subscribe in ROS and at the robot, and begin; RemoteError."""
         client, status = self._client, self._client.ask(GetStatus())
         self._mailbox.interval_ns = round(status.cycle.period_s * 1e9)
         self._rate = stream_rate(status.cycle, self._options.rate)
@@ -416,7 +416,7 @@ class RosSession:
         self._spinner.start()
 
     def close(self) -> bool:
-        """Close the connections to ROS and robot; False if a callback of ROS hangs. A second call does nothing."""
+        """Close the connections to ROS and robot; False if a callback of ROS blocks. A second call does nothing."""
         self._ended = True
         self._reactor.remove_reader(self._client.fileno())
         done = self._spinner.stop(_JOIN_S)
@@ -437,17 +437,17 @@ class RosSession:
             self._reactor.call_threadsafe(self._deliver)
 
     def unix(self, stamp: float | None) -> float | None:
-        """Return a stamp of ROS in Unix seconds, the robot's time; from any thread."""
+        """Return a stamp of ROS in Unix s of the robot's clock; from any thread."""
         return self._time.unix(stamp)
 
     def frame(self, name: str) -> str:
-        """Return a frame with the prefix of the robot's frames, which one that has it already gets no second time."""
+        """Return a frame name with the prefix of the robot's frames, without repeating it."""
         prefix = self._options.frame_prefix
         has_it = prefix.endswith("/") and name.startswith(prefix)
         return name if has_it or not name else prefix + name
 
     def leave_out(self, interface: str) -> None:
-        """Report interfaces that ROS lacks, collected for a second into one sentence."""
+        """Report interfaces that ROS lacks in one sentence per second."""
         if all(self._lacking.values()):
             self._reactor.call_later(_LACKING_NS, self._tell_lacking)
         self._lacking.setdefault(interface, False)
@@ -499,14 +499,14 @@ class RosSession:
         return ReactorClient(ROBOT, path, self._reactor, label=f"robot {self.robot}")
 
     def call(self, function: Callable[[], object]) -> None:
-        """Call a function on the thread of ROS's callbacks; on this one if that has ended."""
+        """Call a function on ROS's callback thread; on this thread if that has ended."""
         if self._ended:
             function()
         else:
             self._spinner.call(function)
 
     def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
-        """Ask the robot, and have `answer(result, error)` called; both on the reactor's thread."""
+        """Send a request to the robot; `answer(result, error)` is called; both on the reactor's thread."""
         self._asker.ask(request, answer)
 
     # ------------------------------------------------------------------------------------------- robot to ROS
@@ -567,7 +567,7 @@ class RosSession:
         self._tell_outpaced()
 
     def _tell_outpaced(self) -> None:
-        """Report once which controllers publish more often than ROS gets samples."""
+        """Report once which controllers publish faster than the state stream."""
         text = outpaced(self.controllers.values(), self._rate)
         if text is not None and text != self._outpaced:
             self.ask(PublishEvent(kind="ros_rate", text=f"ROS: {text}"), lambda _done, _error: None)
@@ -612,5 +612,5 @@ class RosSession:
 
 
 def _topics(controller: ControllerReading) -> tuple[object, ...]:
-    """Return what its topics follow from."""
+    """Return the values that determine the topics of a controller."""
     return controller.type, controller.topic, controller.publishes

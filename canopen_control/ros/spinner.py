@@ -1,4 +1,4 @@
-"""The one thread that rclpy's callbacks run in.
+"""The only thread for rclpy's callbacks.
 
 An EventsExecutor where there is one, else a single-threaded one; every wait is finite, because the
 endless one of EventsExecutor.spin() is broken in the wheels (it burns a core and calls nobody); never a multi-threaded
@@ -22,7 +22,7 @@ _WAIT_S: Final = 1.0
 
 
 class Spinner:
-    """Spins nodes, `node` first; `on_error` gets exceptions of callbacks, on the spinning thread."""
+    """Executor thread of nodes, `node` first; `on_error` receives exceptions of callbacks on that thread."""
 
     def __init__(self, node: Node, context: Context, on_error: Callable[[Exception], object]) -> None:
         self._executor = make_executor(context)
@@ -37,7 +37,7 @@ class Spinner:
         self._thread.start()
 
     def stop(self, timeout: float) -> bool:
-        """End; False if a callback has kept the thread for `timeout` seconds."""
+        """Stop; False if a callback has blocked the thread for `timeout` seconds."""
         self._ending.set()
         self._end.set_result(None)
         self._executor.wake()
@@ -51,12 +51,12 @@ class Spinner:
         return True
 
     def add(self, node: Node) -> None:
-        """Spin another node too; from the thread that this is stopped from."""
+        """Add another node; from the thread that calls `stop`."""
         self._nodes.append(node)
         self._executor.add_node(node)
 
     def remove(self, node: Node) -> None:
-        """Stop spinning a node and destroy it: between two callbacks, or at once after the end."""
+        """Remove and destroy a node between two callbacks, or at once after the end."""
         self._nodes.remove(node)
 
         def end() -> None:

@@ -1,4 +1,4 @@
-"""Keeps what repeats itself out of the log: a sentence once per interval, refused commands with their number.
+"""Throttle of repeated log messages: a sentence once per interval, refused commands with their number.
 
 This file imports no ROS.
 """
@@ -12,12 +12,12 @@ _NUMBERS: Final = re.compile(r"[-+]?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?")
 
 
 def without_numbers(text: str) -> str:
-    """Return a sentence without its numbers, as a key of its kind."""
+    """Return a sentence without its numbers, as a key for its kind."""
     return _NUMBERS.sub("#", text)
 
 
 class Throttle:
-    """`allows(key, now)` is True once per `interval_ns` for each key; the first time always."""
+    """Rate limit: `allows(key, now)` is True once per `interval_ns` for each key, and the first time."""
 
     def __init__(self, interval_ns: int = 1_000_000_000) -> None:
         self.interval_ns = interval_ns

@@ -1,4 +1,4 @@
-"""Topics of a joint trajectory controller in addition to its action, and its query service.
+"""Topics and query service of a joint trajectory controller, in addition to its action.
 
 Rules (joint_trajectory_controller, Jazzy): `~/joint_trajectory` takes the place of what is followed, and
 a bad one is dropped with a sentence; `~/controller_state` comes with every update that the state stream carries;
@@ -61,7 +61,7 @@ def seconds(duration: RosMessage) -> float:
 
 
 def stamp_of(trajectory: RosMessage) -> float | None:
-    """Return the start of a JointTrajectory in Unix s; None for at once."""
+    """Return the start of a JointTrajectory in Unix s; None for an immediate start."""
     return seconds_of(trajectory.header.stamp.sec, trajectory.header.stamp.nanosec)
 
 
@@ -94,7 +94,7 @@ def _told(tolerance: float) -> float:
 
 
 def pieces_of(trajectory: RosMessage) -> Iterator[list[TrajectoryPoint]]:
-    """Yield the points of a JointTrajectory in as many lists as there must be requests, one at least.
+    """Yield the points of a JointTrajectory in lists, one per request, at least one.
 
     ValueError with a sentence for too many points, and for one that has something in it that is no finite number.
     """
@@ -143,7 +143,7 @@ def goal_refusal(goal: RosMessage) -> str | None:
 
 
 class TrajectoryTopic(Endpoint):
-    """`~/joint_trajectory`: of messages during a transfer the newest counts."""
+    """`~/joint_trajectory`: of messages during a transfer the newest is used."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller, self._topic = ros, controller.name, f"{controller.name}/joint_trajectory"
@@ -231,7 +231,7 @@ class SpeedScalingTopic(Endpoint):
         self.on_controller(controller)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Be there once it is configured with positions."""
+        """Subscribe once the controller is configured with positions."""
         if self._subscription is None and controller.interface == "position":
             self._subscription = self._ros.subscribe(self._message, self._topic, self._on_message, KEPT_DEFAULT)
 

@@ -46,7 +46,7 @@ _INTERFACES: Final = ("position", "velocity", "effort")
 
 
 class TopicHardware(Endpoint):
-    """Both topics of one robot."""
+    """Topics of topic_based_ros2_control for one robot."""
 
     def __init__(self, ros: Ros, commands: str, states: str) -> None:
         self._ros, self._topic = ros, commands
@@ -85,7 +85,7 @@ class TopicHardware(Endpoint):
 
 
 def commanded(names: list[str], arrays: dict[str, list[float]]) -> dict[tuple[str, str], float]:
-    """Return the finite values by (joint, interface); ValueError when it is not clear which joint has which."""
+    """Return the finite values by (joint, interface); ValueError if they cannot be assigned to joints."""
     if len(set(names)) != len(names):
         raise ValueError("a joint is named twice")
     values = {}
@@ -107,7 +107,7 @@ _CLOSE_S: Final = 1e-6
 
 
 class LaserScans(Endpoint):
-    """The publishers, each made with the first scan on its topic."""
+    """Publishers of laser scans, each created with the first scan on its topic."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros
@@ -164,7 +164,7 @@ class LaserScans(Endpoint):
 
 
 class GroundTruth(Endpoint):
-    """The publisher, made with the first true pose that odometry can be compared with."""
+    """Publisher created with the first true pose that can be compared with odometry."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros
@@ -218,7 +218,7 @@ _SERVICES: Final[dict[str, tuple[str, Callable[[RosMessage], Request[Simulation]
 
 
 class SimulationServices(Endpoint):
-    """The services, made with the first sample that carries a simulated time."""
+    """Simulation services, created with the first sample with simulated time."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros

@@ -1,4 +1,4 @@
-"""Blocking client of a socket, for requests with typed answers and for pushed messages; and a client for reactors.
+"""Clients of a socket, blocking or on a reactor: requests with typed answers, and pushed messages.
 
 One connection carries both. Any number of threads may use it: one waiting thread reads the socket for all of them, and
 hands over when it has its answer. No thread is started.
@@ -46,7 +46,7 @@ def read_error(raw: wire.Raw) -> RemoteError:
 
 
 def read_hello(api: Api[H, P], line: Line, label: str) -> H:
-    """Return the greeting in a line; RemoteError for an error in its place, or for another protocol."""
+    """Return the greeting in a line; RemoteError if it is an error or of another protocol."""
     if "error" in line:
         raise read_error(line["error"])
     hello = wire.decode(line.get("hello", wire.Raw(b"null")), Any)
@@ -103,7 +103,7 @@ class Client(Generic[H, P]):
         return cast("A", self._decoded(answer.get("result", wire.Raw(b"null")), method.answer))
 
     def notify(self, request: Request[Any]) -> None:
-        """Send a request without an answer, not even for a refusal."""
+        """Send a request that is never answered, not even with a refusal."""
         self._send(wire.request_line(None, self.api.of(type(request)).name, request))
 
     def messages(self, timeout: float | None = None) -> Iterator[P]:
@@ -174,7 +174,7 @@ class Client(Generic[H, P]):
         return read_hello(self.api, first, self._stream.label)
 
     def _wait(self, ready: Callable[[], bool], timeout: float | None) -> bool:
-        """Read, or let another thread read, until `ready`; False after the timeout. Checks at least once."""
+        """Read, or wait while another thread reads, until `ready`; False after the timeout. Checks at least once."""
         deadline = None if timeout is None else time.monotonic() + timeout
         last_look = False
         with self._changed:
@@ -274,7 +274,7 @@ class ReactorClient:
             self._settle(number, error=str(error))
 
     def keep_saying(self, request: Request[Any], every_ns: int) -> None:
-        """Repeat a request without an answer, from now on until the connection is closed."""
+        """Repeat a request without an answer until the connection is closed."""
         if self._gone is not None:
             return
         self._saying = self._reactor.call_later(every_ns, lambda: self.keep_saying(request, every_ns))

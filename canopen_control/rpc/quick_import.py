@@ -1,4 +1,4 @@
-"""Quicker imports for verbs that only ask a running robot and are over in a tenth of a second."""
+"""Faster imports for verbs that only query a running robot and end within a tenth of a second."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import types
 
 
 def import_msgspec() -> None:
-    """Import msgspec without typing_extensions and platform, which are most of the time that its import takes.
+    """Import msgspec without typing_extensions and platform, which take most of the time of its import.
 
     msgspec looks into typing_extensions for types that we have none of, and does with `typing` where it is missing.
     It imports uuid, which asks platform, until Python 3.12, for the name of the system and nothing else.

@@ -40,7 +40,7 @@ class Call(Generic[R_co]):
 
     @property
     def who(self) -> str:
-        """Client of the request, in words."""
+        """Name of the client in messages."""
         return f"client {self.connection.name} (pid {self.connection.pid})"
 
     def reply(self: Call[Request[A]], answer: A) -> None:
@@ -54,7 +54,7 @@ class Call(Generic[R_co]):
             self.connection.answer(wire.error_line(self._number, type(error).__name__, str(error)))
 
     def settle(self: Call[Request[Done]], error: str | None) -> None:
-        """Answer the end of something that took time."""
+        """Answer a request whose execution took time."""
         if error is None:
             self.reply(Done())
         else:
@@ -65,7 +65,7 @@ class ServerObserver(Protocol):
     """Observer of a server's requests."""
 
     def done(self, method: str, params: msgspec.Raw) -> None:
-        """Process a request that was accepted."""
+        """Process an accepted request."""
 
 
 class Server(Generic[H, P]):
@@ -102,11 +102,11 @@ class Server(Generic[H, P]):
         )
 
     def answers(self, kind: type[R], handler: Callable[[Call[R]], object]) -> None:
-        """Register the handler of a request; a CanopenError raised by it is the answer."""
+        """Register the handler of a request; a CanopenError that it raises becomes the answer."""
         self._handlers[self._api.of(kind).name] = (msgspec.json.Decoder(kind), handler)
 
     def check(self) -> None:
-        """Raise LookupError unless every declared method is answered."""
+        """Raise LookupError unless every declared method has a handler."""
         missing = [name for name in self._api.methods if name not in self._handlers]
         if missing:
             raise LookupError(f"no handler answers {', '.join(missing)} of the {self._api.name} socket")
@@ -121,7 +121,7 @@ class Server(Generic[H, P]):
         return wire.push_line(self._api.key_of(type(push)), push)
 
     def push(self, push: P, to: Iterable[Connection] | None = None) -> None:
-        """Send something unasked to all, or to some; it is encoded once."""
+        """Push a message to all subscribers, or to some; it is encoded once."""
         line = self.line_of(push)
         for connection in self.connections if to is None else to:
             connection.send(line)

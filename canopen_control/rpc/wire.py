@@ -36,7 +36,7 @@ class Incoming(msgspec.Struct, frozen=True):
 
 
 def read_line(line: bytes) -> dict[str, Raw]:
-    """Return the members of the JSON object in a line, unread; ValueError with a sentence when it holds none."""
+    """Return the undecoded members of the JSON object in a line; ValueError with a sentence for other content."""
     try:
         return _fields.decode(line)
     except msgspec.ValidationError:
@@ -46,7 +46,7 @@ def read_line(line: bytes) -> dict[str, Raw]:
 
 
 def read_request(line: bytes) -> Incoming:
-    """Return a request from an untrusted client; ValueError, before decoding, for one that would take long."""
+    """Return a request of an untrusted client; ValueError, before decoding, if decoding would take too long."""
     if too_many_values(line):
         raise ValueError(f"more than {MAX_VALUES} values")
     fields = read_line(line)
@@ -72,7 +72,7 @@ def decode(raw: Raw | bytes, kind: Any) -> Any:  # noqa: ANN401 - what `kind` sa
 
 
 def mistake(error: Exception) -> str:
-    """Return msgspec's sentence; a null where a number belongs was one that is not finite, which JSON has not."""
+    """Return msgspec's sentence; null for a required number is explained as a non-finite number."""
     return _NO_NUMBER.sub(_NOT_FINITE, str(error))
 
 
@@ -81,7 +81,7 @@ _NOT_FINITE: Final = "NaN or an infinite number (null in JSON) where a finite on
 
 
 def request_line(number: int | None, method: str, request: object) -> bytes:
-    """Return the line of a request; without a number it is not answered."""
+    """Return the line of a request; a request without a number is not answered."""
     message = {"method": method, "params": request} if number is None else _asked(number, method, request)
     return _encode(message) + b"\n"
 
@@ -106,12 +106,12 @@ def push_line(key: str, message: object) -> bytes:
 
 
 def text_of(message: object, *, indent: int = 0) -> bytes:
-    """Return a message as JSON, without a newline; with `indent` on lines that a person reads."""
+    """Return a message as JSON, without a newline; with `indent` on several lines."""
     return msgspec.json.format(_encode(message), indent=indent) if indent else _encode(message)
 
 
 def plain(message: object) -> Any:  # noqa: ANN401 - what JSON holds
-    """Return a message as dicts, lists, texts and numbers, as `--json` and files show it; no number is nan."""
+    """Return a message as dicts, lists, texts and numbers, as in `--json` and files; no number is nan."""
     return msgspec.json.decode(_encode(message))
 
 

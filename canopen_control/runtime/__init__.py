@@ -1,1 +1,1 @@
-"""Runtime: one thread that owns a robot's buses, its control loop, and the socket of its clients."""
+"""Runtime: one thread for a robot's buses, its control loop, and the socket of its clients."""

@@ -130,7 +130,7 @@ def _set_measured_states(robot: RobotCore, call: Call[messages.SetMeasuredStates
 
 
 def _component(robot: RobotCore, component: HardwareComponent) -> HardwareReading:
-    """Return a component as `list_hardware_components` describes it.
+    """Return a component in the form of `list_hardware_components`.
 
     Its interfaces are available while it is active.
     """
@@ -177,7 +177,7 @@ def _set_hardware_state(robot: RobotCore, call: Call[messages.SetHardwareState])
 
 
 class ParameterMethods:
-    """Methods about parameters; values set by spawners are added to the controllers of the robot's file."""
+    """Methods about parameters; values set by spawners are added to the file's controllers."""
 
     def __init__(self, robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
         self._robot, self._spawned = robot, SpawnedControllers(robot.setup.controllers)
@@ -255,7 +255,7 @@ class SimulationMethods:
         return Simulation(seconds=seconds, paused=clock.paused, period=period, changeable=bool(self._worlds()))
 
     def _worlds(self) -> list[HardwareComponent]:
-        """Return the component in physics, if there is one."""
+        """Return the component in physics, None without one."""
         return [component for component in self._robot.registry.components if component.changeable]
 
     def _get(self, call: Call[GetSimulation]) -> None:
@@ -293,7 +293,7 @@ class SimulationMethods:
             call.refuse(ControlError(error))
 
     def _act(self, call: Call[Any]) -> None:
-        """Apply a disturbance to the world of a simulation plugin; a blocked joint has no drive to report to."""
+        """Apply a disturbance to the world of a simulation plugin; without drives a blocked joint reports no error."""
         self._clock()
         worlds = self._worlds()
         if not worlds:
@@ -352,7 +352,7 @@ class _Subscription:
         return self.every > 0 and cycle % self.every == 0
 
     def is_due(self, cycle: int) -> bool:
-        """Whether anything but events must be sent after this cycle."""
+        """Whether messages other than events are due after this cycle."""
         return self.pdos or self.wants_state(cycle)
 
 
@@ -395,7 +395,7 @@ class ApiServer(RobotObserver):
         robot.observers.append(self)
 
     def _answer(self) -> None:
-        """Register the handlers of all methods but those of controllers and of objects."""
+        """Register the handlers of all methods except those of controllers and objects."""
         robot, answers = self._robot, self._server.answers
         answers(messages.GetStatus, lambda call: call.reply(status_message(robot)))
         answers(messages.Subscribe, self._subscribe)
@@ -430,11 +430,11 @@ class ApiServer(RobotObserver):
             self._robot.report(Event(self._robot.reactor.now(), "client_dropped", "", text, Level.WARNING))
 
     def _keeps(self, connection: Connection) -> bool:
-        """Whether a connection may be silent: it has a subscription, or a command that ends with it."""
+        """Whether a connection may be silent: with a subscription, or a command that ends with the connection."""
         return connection in self._subscriptions or connection in self._robot.manager.running.clients_with_commands
 
     def _keep(self, connection: Connection) -> None:
-        """Refuse further permanent connections; the remaining places are for `stop`, `status` and similar requests."""
+        """Refuse further permanent connections: the remaining ones are reserved for `stop`, `status` and the like."""
         if (
             not self._keeps(connection)
             and len({*self._subscriptions, *self._robot.manager.running.clients_with_commands}) >= MAX_KEPT
@@ -444,7 +444,7 @@ class ApiServer(RobotObserver):
     # ------------------------------------------------------------------------------------------- what is pushed
 
     def after_cycle(self, now: int) -> None:
-        """Send new data to subscribers, between this cycle and the next, after received data were read."""
+        """Send new data to subscribers, between this cycle and the next, after the received data were processed."""
         del now
         robot, watched = self._robot, self._subscriptions
         if robot.events.waiting or (
@@ -521,7 +521,7 @@ class ApiServer(RobotObserver):
         call.reply(Done())
 
     def _require_interface(self, request: messages.CommandController) -> None:
-        """Raise ControlError for values meant for another quantity than the controller's present one."""
+        """Raise ControlError for values of another quantity than the controller's present one."""
         name, manager = request.controller, self._robot.manager
         takes = manager.get(name).interface if name in manager.states else None
         if takes is not None and request.interface not in (None, takes):
@@ -535,7 +535,7 @@ class ApiServer(RobotObserver):
         call.reply(Done())
 
     def _twist_values(self, request: messages.TwistController) -> list[float]:
-        """Return a twist by the axes of the base; ControlError for a direction it does not have."""
+        """Return a twist by the axes of the base; ControlError for an unsupported direction."""
         name, manager = request.controller, self._robot.manager
         axes: tuple[str, ...] = _PLANAR
         if name in manager.states:
@@ -548,7 +548,7 @@ class ApiServer(RobotObserver):
         return [twist[axis] for axis in axes]
 
     def _holder(self, call: Call[Commands]) -> Connection | None:
-        """Return the connection with which a command ends, if it requested that."""
+        """Return the connection whose end ends a command, if that was requested."""
         if not call.request.dead_man:
             return None
         self._keep(call.connection)

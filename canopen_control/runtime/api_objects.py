@@ -54,7 +54,7 @@ _MOST: Final = 64  # of clients and nodes that are remembered
 
 
 def written_words(od: ObjectDictionary, index: int, subindex: int, data: bytes) -> str:
-    """Return a written value as text: by the EDS, else the number of bytes."""
+    """Return a written value as text: by the EDS, else its number of bytes."""
     address, entry = f"0x{index:04X}:{subindex:02X}", od.get(index, subindex)
     padded = None if entry is None else fitted(data, entry.data_type)
     if entry is None or padded is None:
@@ -94,7 +94,7 @@ _FIRST_OBJECT = 0x1000  # below it are the types, which fill gaps
 
 
 class _Watched:
-    """TPDO of a node with its values reported last."""
+    """TPDO of a node with its last reported values."""
 
     __slots__ = ("count", "node", "objects", "pdo", "values")
 
@@ -127,7 +127,7 @@ class ProcessDataFeed:
         ]
 
     def everything(self) -> dict[str, list[MappedValue]]:
-        """Return all objects received since their node has booted."""
+        """Return all objects received since the boot of their nodes."""
         values: dict[str, list[MappedValue]] = {}
         for watched in self._watched:
             if watched.pdo.stamp >= 0:
@@ -169,7 +169,7 @@ def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, 
 
 
 def _number(data: bytes, mapped: MappedObject, title: str) -> int:
-    """Return the value to pack into the RPDO; ControlError if it does not fit, since the cycle must not fail."""
+    """Return the value to pack into the RPDO; ControlError if it is out of range, so that the cycle cannot fail."""
     try:
         value = decode(data, mapped.data_type)
         PdoCodec((mapped,)).pack([value])
@@ -188,7 +188,7 @@ def _told(mapped: MappedObject, value: Value) -> MappedValue:
 
 
 class ObjectMethods:
-    """Methods about nodes and objects; `forget` discards the pieces that a connection has sent."""
+    """Methods about nodes and objects; `forget` discards partial data of a connection."""
 
     def __init__(self, robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
         self._robot = robot
@@ -202,7 +202,7 @@ class ObjectMethods:
         server.answers(PdoWrite, self._write_pdo)
 
     def forget(self, connection: Connection) -> None:
-        """Discard the pieces of a connection that has ended."""
+        """Discard the partial data of a closed connection."""
         self._pieces.pop(connection, None)
 
     def _nmt(self, call: Call[NmtRequest]) -> None:

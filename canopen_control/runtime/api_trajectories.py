@@ -1,4 +1,4 @@
-"""API methods about trajectories and grippers: a connection has one goal, which ends with it; its end is reported.
+"""API methods about trajectories and grippers: a connection has at most one goal, which ends with it.
 
 A sender that has promised a heartbeat counts as gone when it falls silent, even if its connection remains: it may be
 blocked or stopped by a signal.
@@ -92,7 +92,7 @@ class TrajectoryMethods(RobotObserver):
         call.reply(Done())
 
     def _collect(self, connection: Connection, points: Sequence[TrajectoryPoint]) -> PointBuffer:
-        """Return all points that a connection has sent; ControlError, and they are discarded, if there are too many."""
+        """Return all points of a connection; if there are too many discard them with a ControlError."""
         buffer = self._coming.setdefault(connection, PointBuffer())
         if len(buffer) + len(points) > MAX_POINTS:
             del self._coming[connection]
@@ -101,7 +101,7 @@ class TrajectoryMethods(RobotObserver):
         return buffer
 
     def _trajectory(self, call: Call[FollowTrajectory] | Call[SendTrajectory] | Call[SetTrajectory]) -> JointTrajectory:
-        """Return the trajectory of a request, with the points sent before it."""
+        """Return the trajectory of a request, with the points sent before."""
         request = call.request
         points = self._collect(call.connection, request.points)
         del self._coming[call.connection]
@@ -139,7 +139,7 @@ class TrajectoryMethods(RobotObserver):
         call.reply(Done())
 
     def after_cycle(self, now: int) -> None:
-        """End the goals of senders that missed their heartbeat."""
+        """End the goals of senders with a missing heartbeat."""
         if not self._promised:
             return
         for connection in [client for client, promise in self._promised.items() if promise.is_broken(now)]:
@@ -155,7 +155,7 @@ class TrajectoryMethods(RobotObserver):
         self._give(call).answer_at_end(call)
 
     def _send(self, call: Call[SendTrajectory]) -> None:
-        """Answer whether a goal is accepted; disabled drives and a latched stop are refusals like any other."""
+        """Answer whether a goal is accepted; disabled drives and a latched stop are normal refusals."""
         try:
             goal = self._give(call).goal
         except ControlError as error:
@@ -167,7 +167,7 @@ class TrajectoryMethods(RobotObserver):
             )
 
     def _give(self, call: Call[FollowTrajectory] | Call[SendTrajectory]) -> _SentTrajectory:
-        """Start a goal, the connection's only one from now on; ControlError if it is refused."""
+        """Start a goal as the connection's only one; ControlError if it is refused."""
         request, robot = call.request, self._robot
         trajectory = self._trajectory(call)
         tolerances = GoalTolerances(
@@ -214,7 +214,7 @@ class TrajectoryMethods(RobotObserver):
 
 
 class _Promise:
-    """Required heartbeat of a connection, at least every so many ns; `heard` is the time of the last.
+    """Required heartbeat of a connection, with its period in ns; `heard` is the time of the last.
 
     It applies to the command whose `life` belongs to the connection.
     """
@@ -298,7 +298,7 @@ class GripperMethods:
         self._sent.pop(connection, None)
 
     def _send(self, call: Call[SendGripper]) -> None:
-        """Answer whether a goal is accepted; disabled drives and a latched stop are refusals like any other."""
+        """Answer whether a goal is accepted; disabled drives and a latched stop are normal refusals."""
         try:
             goal, _ = self._give(call)
         except ControlError as error:
@@ -307,7 +307,7 @@ class GripperMethods:
             call.reply(GripperVerdict(accepted=True, feedback_rate=goal.feedback_rate))
 
     def _give(self, call: Call[MoveGripper] | Call[SendGripper]) -> tuple[GripperGoal, Sent]:
-        """Start a goal, the connection's only one from now on; ControlError if it is refused."""
+        """Start a goal as the connection's only one; ControlError if it is refused."""
         request, robot, connection = call.request, self._robot, call.connection
         goal = GripperGoal(
             request.position, request.max_effort, request.max_velocity, lambda: robot.reactor.call_soon(sent.settle)

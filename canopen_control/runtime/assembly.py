@@ -61,7 +61,7 @@ _INTERFACES: Final = ("position", "velocity")
 
 
 def read_pids(path: Path, tag: Ros2ControlSystem) -> Loops:
-    """Return the loops of a tag's joints; RobotConfigError with all mistakes of the file and their places."""
+    """Return the loops of a tag's joints; RobotConfigError with all errors of the file and their places."""
     root, loops = tree(path, error=RobotConfigError), Loops()
     blocks = [gains for node in _parameters(root) if (gains := node.get(_GAINS)) is not None]
     if not blocks:
@@ -82,14 +82,14 @@ def read_pids(path: Path, tag: Ros2ControlSystem) -> Loops:
 
 
 def _mapping(node: Node, key: str) -> list[tuple[str, Node]]:
-    """Return the entries of a mapping node, nothing after reporting another kind of node."""
+    """Return the entries of a mapping node; report another kind of node and return nothing."""
     if node.kind != "mapping":
         node.error(f"write {key}")
     return node.items()
 
 
 def _parameters(root: Node) -> list[Node]:
-    """Return the parameters of each node in the file, whatever its name."""
+    """Return the parameters of each node in the file."""
     nodes = [value for _, value in root.items()]
     return [section for node in nodes if node.kind == "mapping" and (section := node.get(_PARAMETERS)) is not None]
 
@@ -208,7 +208,7 @@ class Assembly:
                 self.registry.register(made_up(setup.description, tag, kind, engine))
 
     def _tell_once_it_runs(self, kind: str, text: str) -> None:
-        """Report an event of the assembly later, when there are listeners."""
+        """Report an event of the assembly later, once there are listeners."""
         self.reactor.call_soon(lambda: self.report(Event(self.reactor.now(), kind, "", text)))
 
     def _add_buses(self) -> None:
@@ -235,7 +235,7 @@ class Assembly:
             self.bus_by_node.update(dict.fromkeys(bus.network.nodes, bus))
 
     def _kernel_can(self, bus: RobotBus) -> bool:
-        """Return whether the kernel can send SYNC on a bus; if not, the reason is reported."""
+        """Return whether the kernel can send SYNC on a bus; otherwise report the reason."""
         why = bus.why_no_kernel_sync()
         if why:
             text = f"{why}; this program sends it, as evenly as the machine lets it"

@@ -1,4 +1,4 @@
-"""Asynchronous requests to axes (enable, halt, home ...): answered when reached, failed, or after a timeout.
+"""Asynchronous requests to axes (enable, halt, home ...): answered at completion, failure or timeout.
 
 All refusals are decided for all axes before any of them is changed.
 """
@@ -40,7 +40,7 @@ _PROBE = {
 
 
 def _is_disabled(joint: JointDrive) -> bool:
-    """Return whether a joint has no power; a present node without a statusword may have some."""
+    """Return whether a joint has no power; False for a present node without a statusword."""
     return joint.state not in POWERED_STATES and (joint.state is not None or not joint.node.ready)
 
 
@@ -117,7 +117,7 @@ def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[Joi
 
 
 class PendingAxisRequest:
-    """Pending `action` on `joints`; `done` is called once, with None or a sentence about the joint that failed."""
+    """Pending `action` on `joints`; `done` is called once, with None or a sentence about the failed joint."""
 
     def __init__(
         self, joints: Sequence[JointDrive], action: Action, deadline: int, done: Callable[[str | None], None]
@@ -126,7 +126,7 @@ class PendingAxisRequest:
         self._cycles = 0
 
     def settle(self, now: int) -> bool:
-        """Check for the end, once per cycle; the first check is after the drives could have answered."""
+        """Check for completion, once per cycle, from the time at which the drives could have answered."""
         self._cycles += 1
         late = [joint for joint in self._joints if not reached(joint, self._action)]
         if self._cycles > 1 and not late:
@@ -140,7 +140,7 @@ class PendingAxisRequest:
         return False
 
     def fail(self, reason: str) -> None:
-        """End it with an error."""
+        """End the request with an error."""
         self._done(reason)
 
     def _explaining(self, now: int) -> bool:
@@ -148,7 +148,7 @@ class PendingAxisRequest:
         return now <= self._deadline and any(joint.reason.asking for joint in self._joints)
 
     def _refused(self, joint: JointDrive) -> bool:
-        """Whether further waiting is useless."""
+        """Whether the request can no longer succeed."""
         if self._action is Action.ENABLE:
             return not joint.wanted
         if self._action is Action.HOME:
@@ -210,7 +210,7 @@ def begin_action(
     method: int | None = None,
     mode: str | None = None,
 ) -> int:
-    """Start a user's action on these axes; return the additional time in ns that it may take.
+    """Start a user's action on these axes; return its additional maximum duration in ns.
 
     ControlError or DriveError if it is impossible, before any drive was changed.
     """

@@ -37,7 +37,7 @@ class _SettledObserver(RobotObserver):
 
 
 class BackgroundRobot:
-    """Robot that runs between `start` and `shutdown`; both are thread-safe.
+    """Robot between `start` and `shutdown`; both are thread-safe.
 
     `prepare` is called with its core, on its own thread, before it boots.
     """
@@ -57,7 +57,7 @@ class BackgroundRobot:
 
     @property
     def running(self) -> bool:
-        """Whether it has started and not ended."""
+        """Whether the robot has started and not ended."""
         return self._session is not None and self._thread is not None and self._thread.is_alive()
 
     def start(self) -> None:

@@ -1,4 +1,4 @@
-"""Robot in its one thread: buses, hardware, controllers, and the cycle.
+"""Robot in one thread: buses, hardware, controllers, and the cycle.
 
 No exception of a node, a controller or a client ends the cycle (`RobotCycle`). Nothing moves before a controller is
 active. Every end of the robot (a user, a signal, the end of its duration, a lost bus) is the same stop: targets to
@@ -76,7 +76,7 @@ CAUGHT_UP: Final = 2  # skipped edges whose set-points are passed over
 
 
 class RobotCycle:
-    """Cycle of a robot at the edges of `pacer`; `sent_at` is the time at which the newest cycle's frames were sent.
+    """Cycle of a robot at the edges of `pacer`; `sent_at` is the time at which the last cycle's frames were sent.
 
     The `robot` advances its start and its end, last in the cycle. `clock` is the time of the controllers.
     """
@@ -109,7 +109,7 @@ class RobotCycle:
             self._exchange(now)
 
     def _exchange(self, now: int) -> None:
-        """Execute the cycle of a robot on its buses, or of one without buses in real time."""
+        """Execute the cycle of a robot with buses, or without buses in real time."""
         pacer = self._pacer
         for bus in self._buses:
             if not bus.watched:
@@ -134,7 +134,7 @@ class RobotCycle:
         self._robot.after_cycle(now)
 
     def _simulate(self, now: int) -> None:
-        """Execute the cycle of a robot without buses: none while its time is paused, or the requested steps."""
+        """Execute the cycle of a simulated robot without buses: the requested steps only while paused."""
         clock, edge, skipped = self.clock, self._pacer.edge, self._pacer.skipped
         self._robot.advance(now)
         if clock.take(edge):
@@ -197,7 +197,7 @@ _NEVER: Final = 1 << 62  # boot_time 0: wait for the nodes for ever
 
 
 class RobotState(enum.Enum):
-    """State of the robot as a whole; DISABLED: drives claimed by a controller are off and wait for an enable."""
+    """State of the robot; in DISABLED, drives claimed by a controller are off and wait for an enable."""
 
     STARTING = "starting"
     RUNNING = "running"
@@ -208,7 +208,7 @@ class RobotState(enum.Enum):
 
 
 class RobotCore:
-    """Everything between the ports and the API; `failure` is the reason of a failed run.
+    """Robot between the ports and the API; `failure` is the reason of a failed run.
 
     `observers` are called in order. `in_virtual_time`: its clock is that of a simulation, and clients are informed.
     """
@@ -261,7 +261,7 @@ class RobotCore:
 
     @property
     def state(self) -> RobotState:
-        """State of the robot; FAULT while running and a node is missing or a drive is in fault."""
+        """State of the robot; FAULT if a node is missing or a drive is in fault while it runs."""
         return self._state(self._waiting())
 
     @property
@@ -296,12 +296,12 @@ class RobotCore:
         return self.needed.hint or enable_hint(waiting)
 
     def _boot_error(self) -> str | None:
-        """Return the first error that keeps a node from its process data; None if there is none."""
+        """Return the first error that prevents a node's process data; None without one."""
         errors = (node.error for node in self.nodes.values() if node.config.required and not node.ready)
         return next((error for error in errors if error), None)
 
     def _silent_hint(self) -> str | None:
-        """Return the drives that were started and have not sent a statusword; None if none must be awaited."""
+        """Return the started drives without a statusword so far; None if none must be awaited."""
         silent = [
             joint.node.name
             for joint in self.joints.values()
@@ -376,7 +376,7 @@ class RobotCore:
     # ------------------------------------------------------------------------------------------- verbs
 
     def report(self, event: Event) -> None:
-        """Report an event to all listeners; repetitions once, and then as a summary."""
+        """Report an event to all listeners; repetitions are counted and reported as a summary."""
         self._report(self.events.add(event))
 
     def _report(self, events: Iterable[Event]) -> None:
@@ -414,7 +414,7 @@ class RobotCore:
         return self.cycle.clock.of(round(unix * 1e9) - self.wall_offset_ns)
 
     def made_at(self, stamp: float) -> int:
-        """Return the creation of a command with this stamp, in Unix s, on the robot's clock, in ns."""
+        """Return the creation time of a command with a stamp in Unix s, on the robot's clock, in ns."""
         self._tell_clock_step(self.wall.follow())
         return self.cycle.clock.of(self.wall.made_at(round(stamp * 1e9)))
 
@@ -430,7 +430,7 @@ class RobotCore:
         self.commander = source
 
     def _require_active(self, controller: str, source: str) -> None:
-        """Raise ControlError for an inactive controller; reported once, as other refusals are."""
+        """Raise ControlError for an inactive controller; reported once, like other refusals."""
         try:
             require_active(self.setup, self.manager, controller)
         except ControlError as error:
@@ -506,7 +506,7 @@ class RobotCore:
     # ------------------------------------------------------------------------------------------- cycle
 
     def after_cycle(self, now: int) -> None:
-        """Report the results of the cycle, whose frames were sent."""
+        """Process the results of a cycle whose frames were sent."""
         if moved := self.wall.look(now):
             self._tell_clock_step(moved)
         if self._requests:
@@ -589,7 +589,7 @@ class RobotCore:
         self.shutdown("the run failed")
 
     def controllers_switched(self) -> None:
-        """Update the stop groups of the active base controllers; stop one that would move in part."""
+        """Update the stop groups of the active base controllers; stop one that would move only in part."""
         regroup(self.joints.values(), self.manager.bases, self.reactor.now())
         for system in self.systems:
             system.regroup()
@@ -603,7 +603,7 @@ class RobotCore:
             system.stop(now)
 
     def _on_bus_lost(self, error: BusError) -> None:
-        """End the run: the drives stop by themselves, because the heartbeat is missing on a failed bus."""
+        """End the run: without a heartbeat on the failed bus the drives stop."""
         self.failure = self.failure or str(error)
         self.close()
         self.reactor.call_soon(self._tell_stopped)

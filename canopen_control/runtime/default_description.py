@@ -52,7 +52,7 @@ _URDF: Final = '<robot name="{name}"><link name="base_link"/></robot>'
 
 
 def description_of(name: str, path: str, buses: Mapping[str, BusConfig]) -> UrdfDescription:
-    """Return a default description for a bus without a URDF: its joints are the drives; RobotConfigError."""
+    """Return a default description for a bus without a URDF, one joint per drive; RobotConfigError."""
     joints = tuple(joint for bus in buses.values() for joint in _joints(bus))
     _refuse_doubles(path, joints)
     system = _system(name, joints)
@@ -68,7 +68,7 @@ def controllers_of(path: str, description: UrdfDescription) -> ControllersFile:
 def with_free_drives(
     description: UrdfDescription, control: ControllersFile, buses: Mapping[str, BusConfig]
 ) -> tuple[UrdfDescription, ControllersFile, tuple[str, ...]]:
-    """Return description and controllers with the drives that no joint names added, and their names."""
+    """Return description and controllers with the drives without a joint added, and their names."""
     free = tuple(
         (joint, node, axis) for joint, node, axis, problem in _free(buses, description, control) if not problem
     )
@@ -81,7 +81,7 @@ def with_free_drives(
 
 
 def default_warnings(buses: Mapping[str, BusConfig]) -> Iterator[str]:
-    """Yield a warning where `driver` in bus.yml and the EDS disagree about the kind of a node."""
+    """Yield a warning if `driver` in bus.yml and the EDS disagree about the kind of a node."""
     for bus in buses.values():
         for node in bus.nodes.values():
             place, driver, source = f"{bus.path}:{node.line}", node.ros.driver, bus.eds_paths[node.name].name
@@ -120,7 +120,7 @@ _BESIDE: Final = "drives_of_bus_yml"
 def _free(
     buses: Mapping[str, BusConfig], description: UrdfDescription, control: ControllersFile
 ) -> Iterator[tuple[str, NodeConfig, int, str]]:
-    """Yield the axes of drives without a joint: as a joint, or with the reason why they cannot be one."""
+    """Yield the axes of drives without a joint: as a joint, or with the reason why it cannot be one."""
     if any(tag.plugin in PLUGINS for tag in description.hardware):
         parts = [part.name for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)]
         names = {*parts, *description.joints, *control.controllers}
@@ -141,7 +141,7 @@ def _is_named(node: NodeConfig, description: UrdfDescription) -> bool:
 
 
 def _system(name: str, axes: Iterable[tuple[str, NodeConfig, int]]) -> Ros2ControlSystem:
-    """Return the <ros2_control> tag of drives that take targets."""
+    """Return the <ros2_control> tag of the drives with targets."""
     states = {interface: InterfaceInfo(interface) for interface in (POSITION, VELOCITY, EFFORT)}
     target = {TARGET: InterfaceInfo(TARGET)}
     joints = tuple(
@@ -152,7 +152,7 @@ def _system(name: str, axes: Iterable[tuple[str, NodeConfig, int]]) -> Ros2Contr
 
 
 def _parameters(node: NodeConfig, axis: int, *, beside: bool) -> dict[str, str]:
-    """Return the parameters of a joint; an optional one next to others has a stop group of its own."""
+    """Return the parameters of a joint; an optional one next to others has its own stop group."""
     bound = {"device_name": node.name, "axis": str(axis)}
     return bound | {"stop_group": node.name} if beside and not node.required else bound
 
@@ -162,7 +162,7 @@ def _target_controllers(names: Iterable[str], path: str) -> dict[str, Controller
 
 
 def _drives(driver: str) -> bool:
-    """Whether a driver of ros2_canopen, of today or of before, is one of drives."""
+    """Whether a ros2_canopen driver, of any version, is one for drives."""
     return any(name in driver for name in _DRIVERS)
 
 
@@ -187,7 +187,7 @@ def _axes(bus: BusConfig) -> Iterator[tuple[str, NodeConfig, int]]:
 
 
 def _uncontrolled(plan: NodePlan, axis: int) -> str:
-    """Return the reason why an axis is a proxy only: no controlword or statusword in its PDOs; "" if both are."""
+    """Return why an axis is only a proxy: controlword or statusword missing in its PDOs; "" for neither."""
     for base, pdos, kind in ((CONTROLWORD, plan.rpdos, "RPDO"), (STATUSWORD, plan.tpdos, "TPDO")):
         index = axis_index(base, axis)
         if not any(entry.index == index for pdo in pdos for entry in pdo.objects):

@@ -44,7 +44,7 @@ def is_off(joint: JointDrive) -> bool:
 
 
 def is_rising(joint: JointDrive) -> bool:
-    """Return whether a joint will follow commands after some time: it is being enabled, or homed."""
+    """Return whether a joint will follow commands after a delay: it is being enabled, or homed."""
     return joint.wanted and joint.node.ready and not joint.machine.halted
 
 
@@ -63,7 +63,7 @@ def _claimed(joints: Iterable[JointDrive]) -> list[JointDrive]:
 
 
 def enable_hint(joints: Sequence[JointDrive]) -> str | None:
-    """Return a sentence about drives that do not follow commands and the action that helps; None if all do."""
+    """Return a sentence about drives that do not follow commands and the required action; None if all do."""
     if not joints:
         return None
     waiting = [joint for joint in joints if not is_rising(joint)]
@@ -88,7 +88,7 @@ class DriveEnableStatus(EnableStatus):
         return kind(f"{text}; a command that comes before is refused and not kept")
 
     def reason(self, waiting: Sequence[CommandInterface]) -> str:
-        """Return the joints that follow no commands with advice: only the lost, else the faulty, the halted, or all."""
+        """Return the joints that do not follow commands, with advice: the lost, else the faulty, the halted, or all."""
         drives = {
             interface.joint: self._joints[interface.joint] for interface in waiting if interface.joint in self._joints
         }
@@ -107,7 +107,7 @@ class DriveEnableStatus(EnableStatus):
         return super().reason(waiting)
 
     def stop_groups(self, ends: Ends) -> list[Ends]:
-        """Return interfaces in groups that stop together; an interface without a drive is a group of its own."""
+        """Return interfaces in groups that stop together; an interface without a drive forms its own group."""
         groups: dict[int | str, list[CommandInterface]] = {}
         for end in ends:
             joint = self._joints.get(end.joint)
@@ -136,7 +136,7 @@ def startup_complete(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) 
 
 
 def why_not_started(buses: Collection[RobotBus], missing: Iterable[tuple[RobotBus, RemoteNode]]) -> str:
-    """Return why the robot could not start: no node answered at all, or these are missing on their buses."""
+    """Return why the robot could not start: no node answered, or these are missing on their buses."""
     silent = [bus for bus in buses if bus.port is not None and bus.port.stats.rx == 0]
     if silent and len(silent) == len(buses):
         return "; ".join(_why_silent(bus) for bus in silent)
@@ -204,7 +204,7 @@ def way_back(absent: Iterable[RemoteNode]) -> str:
 
 
 def cost_of_skipping(joints: Iterable[JointDrive]) -> str:
-    """Return how many set-points moving axes have missed since they were enabled; "" for none."""
+    """Return the number of set-points that moving axes have missed since enabling; "" for none."""
     missed = [f"{joint.joint} {joint.tracking.skipped}" for joint in joints if joint.tracking.skipped]
     return f"; set-points that moving axes did not get since they were enabled: {', '.join(missed)}" if missed else ""
 
@@ -221,7 +221,7 @@ _RISING: Final = (Action.ENABLE, Action.HOME)
 
 
 class MandatoryNodes(RobotObserver):
-    """Monitor of the mandatory nodes that move no joint, together with the `latch` of STOP.
+    """Monitor of mandatory nodes without a joint, together with the `latch` of STOP.
 
     `forget(now, why)` clears the commands of all controllers; it is one of the robot's `observers` if there are such
     nodes.
@@ -251,7 +251,7 @@ class MandatoryNodes(RobotObserver):
         return self._latch.hint
 
     def check_action(self, action: Action) -> None:
-        """Raise ControlError for actions that move an axis while a mandatory node is missing, or STOP is latched."""
+        """Raise ControlError for actions that move an axis while a mandatory node is missing or STOP is latched."""
         self._latch.check_action(action)
         if action in _RISING:
             self._require(f"axis {action.value}")
@@ -311,7 +311,7 @@ _MOVING = (Action.ENABLE, Action.HOME)
 
 
 class StopLatch:
-    """Latch of STOP: `by` names the client, None while it is not latched. `report` receives both ends."""
+    """Latch of STOP: `by` names the client, None while it is not latched. `report` receives both changes."""
 
     __slots__ = ("_path", "_report", "by")
 
@@ -331,13 +331,13 @@ class StopLatch:
             self.by = "an earlier client"
 
     def report(self, now: int) -> None:
-        """Report at the start that STOP is still latched."""
+        """Report at the start if STOP is still latched."""
         if self.by is not None:
             text = f"STOP is latched since an earlier run (by {self.by}): nothing moves; release it: {RELEASE}"
             self._report(Event(now, "stop_latched", "", text, Level.WARNING))
 
     def _write_down(self, now: int) -> None:
-        """Write the state of the latch to its file; a failure is reported, and the latch remains effective."""
+        """Save the state of the latch to its file; a failure is reported, and the latch remains effective."""
         if self._path is None:
             return
         try:

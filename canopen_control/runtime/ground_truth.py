@@ -41,11 +41,11 @@ class TruePoseTracker:
         self._odom: Planar | None = None
 
     def align(self) -> None:
-        """Align the two frames with the next true pose, because odometry was set."""
+        """Align the two frames at the next true pose, because odometry was set."""
         self._odom = None
 
     def take(self, base: BasePose, odometry: tuple[str, Planar] | None, wall_offset_ns: int) -> None:
-        """Process a true pose, and the odometry of a base controller at that time (None: none is active)."""
+        """Process a true pose, and the odometry of a base controller at that time (None without an active one)."""
         name, pose = (None, None) if odometry is None else odometry
         if name is not None and (self._odom is None or name != self._controller):
             self._controller, self._odom = name, _frame_of(base, pose or (0.0, 0.0, 0.0))
@@ -75,7 +75,7 @@ def odometry_at(manager: ControllerManager, ahead_ns: int) -> tuple[str, Planar]
 
 
 class TruePoseQuery:
-    """Queries `drives`, by their sockets, until one moves a base, and then that one every `period_ns`.
+    """Queries `drives` through their sockets until one moves a base, then that one every `period_ns`.
 
     `take` gets the pose that it answers, `sense` what the sensors of its world measure; with sensors a world without a
     base will do.
@@ -97,7 +97,7 @@ class TruePoseQuery:
         self._closed = False
 
     def start(self) -> None:
-        """Start to query; if no drive moves a base they are queried once."""
+        """Start to query; if no drive moves a base each is queried only once."""
         if not self._closed:
             self._drives = iter(self._names)
             self._try_next()

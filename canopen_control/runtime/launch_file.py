@@ -49,7 +49,7 @@ _PAIR: Final = re.compile(r"([A-Za-z_]\w*):=(.*)", re.DOTALL)
 
 @dataclass(frozen=True, slots=True)
 class LaunchFile:
-    """A launch file: `arguments` with their defaults (None: must be given), `texts` are its files and commands.
+    """Launch file: `arguments` with their defaults (None: required), `texts` are its files and commands.
 
     `computed` are lines, and what they compute; `nodes` are those that it starts, `includes` other launch files.
     """
@@ -91,7 +91,7 @@ class LaunchFile:
         return names
 
     def absent_packages(self, text: str) -> list[str]:
-        """Return the packages in a text that are nowhere to be found."""
+        """Return the packages in a text that are not installed."""
         return [name for name in _PACKAGE.findall(text) if next(package_folders(name, self.path), None) is None]
 
     def _value(self, match: re.Match[str]) -> str:
@@ -100,7 +100,7 @@ class LaunchFile:
 
 
 def read_launch(path: Path) -> LaunchFile:
-    """Read a launch file in XML or Python; RobotConfigError for one that is neither, or that cannot be read."""
+    """Read a launch file in XML or Python; RobotConfigError for another or an unreadable file."""
     try:
         source = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -138,7 +138,7 @@ class Launched:
 
 
 def launched_robot(path: Path, words: Mapping[str, str], obeyed: Collection[str] = ()) -> Launched:
-    """Return xacro's arguments, the files and the controllers that a launch file, and those it includes, give.
+    """Return the xacro arguments, files and controllers given by a launch file and the files it includes.
 
     `words` are NAME:=VALUE of the user: for the launch file where it has such an argument, else for xacro. Those that
     are `obeyed` by others need not be known to either.
@@ -168,7 +168,7 @@ class _Reading:
     doubts: list[str] = field(default_factory=list)
 
     def take(self, path: Path, given: Mapping[str, str], depth: int) -> set[str]:
-        """Read a file; return the names of its arguments that are used."""
+        """Read a file; return the names of its used arguments."""
         launch = replace(read_launch(path), given=dict(given))
         used = self._take_nodes(launch)
         values = {name: launch.resolved(f"$(var {name})") for name in (*launch.arguments, *given)}
@@ -206,7 +206,7 @@ class _Reading:
         return (inner & launch.arguments.keys()) | passed
 
     def _take_nodes(self, launch: LaunchFile) -> set[str]:
-        """Read the parameter files of the controller manager and its spawners, and the controllers they start."""
+        """Read the parameter files of the controller manager and its spawners, and their controllers."""
         used = set[str]()
         for node in launch.nodes:
             if node.package != "controller_manager" or not launch.happens(node.condition):
@@ -230,7 +230,7 @@ class _Reading:
         return used
 
     def _take_parameters(self, path: Path, place: str) -> None:
-        """Store the first parameter file; a second one is reported and not read."""
+        """Store the first parameter file; a second one is reported and ignored."""
         first = self.launched.files.setdefault("controllers", path)
         if first.resolve() != path.resolve():
             self.doubts.append(
@@ -252,7 +252,7 @@ class _Reading:
 
 
 def _concerns_robot(what: str) -> bool:
-    """Whether what a launch file computes may be a file of the robot, or an argument of its description."""
+    """Whether a computed value may be a file of the robot, or an argument of its description."""
     if found := _COMPUTED_ENDING.search(what):
         return bool(_kind(found[1])) or found[1] in (".yaml", ".yml")
     # the program master.bin is for the master of ros2_canopen alone
@@ -276,7 +276,7 @@ def spawned_names(words: Sequence[str]) -> list[str]:
 
 
 def refuse_mistyped(launched: Launched, words: Mapping[str, str], description: Path) -> None:
-    """Raise RobotConfigError for a word close to an argument of the launch file and otherwise unknown."""
+    """Raise RobotConfigError for a word that resembles an argument of the launch file and is otherwise unknown."""
     strange = [name for name in words if name in launched.arguments]  # those of the launch file itself are used up
     source = description.read_text(encoding="utf-8", errors="replace") if strange else ""
     for name in strange:
@@ -304,7 +304,7 @@ def _take(launch: LaunchFile, text: str, arguments: dict[str, str], files: dict[
 
 
 def _unquoted(value: str) -> str:
-    """Return a value without its quotes: launch splits the whole command as a shell does, values put in."""
+    """Return a value without its quotes: launch splits the whole substituted command like a shell."""
     try:
         return " ".join(shlex.split(value))
     except ValueError:
@@ -324,7 +324,7 @@ def _used(launch: LaunchFile, text: str) -> set[str]:
 
 
 def words_of(text: str) -> list[str]:
-    """Split a command as a shell does, its substitutions whole."""
+    """Split a command like a shell, without splitting substitutions."""
     joined, count = _EXECUTABLE.sub("xacro", text), 1
     while count:  # the innermost substitution first
         joined, count = _SUBSTITUTION.subn(lambda match: match[0].translate(_HELD), joined)
@@ -336,7 +336,7 @@ def words_of(text: str) -> list[str]:
 
 
 def _kind(word: str) -> str:
-    """Return which file of a robot a word names, "" for none."""
+    """Return the kind of a robot's file named by a word, "" for none."""
     if ":=" in word:
         return ""
     name = word.rpartition("/")[2]
@@ -348,7 +348,7 @@ def _kind(word: str) -> str:
 
 
 def _as_installed(package: Path, name: re.Match[str]) -> str:
-    """Return the source folder of a package file that CMake installs elsewhere; else the path unchanged."""
+    """Return the source folder of a package file that CMake installs elsewhere; else the unchanged path."""
     path = Path(name[0])
     return str(installed_file(package, path.relative_to(package))) if path.is_relative_to(package) else name[0]
 

@@ -1,4 +1,4 @@
-"""Reads launch files in Python by their syntax, without running them (`ast`): arguments, nodes, files and plugin names.
+"""Reader of Python launch files by syntax (`ast`), without running them: arguments, nodes, files and plugins.
 
 Nothing is imported or executed. Texts are followed through constants, names that are assigned
 once, `+`, `/`, f-strings, os.path.join and the substitutions of launch; what comes out of anything else is computed,
@@ -34,7 +34,7 @@ _LONGEST: Final = 20_000  # letters of a text
 
 @dataclass(frozen=True, slots=True)
 class LaunchText:
-    """A text of a launch file and its line; None is one that is computed."""
+    """Text in a launch file with its line; None if it is computed."""
 
     text: str | None
     line: int
@@ -42,7 +42,7 @@ class LaunchText:
 
 @dataclass(frozen=True, slots=True)
 class LaunchCondition:
-    """When an action happens: if `text` is true, or unless it is (`negated`); a `text` of None is computed."""
+    """Condition of an action: `text` must be true, or false (`negated`); a computed `text` is None."""
 
     text: str | None
     negated: bool = False
@@ -50,7 +50,7 @@ class LaunchCondition:
 
 @dataclass(frozen=True, slots=True)
 class LaunchInclude:
-    """Included launch file with its arguments; a `file` of None is computed."""
+    """Included launch file with its arguments; a computed `file` is None."""
 
     file: str | None
     arguments: dict[str, str]
@@ -60,7 +60,7 @@ class LaunchInclude:
 
 @dataclass(frozen=True, slots=True)
 class LaunchNode:
-    """A node that is started; `plugin` of a composable one. A name that is computed is None, one that is absent "".
+    """Started node; `plugin` of a composable one. A computed name is None, an absent one "".
 
     `parameters` are its files of parameters.
     """
@@ -188,7 +188,7 @@ class _Reader:
         return LaunchCondition(self.text(node.args[0]), negated=name == "UnlessCondition")
 
     def _spawner(self, call: ast.Call) -> None:
-        """Read a call of controller_manager.launch_utils as the spawner node it creates."""
+        """Read a call of controller_manager.launch_utils as the spawner node that it creates."""
         names = call.args[0] if call.args else _keyword(call, "controller_names") or _keyword(call, "controller_name")
         files = _keyword(call, "controller_params_files") or _keyword(call, "controller_params_file")
         more = self._list(_keyword(call, "extra_spawner_args"))
@@ -228,7 +228,7 @@ class _Reader:
                 yield item.elts[0], item.elts[1]
 
     def _list(self, node: ast.expr | None) -> list[ast.expr]:
-        """Return the elements of a list, its name followed; a sum of lists is one."""
+        """Return the elements of a list, also by its name; a sum of lists is one list."""
         if isinstance(node, ast.Name) and node.id in self._names:
             return self._list(self._names[node.id])
         if isinstance(node, ast.List | ast.Tuple):
@@ -271,7 +271,7 @@ class _Reader:
         return text.rpartition("/")[2] if text and text.endswith(_SUFFIXES) else ""
 
     def _processed(self, call: ast.Call) -> str | None:
-        """Return xacro.process_file(FILE, mappings={NAME: VALUE}) as the command that does the same."""
+        """Return xacro.process_file(FILE, mappings={NAME: VALUE}) as an equivalent command."""
         file = self.text(call.args[0]) if call.args else None
         mappings = _keyword(call, "mappings")
         mappings = self._names.get(mappings.id) if isinstance(mappings, ast.Name) else mappings
@@ -298,7 +298,7 @@ class _Reader:
             self._depth -= 1
 
     def joined(self, nodes: list[ast.expr], between: str = "") -> str | None:
-        """Return texts one after the other."""
+        """Return the concatenation of texts."""
         texts = [self.text(node) for node in nodes]
         resolved = [text for text in texts if text is not None]
         if len(resolved) < len(texts) or sum(map(len, resolved)) > _LONGEST:
@@ -375,7 +375,7 @@ _TEXTS: Final[dict[type[ast.expr] | tuple[type[ast.expr], ...], Callable[[_Reade
 
 
 def _assigned_once(tree: ast.Module) -> dict[str, ast.expr]:
-    """Return the names that have one value in the whole file, and their values."""
+    """Return the names that are assigned once in the file, and their values."""
     values, counts = dict[str, ast.expr](), dict[str, int]()
     for name, value in _assignments(tree):
         counts[name] = counts.get(name, 0) + 1

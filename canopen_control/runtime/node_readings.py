@@ -24,7 +24,7 @@ _LEVELS: Final = {level: level.name.lower() for level in Level}
 
 
 class EventReadings:
-    """The newest events of a log as clients see them; made when the log has changed."""
+    """Newest events of a log in the form for clients; updated when the log has changed."""
 
     def __init__(self, log: EventLog) -> None:
         self._log = log
@@ -32,7 +32,7 @@ class EventReadings:
         self._messages: list[RobotEvent] = []
 
     def at(self, wall_offset_ns: int) -> list[RobotEvent]:
-        """Return the events, oldest first, with times in Unix s; the list is not to be changed."""
+        """Return the events, oldest first, with times in Unix s; do not modify the list."""
         made_of = self._log.version, wall_offset_ns
         if made_of != self._made_of:
             self._made_of = made_of
@@ -41,7 +41,7 @@ class EventReadings:
 
 
 def event_message(event: Event, wall_offset_ns: int) -> RobotEvent:
-    """Return an event as clients see it."""
+    """Return an event in the form for clients."""
     several = event.count >= 2
     since = event.time if event.since is None else event.since
     return RobotEvent(
@@ -79,7 +79,7 @@ class NodeReadings:
 
 
 class _ReadNode:
-    """Reading of one node, reused while its inputs are unchanged; only the age is computed each time."""
+    """Reading of one node, reused while its inputs are unchanged; only the age is always computed."""
 
     def __init__(
         self, node: RemoteNode, bus: str, joints: Sequence[JointDrive], devices: Sequence[DeviceParts]
@@ -133,7 +133,7 @@ class _ReadNode:
 
 
 def _mode(joint: JointDrive) -> int | None:
-    """Return the mode shown by the drive, else the requested one; None if there is none."""
+    """Return the mode shown by the drive, else the requested one; None without either."""
     request = joint.machine.mode_request
     return request.mode if request.mode is None else request.display or request.mode
 

@@ -1,4 +1,4 @@
-"""The observer of a robot: one class with a method for each thing that happens to it."""
+"""Observer of a robot: one class with a method for each kind of event."""
 
 from __future__ import annotations
 

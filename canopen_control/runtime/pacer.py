@@ -1,4 +1,4 @@
-"""The cycle's clock: absolute deadlines, and an honest account of the ones that were missed.
+"""Clock of the cycle: absolute deadlines, and a count of the missed ones.
 
 The n-th edge is start + n * period, whatever happened before it. A cycle that comes more than a
 period late skips the edges it missed, counts them, and goes on with the next one on the grid: SYNCs are never sent in
@@ -87,7 +87,7 @@ class SyncPhase:
         return 0
 
     def step(self) -> int:
-        """Return by how much the edge after the next one is later than a period, negative for earlier."""
+        """Return the correction of the period before the edge after the next one; negative for a shorter period."""
         left, longer = self._left, self._longer
         if not left:
             return longer
@@ -99,7 +99,7 @@ class SyncPhase:
         return longer + step
 
     def _learn(self, off: int) -> None:
-        """Correct the learned difference of periods by the error of a window of SYNCs."""
+        """Correct the estimated difference of periods by the error of a window of SYNCs."""
         before, put_right = self._off, not self._left
         self._off = self._left = off
         again = min(abs(before), abs(off)) if before * off > 0 and put_right else 0

@@ -1,4 +1,4 @@
-"""Plant file for virtual drives in physics: which axis turns which joint, and its scale.
+"""Plant file for virtual drives in physics: the joint of each axis, and its scale.
 
 It is made of what the robot has anyway, its description and the scales of bus.yml, and written beside its logs, so that
 it can be read, changed and given to `drive --plant`.
@@ -68,7 +68,7 @@ def sensed_world(setup: RobotSetup, tag: Ros2ControlSystem) -> WorldSensors | No
 
 
 class SensedValues:
-    """Passes the world's sensor values to the components that show them."""
+    """Passes the world's sensor values to the components with these sensors."""
 
     def __init__(self, components: Sequence[WorldSensors], sensors: Mapping[str, SensorSettings]) -> None:
         self._components = components
@@ -76,7 +76,7 @@ class SensedValues:
 
     @property
     def wanted(self) -> bool:
-        """Whether there is anything to show."""
+        """Whether any component has sensors."""
         return bool(self._components)
 
     def take(self, measured: Mapping[str, tuple[float, ...]]) -> None:
@@ -100,7 +100,7 @@ _URDF = "physics.urdf"
 
 
 def check_physics(setup: RobotSetup) -> None:
-    """Raise RobotConfigError where no virtual drives can move the robot in physics, PhysicsError for its world."""
+    """Raise RobotConfigError if no virtual drives can move the robot in physics, PhysicsError for its world."""
     if setup.real or setup.mock:
         option = "--real" if setup.real else "--mock"
         raise RobotConfigError(f"--physics is for virtual drives; leave {option} away")
@@ -122,7 +122,7 @@ def check_physics(setup: RobotSetup) -> None:
 def write_plant(
     setup: RobotSetup, joints: Mapping[str, JointDrive], world: Path | None = None, folder: Path | None = None
 ) -> Path:
-    """Write the plant file and the description for the joints of a robot; return its path. ConfigError if it cannot.
+    """Write the plant file and the description for the joints of a robot; return its path. ConfigError on failure.
 
     `folder` is that of the robot's logs, unless another one is given.
     """
@@ -160,7 +160,7 @@ def plant_text(setup: RobotSetup, joints: Iterable[JointDrive], world: Path | No
 
 
 def _copied_from(description: UrdfDescription) -> Iterator[str]:
-    """Yield the path of the description where its lines are those of the copy, which is not so for a xacro."""
+    """Yield the path of the description if its line numbers are those of the copy, which a xacro's are not."""
     path = Path(description.path)
     with contextlib.suppress(OSError, UnicodeDecodeError):
         if path.read_text(encoding="utf-8") == description.urdf_xml:

@@ -32,7 +32,7 @@ _CAP_IPC_LOCK: Final = 14
 
 
 class RealTime:
-    """Scheduling of the calling thread; `priority` of SCHED_FIFO or None, `cpu` the processor it stays on or None.
+    """Scheduling of the calling thread; `priority` of SCHED_FIFO or None, `cpu` its fixed processor or None.
 
     Raises ConfigError when the kernel refuses. `text` says what was had, "" for nothing; `pin` takes the processor.
     """
@@ -133,7 +133,7 @@ def keep_garbage_small(undo: contextlib.ExitStack, observers: list[RobotObserver
 
 
 class _Collector(RobotObserver):
-    """Garbage collection between two cycles, from time to time."""
+    """Occasional garbage collection between two cycles."""
 
     _due = 0
 
@@ -151,7 +151,7 @@ def _may_lock_all() -> bool:
 
 
 def _refused(request: str, error: OSError, priority: int) -> ConfigError:
-    """Return the error with the commands to type: for this shell and, without that, permanently."""
+    """Return the error with the commands to type: for this shell, and permanently."""
     import pwd
 
     if os.geteuid() == 0:

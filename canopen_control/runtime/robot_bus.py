@@ -44,7 +44,7 @@ _LATENCY_US = 100  # beyond that it is no latency: the machine stands still at t
 
 
 class SyncTask(Protocol):
-    """Sender of SYNC; `sender` names it, and `correction` is the action while SYNC is missing."""
+    """Sender of SYNC with its name; `correction` is the action while SYNC is missing."""
 
     @property
     def sender(self) -> str:
@@ -55,7 +55,7 @@ class SyncTask(Protocol):
         """Action while SYNC is missing; empty otherwise."""
 
     def start(self, period_us: int) -> None:
-        """Send every `period_us`, also when it is already running; BusError."""
+        """Send every `period_us`, also if already running; BusError."""
 
     def adjust(self, period_us: int) -> None:
         """Change the period without a SYNC in between; BusError."""
@@ -172,7 +172,7 @@ class ExternalSync:
                 self._task.adjust(self._period_us - trimmed)
 
     def tick(self, now: int) -> None:
-        """Set SYNC up again while none is received, every half a second."""
+        """Restart SYNC every half second while none is received."""
         if now < self._deadline:
             return
         self._deadline = now + _RETRY_NS
@@ -204,7 +204,7 @@ _LOST_WHILE_SILENT: Final = ("bus_frames_lost", "while it carried nothing")
 
 
 def is_simulated(channel: str) -> bool:
-    """Return whether a channel is one between processes of this computer, without a wire."""
+    """Return whether a channel connects only processes of this computer, without a wire."""
     parsed = parse_channel(channel)
     virtual = parsed.kind is ChannelKind.SOCKETCAN and parsed.name.startswith(("vcan", "vxcan"))
     return virtual or parsed.kind is ChannelKind.LOCAL
@@ -286,14 +286,14 @@ class RobotBus:
         return KernelSync(parse_channel(self.channel).name, ()).why_not()
 
     def leave_sync_to_kernel(self, lead: Callable[[int], None] | None) -> None:
-        """Leave SYNC to the kernel, with `lead(now)` called for each; before `open`, on a SocketCAN interface only."""
+        """Leave SYNC to the kernel and call `lead(now)` for each one; before `open`, on a SocketCAN interface only."""
         sync = self.network.sync
         task = KernelSync(parse_channel(self.channel).name, [sync.frame() for _ in range(max(1, sync.overflow))])
         self._by_kernel = True
         self._follow(ExternalSync(task, self.config.master.sync_period, lead, self._report))
 
     def follow_sync(self, lead: Callable[[int], None] | None) -> None:
-        """Send no SYNC, because a node of the bus does, and call `lead(now)` for each; before `open`."""
+        """Follow the SYNC of a node and call `lead(now)` for each one; before `open`."""
         master = self.config.master
         first_wait_ns = (master.boot_time or DEFAULT_BOOT_MS) * 1_000_000
         self._follow(ExternalSync(NodeSync(), master.sync_period, lead, self._report, first_wait_ns))
@@ -327,7 +327,7 @@ class RobotBus:
             self._reactor.add_reader(self.port.fileno(), self.receive)
 
     def rest_or_watch(self) -> None:
-        """Read frames only at the edges while nothing is awaited; for callers that cycle at edges."""
+        """Read frames only at the edges unless an answer is awaited; for callers that cycle at edges."""
         rests = self._may_rest and self._followed is None and not self.network.waits
         if rests is not self.watched:
             return
@@ -338,13 +338,13 @@ class RobotBus:
             self._reactor.remove_reader(self.port.fileno())
 
     def _take(self) -> bytes:
-        """Return the records to send; answers to them are read as they arrive."""
+        """Return the records to send; answers to them are then read on arrival."""
         if not self.watched and self.network.waits:
             self.watch()
         return self.network.take()
 
     def _pass_over(self) -> None:
-        """Read waiting frames only for boot-ups; the end of the channel is reported."""
+        """Read waiting frames only for boot-ups; report the end of the channel."""
         try:
             records = b"" if self.port is None else self.port.receive()
         except BusError as error:
@@ -399,7 +399,7 @@ class RobotBus:
             self._tell_lost(port.stats.lost, now)
 
     def send_sync(self, now: int) -> None:
-        """Send SYNC separately, at the begin of the cycle."""
+        """Send SYNC separately, at the beginning of the cycle."""
         self._send(self.network.sync_record())
         self._sent_sync(now)
 
@@ -481,7 +481,7 @@ class RobotBus:
         self._on_lost(error)
 
     def _on_bus_event(self, event: BusEvent) -> None:
-        """Report a channel event; a dead bus sets all its nodes to lost, and one that is back boots them."""
+        """Report a channel event; a failed bus sets all its nodes to lost, a returned bus boots them."""
         now = self._reactor.now()
         kind = event.kind.value.replace("-", "_")
         level = Level.INFO if kind in ("up", "error_active") else Level.WARNING
@@ -494,7 +494,7 @@ class RobotBus:
             self.network.bus_back(now)
 
     def _tell_lost(self, lost: int, now: int) -> None:
-        """Report lost frames with the reason, at most once a second; for a dead bus when it is back."""
+        """Report lost frames with the reason, at most once a second; for a failed bus after its return."""
         if now - self._told_lost < _WINDOW_NS or self._carries_nothing:
             return
         kind, why = ("bus_queue_full", "its queue was full") if not self._was_silent else _LOST_WHILE_SILENT

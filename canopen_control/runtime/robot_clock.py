@@ -1,4 +1,4 @@
-"""The time of a robot's controllers: this computer's, or of a simulated robot one that can be paused and stepped.
+"""Clock of a robot's controllers: this computer's, or for a simulated robot one that can be paused and stepped.
 
 A simulated robot without buses lives on the grid of its cycles, each a period after the last one.
 While it is paused its time stands, nothing moves and no command runs out; `step` lets a number of cycles happen, with
@@ -45,7 +45,7 @@ class WallClock:
         self.offset_ns, self._follows = offset_ns, False
 
     def look(self, now: int) -> int:
-        """Follow the system clock, ten times a second; return the step forward in ns since the last call."""
+        """Follow the system clock, ten times a second; return its forward step in ns since the last call."""
         if now < self._look_at:
             return 0
         self._look_at = now + _LOOK_NS
@@ -68,7 +68,7 @@ class WallClock:
         return moved if abs(moved) >= _STEP_NS else 0
 
     def made_at(self, unix_ns: int) -> int:
-        """Return the creation time of a stamp; one in the future may be from before the clock was set back."""
+        """Return the creation time of a stamp; a future stamp may date from before the clock was set back."""
         now = self._now()
         created_ns = unix_ns - self.offset_ns
         if created_ns > now and self._before is not None:
@@ -89,15 +89,15 @@ def step_words(moved_ns: int) -> str:
 
 
 class StepRequest(Protocol):
-    """Receiver of the end of steps."""
+    """Receiver of the result of simulation steps."""
 
     def settle(self, error: str | None) -> None:
-        """Report the end of the steps, or the reason why they did not end."""
+        """Report that the steps are complete, or why they were not."""
         ...
 
 
 class RobotClock:
-    """The clock of one robot; `simulated`: it lives on the grid of its cycles.
+    """Clock of one robot; a `simulated` clock advances with the robot's cycles.
 
     `edge` is the time of the newest cycle, `stood_ns` for how long it has stood so far.
     """
@@ -112,11 +112,11 @@ class RobotClock:
         self._request: StepRequest | None = None
 
     def now(self) -> int:
-        """Return the time, as commands and controllers count it."""
+        """Return the time for commands and controllers."""
         return self.edge if self.paused or self._resumed else self._reactor.now() - self.stood_ns
 
     def of(self, now: int) -> int:
-        """Return a time of this computer's clock as the robot counts it."""
+        """Convert a time of this computer's clock to the robot's clock."""
         return now - self.stood_ns
 
     @property
@@ -153,7 +153,7 @@ class RobotClock:
     # -- the cycle
 
     def take(self, edge: int) -> bool:
-        """Process an edge of this computer's clock; return whether the robot has a cycle at it, then `edge`."""
+        """Process an edge of this computer's clock; return whether the robot has a cycle now."""
         if self.paused:
             return self.take_step(edge)
         if self._resumed:

@@ -1,4 +1,4 @@
-"""Which files make a robot: a folder, a bundled name, a ROS package, or the three files one by one.
+"""Files of a robot: from a folder, a bundled name, a ROS package, or three single files.
 
 A robot without drives on a bus, simulated or mocked, needs no bus.yml. A bus without controllers needs nothing else:
 neither a ros2_controllers.yaml nor a description belongs to its folder. In a ROS package the files lie in `config` or
@@ -59,7 +59,7 @@ class AskedHardware:
     world_word: str = ""
 
     def channels(self, can: Sequence[str], buses: Collection[str]) -> list[str]:
-        """Return the `--can` options with the asked channel; RobotConfigError where the two contradict each other."""
+        """Return the `--can` options with the requested channel; RobotConfigError if the two contradict each other."""
         if not self.channel:
             return list(can)
         if can:
@@ -81,7 +81,7 @@ class AskedHardware:
 
 
 def asked_hardware(words: Mapping[str, str]) -> AskedHardware:
-    """Return the hardware options in a user's arguments; RobotConfigError for a value that is neither yes nor no."""
+    """Return the hardware options in a user's arguments; RobotConfigError for a value other than yes or no."""
     channels = {name: value for name, value in words.items() if _names_channel(name, value)}
     answers = {name: says for name, value in words.items() if (says := _says_real(name, value)) is not None}
     worlds = {name: file for name, value in words.items() if (file := _sdf_file(value))}
@@ -103,12 +103,12 @@ def asked_hardware(words: Mapping[str, str]) -> AskedHardware:
 
 
 def _sdf_file(value: str) -> str:
-    """Return the file of a world of Gazebo that a value names (hall.sdf, "-r hall.sdf"), "" for none."""
+    """Return the Gazebo world file in a value (hall.sdf, "-r hall.sdf"), "" for none."""
     return next((word for word in value.split() if word.lower().endswith(SDF_SUFFIXES)), "")
 
 
 def _names_channel(name: str, value: str) -> bool:
-    """Whether an argument is the channel of a bus: by its name (can_interface_name) or by its value (can0)."""
+    """Whether an argument is the channel of a bus, by its name (can_interface_name) or value (can0)."""
     parts = set(name.lower().split("_"))
     named = bool(parts & _CAN_WORDS) and parts <= _CAN_WORDS | _CHANNEL_WORDS
     return bool(_CHANNEL_VALUE.fullmatch(value)) or (named and value.lower() not in _YES | _NO)
@@ -130,7 +130,7 @@ def _says_real(name: str, value: str) -> bool | None:
 
 @dataclass(frozen=True, slots=True)
 class RobotFiles:
-    """The three files of a robot and its name; `bus` may be absent, `more_buses` are its bus_NAME.yml by NAME.
+    """Three files of a robot and its name; `bus` may be absent; `more_buses` are its bus_NAME.yml by NAME.
 
     `arguments` are those of its xacro, `asked` is what the user's arguments ask of the hardware, `idle` are those that
     reach nothing of this robot. `spawned` are the controllers that its launch file starts, `variables` the values of
@@ -151,7 +151,7 @@ class RobotFiles:
     world: Path | None = None
 
     def refuse_hardware(self, why: str) -> None:
-        """Raise RobotConfigError for an argument that requests a channel or real drives where neither is possible."""
+        """Raise RobotConfigError for an argument that requests an impossible channel or real drives."""
         word = self.asked.channel_word or (self.asked.real_word if self.asked.real else "")
         if word:
             raise RobotConfigError(f"{word}: {why}; leave the argument away")
@@ -172,7 +172,7 @@ class RobotFiles:
 
     @property
     def buses(self) -> dict[str, Path]:
-        """The files of all buses by the names of the buses."""
+        """Files of all buses by bus name."""
         return ({MAIN_BUS: self.bus} if self.bus is not None else {}) | self.more_buses
 
 
@@ -185,7 +185,7 @@ def find_robot(
     arguments: Iterable[str] = (),
     launch: str | None = None,
 ) -> RobotFiles:
-    """Find the files of a robot; single options override the folder. RobotConfigError lists all missing ones.
+    """Find the files of a robot; single options override the folder. RobotConfigError lists all missing files.
 
     `arguments` are NAME:=VALUE, for xacro. A ROS launch file gives xacro more of them, and files that are nowhere else.
     """
@@ -230,7 +230,7 @@ def find_robot(
 
 
 def _bus_of_description(described: Path, words: Mapping[str, str]) -> Path:
-    """Return the bus.yml that a hardware plugin of the description names (`bus_config`), as ros2_canopen reads it.
+    """Return the bus.yml named by a hardware plugin in the description (`bus_config`), as ros2_canopen reads it.
 
     Path() if there is none. Mistakes of the description are reported where it is read for the robot.
     """
@@ -249,7 +249,7 @@ def _bus_of_description(described: Path, words: Mapping[str, str]) -> Path:
 
 
 def _world(hardware: AskedHardware, launch: str | None, missing: list[str]) -> Path | None:
-    """Return the file of the world that an argument names: from here, else in `worlds` of the launch file's package."""
+    """Return the world file in an argument: relative to here, else in `worlds` of the launch file's package."""
     if not hardware.world:
         return None
     path = Path(hardware.world).expanduser()
@@ -264,7 +264,7 @@ def _world(hardware: AskedHardware, launch: str | None, missing: list[str]) -> P
 def _heeded(
     words: dict[str, str], launched: Launched | None, hardware: AskedHardware, described: Path
 ) -> dict[str, str]:
-    """Return the arguments of the description, those of its launch file if there is one."""
+    """Return the arguments that have an effect: of the description, and of the launch file if there is one."""
     if launched is None:  # the description may have an argument of that name, and need not
         return {f"{name}?" if name in hardware.names else name: value for name, value in words.items()}
     from canopen_control.runtime.launch_file import refuse_mistyped
@@ -276,7 +276,7 @@ def _heeded(
 def _refuse_missing(
     launch: str | None, launched: Launched | None, no_bus: Sequence[str], missing: Sequence[str], *, needed: bool
 ) -> NoReturn:
-    """Raise RobotConfigError for missing files, with what the `launch` file names where it was given alone.
+    """Raise RobotConfigError for missing files, with those named by a `launch` file that was given alone.
 
     Where a bus is not `needed`, as by who has another of the robot's files, its absence is none of the mistakes.
     """
@@ -289,7 +289,7 @@ def _refuse_missing(
 def _not_launched(
     launch: str, files: Mapping[str, Path], no_bus: Sequence[str], missing: Sequence[str]
 ) -> Iterator[str]:
-    """Return a sentence about files that a launch file without a folder does not name, or that are missing."""
+    """Return a sentence about missing files and files that a launch file without a folder does not name."""
     for option, kind in (("--bus", "bus"), ("--controllers", "controllers"), ("--description", "description")):
         if any(text.endswith(f" or {option}") for text in (*no_bus, *missing)):
             problem = f"names {files[kind]}, which is no file" if kind in files else f"names no {kind} file"
@@ -299,7 +299,7 @@ def _not_launched(
 
 
 def _refuse_unheeded(idle: Iterable[str]) -> None:
-    """Raise RobotConfigError for an argument of a launch file that chooses the kind of drives and reaches nothing."""
+    """Raise RobotConfigError for a launch file's argument that chooses the kind of drives without effect."""
     for word in idle:
         if set(word.partition(":=")[0].lower().split("_")) & (_FAKE_WORDS | {"hardware"}):
             raise RobotConfigError(
@@ -320,7 +320,7 @@ def xacro_arguments(words: Iterable[str]) -> dict[str, str]:
 
 
 def find_buses(config: str | None) -> dict[str, Path]:
-    """Return the bus files of a folder or bundled robot by the names of the buses; nothing else need be there."""
+    """Return the bus files of a folder or bundled robot by bus name; no other files are needed."""
     if not config:
         raise RobotConfigError(f"no robot given: name a folder or a bundled robot ({', '.join(data_names('config'))})")
     missing: list[str] = []
@@ -334,7 +334,7 @@ def find_buses(config: str | None) -> dict[str, Path]:
 
 
 def _folder(config: str) -> Path:
-    """Return the folder a user means: a path, else a bundled robot, else a ROS package or a folder in it."""
+    """Return the folder for a user's word: a path, a bundled robot, a ROS package, or a folder in a package."""
     path = Path(config).expanduser()
     if path.is_dir():
         return path
@@ -356,7 +356,7 @@ def _folder(config: str) -> Path:
 
 
 def find_launch(text: str) -> Path:
-    """Return the launch file that a user means: a path, else one in a ROS package; it may not exist."""
+    """Return the launch file for a user's word: a path, else one in a ROS package; it may not exist."""
     path = Path(text).expanduser()
     package, _, rest = text.partition("/")
     inside = () if path.is_file() else (package_folder / rest for package_folder in installed_packages(package))
@@ -380,7 +380,7 @@ def _one(
     missing: list[str],
     launched: Path | None = None,
 ) -> Path:
-    """Return a file: as given, else of the folder, else of the launch file; or add it to the missing ones."""
+    """Return a file: as given, else from the folder, else from the launch file; or add it to the missing files."""
     count = len(missing)
     file = _own(path, folder, names, option, missing)
     if file == Path() and launched is not None and launched.is_file():
@@ -413,14 +413,14 @@ def _own(given: str | None, folder: Path | None, names: str | Sequence[str], opt
 
 
 def _nobody_else(controllers: str | None, description: str | None, launched: Launched | None) -> bool:
-    """Whether neither the user nor a launch file names controllers or a description, or may mean some."""
+    """Whether neither the user nor a launch file may select controllers or a description."""
     if launched is not None and (launched.doubts or launched.files.keys() - {"bus"}):
         return False
     return controllers is None and description is None
 
 
 def _is_alone(folder: Path | None) -> bool:
-    """Whether a bus has no controllers and no description in its folder.
+    """Whether a bus has neither controllers nor a description in its folder.
 
     The description of the whole package is another robot's, where the folder is one of several in its `config`.
     """
@@ -435,7 +435,7 @@ def _is_alone(folder: Path | None) -> bool:
 
 
 def _places(folder: Path, *, described: bool) -> list[Path]:
-    """Return the places of a file in their order: the folder, then those of ROS packages."""
+    """Return the folders to search for a file, in order: the given one, then those of ROS packages."""
     if not described:
         return [folder, folder / "config"]
     places = [folder, folder / "urdf"]
@@ -449,7 +449,7 @@ def _places(folder: Path, *, described: bool) -> list[Path]:
 
 
 def _elsewhere(folder: Path, names: str | Sequence[str]) -> str:
-    """Return a hint at such files in subfolders of config or urdf, one of which must be named."""
+    """Return a hint about such files in subfolders of config or urdf, from which the user must choose."""
     if names is _DESCRIPTIONS:
         roots = [place for place in _places(folder, described=True) if place.name == "urdf"]
         folders = [path for root in roots for pattern in _DESCRIPTIONS for path in root.glob(f"*/{pattern}")]
@@ -473,19 +473,19 @@ def _listed(paths: Sequence[Path]) -> str:
 
 
 def _name(folder: Path) -> str:
-    """Return the name of a robot: its folder, or the package of a `config` folder."""
+    """Return the name of a robot: of its folder, or of the package of a `config` folder."""
     return folder.parent.name if folder.name == "config" else folder.name
 
 
 def _irregular(paths: Iterable[Path]) -> Iterator[str]:
-    """Yield paths that are no regular files: opening a pipe or a device could block."""
+    """Yield paths other than regular files, because opening a pipe or a device could block."""
     for path in paths:
         if path != Path() and path.exists() and not path.is_file():
             yield f"{path} is {'a folder' if path.is_dir() else 'a pipe or a device'}, no file"
 
 
 def _more_buses(folder: Path, missing: list[str]) -> dict[str, Path]:
-    """Find the files of further buses; what its name calls a copy, such as bus_template.yml, is none."""
+    """Find the files of further buses, without copies such as bus_template.yml."""
     files = {path.stem.removeprefix("bus_"): path for path in sorted(folder.glob("bus_*.yml"))}
     buses = {name: path for name, path in files.items() if name.lower().rpartition("_")[2] not in _COPIES}
     for name, path in buses.items():

@@ -60,7 +60,7 @@ _SWING_STEPS = 80  # eight seconds there and back: 0.2 rad/s at most
 
 
 class DemoMotion:
-    """Demo motion on a controller in a loop: velocities and twists out and back, positions to and fro."""
+    """Demo motion on a controller in a loop: velocities, twists or positions, alternating in direction."""
 
     def __init__(self, robot: RobotCore, controller: str) -> None:
         self._robot, self._controller = robot, controller
@@ -180,7 +180,7 @@ class RunOptions:
 
 
 class RunSession(RobotObserver):
-    """Everything of one run. `run` blocks until the robot has stopped and returns why it failed, or None."""
+    """One run of a robot. `run` blocks until the robot has stopped and returns why it failed, or None."""
 
     def __init__(self, setup: RobotSetup, options: RunOptions, *, reactor: Reactor | None = None) -> None:
         self.setup, self.options = setup, options
@@ -227,7 +227,7 @@ class RunSession(RobotObserver):
         self.robot.observers.append(self)
 
     def start(self) -> None:
-        """Start the children, and the robot once they are ready; raises BusError."""
+        """Start the children, then the robot once they are ready; BusError."""
         if self.realtime.text:
             self.robot.report(Event(self.reactor.now(), "realtime", "", self.realtime.text))
         self.robot.latch.report(self.reactor.now())
@@ -256,7 +256,7 @@ class RunSession(RobotObserver):
             self.reactor.call_later(_HEARING_NS, lambda: self.children_ready(tries - 1))
 
     def _begin(self) -> None:
-        """Boot: all that was started is there."""
+        """Boot the robot after all children have started."""
         try:
             self.robot.start()
         except CanopenError as error:
@@ -272,7 +272,7 @@ class RunSession(RobotObserver):
         self.supervisor.start_client("view", view, restarts=Restarts())
 
     def run(self) -> str | None:
-        """Run until a signal, the duration, a client or a failure ends it."""
+        """Run until a signal, the end of the duration, a client's request or a failure."""
         shutdown = self.robot.shutdown
         self.reactor.handle_signals({number: partial(shutdown, number.name) for number in _SIGNALS})
         lifeline = lifeline_fd()
@@ -287,7 +287,7 @@ class RunSession(RobotObserver):
         self.robot.shutdown("the program that started it is gone")
 
     def close(self) -> None:
-        """Leave nothing behind; a second call does nothing."""
+        """Release everything; a second call does nothing."""
         self._cleanup.close()
 
     def _take_true_pose(self, base: BasePose) -> None:
@@ -300,7 +300,7 @@ class RunSession(RobotObserver):
         self.reactor.stop()
 
     def running(self) -> None:
-        """Start what needs a running robot: true pose, demo motion, duration."""
+        """Start the services of a running robot: true pose, demo motion, duration."""
         self._true_pose.start()
         gc.freeze()  # what booting has made stays as well
         if self.options.motion and self.setup.files.bus_alone and self.robot.joints:
@@ -318,7 +318,7 @@ class RunSession(RobotObserver):
 
 
 def _claim(channel: str) -> int:
-    """Lock a channel for one master on this host; two would steer the same drives."""
+    """Lock a channel for one master on this host, because two would control the same drives."""
     safe = "".join(letter if letter.isalnum() or letter in "_-" else "_" for letter in channel)
     path = runtime_dir() / f"master-{safe[:48]}.lock"
     try:

@@ -1,4 +1,4 @@
-"""A robot as its files describe it, read and checked before anything is opened.
+"""Robot as described by its files, read and checked before anything is opened.
 
 Whatever can be known to be wrong before the first frame is an error here (exit code 2), and the
 three files are held against each other.
@@ -102,7 +102,7 @@ class RobotSetup:
 
     @property
     def on_drives(self) -> bool:
-        """Whether drives, real or virtual, move the joints whatever the plugins of the description are."""
+        """Whether drives, real or virtual, move the joints, whatever the plugins of the description are."""
         return self.real or self.physics or self.drives
 
     @property
@@ -113,23 +113,23 @@ class RobotSetup:
 
     @property
     def joined(self) -> Mapping[str, BusConfig]:
-        """Buses it is connected to: none if plugins simulate or mock the whole robot."""
+        """Connected buses: none if plugins simulate or mock the whole robot."""
         return self.buses if self.files.bus_alone or PluginKind.CANOPEN in self.kinds else {}
 
     @property
     def bus(self) -> BusConfig:
-        """The bus of bus.yml; all others have its SYNC period."""
+        """Bus of bus.yml; all others have its SYNC period."""
         return self.buses[BUS_NAME]
 
     @property
     def runs(self) -> str:
-        """Started controllers, or nodes of a bus without controllers, in words."""
+        """Started controllers, or nodes of a bus without controllers, as text."""
         nodes = [name for bus in self.buses.values() for name in bus.nodes]
         return ", ".join(nodes if self.files.bus_alone else self.to_activate)
 
     @property
     def told_of_sync(self) -> Iterator[str]:
-        """Notes: SYNC by the kernel, and the effect of a late process on the motion of real drives."""
+        """Notes on SYNC by the kernel, and on the effect of a late process on the motion of real drives."""
         for name, choice in self.sync.items() if not self.mock else ():
             if choice.sender is SyncSender.KERNEL:
                 yield choice.words
@@ -138,7 +138,7 @@ class RobotSetup:
 
     @property
     def cycle_ns(self) -> int:
-        """The period of the cycle: SYNC's, else that of the controllers."""
+        """Period of the cycle: of SYNC, else of the controllers."""
         sync = self.bus.master.sync_period * 1000 if self.buses else 0
         return sync or 1_000_000_000 // self.controllers.update_rate
 
@@ -218,7 +218,7 @@ def _contents(
     strict: bool,
     real: bool,
 ) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile, tuple[str, ...]]:
-    """Return the contents of the files, with controllers of free drives and the names of those to activate."""
+    """Return the contents of the files, with controllers of free drives, and the names of those to activate."""
     buses, written, options = _read(files, name, read, reader, mock=mock, strict=strict)
     description, control, free = _add_free_drives(files, buses, written, options, mock=mock)
     _require_bus(files, buses, description, mock=mock, real=real)
@@ -234,7 +234,7 @@ def _unplaced(buses: Mapping[str, BusConfig], can: Sequence[str]) -> tuple[str, 
 def _read(
     files: RobotFiles, name: str, read: _ReadBuses, reader: DescriptionReader | None, *, mock: bool, strict: bool
 ) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile]:
-    """Return the buses, the description and the controllers: as the files have them, else as a bus alone makes them."""
+    """Return the buses, the description and the controllers: from the files, or the defaults of a bus alone."""
     if files.bus_alone:
         return _read_bus_alone(files, name, read, mock=mock)
     with reader or DescriptionReader(files.description, mappings=files.mappings(mock=mock)) as begun:
@@ -249,7 +249,7 @@ def _add_free_drives(
     *,
     mock: bool,
 ) -> tuple[UrdfDescription, ControllersFile, tuple[str, ...]]:
-    """Return both with the controllers of the drives that take targets by themselves, and the names of these."""
+    """Return both with the controllers of the drives without a joint added, and the names of these."""
     if files.bus_alone:
         return description, control, tuple(control.controllers)
     return (description, control, ()) if mock else with_free_drives(description, control, buses)
@@ -258,7 +258,7 @@ def _add_free_drives(
 def _read_bus_alone(
     files: RobotFiles, name: str, read: _ReadBuses, *, mock: bool
 ) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile]:
-    """Return the buses of a bus.yml without ros2_control, with the default description and controllers."""
+    """Return the buses of a bus.yml without ros2_control, with default description and controllers."""
     _refuse_for_a_bus(files, mock=mock)
     buses = read()
     description = description_of(name, str(files.bus), buses)
@@ -268,7 +268,7 @@ def _read_bus_alone(
 def _read_files(
     files: RobotFiles, read: _ReadBuses, reader: DescriptionReader, *, strict: bool
 ) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile]:
-    """Return the buses, the description and the controllers as the three files have them."""
+    """Return the buses, the description and the controllers of the three files."""
     buses = read()  # while xacro runs
     control = read_controllers(files.controllers, strict=strict, variables=files.variables)
     return buses, add_plugin_interfaces(reader.result(), plans_of(buses)), control
@@ -282,7 +282,7 @@ def _told_by_files(
     mock: bool,
     real: bool,
 ) -> Iterator[str]:
-    """Yield warnings about entries in the files that are suspicious or without effect."""
+    """Yield warnings about suspicious or ineffective entries in the files."""
     for bus in buses.values():
         yield from bus.notes
     yield from control.warnings
@@ -316,7 +316,7 @@ def plans_of(buses: Mapping[str, BusConfig]) -> list[NodePlan]:
 
 
 def _sim_time(control: ControllersFile, kinds: Sequence[PluginKind]) -> list[str]:
-    """Return a warning if `use_sim_time` is set and nothing is simulated."""
+    """Return a warning if `use_sim_time` is set although nothing is simulated."""
     settings = [controller.params.flat.get("use_sim_time") for controller in control.controllers.values()]
     given = control.manager.use_sim_time or any(setting is not None and setting.value is True for setting in settings)
     if not given or PluginKind.SIMULATION in kinds:
@@ -376,7 +376,7 @@ def _choose_sync(
 
 
 def _require_kernel_sync(buses: Mapping[str, BusConfig], channels: Mapping[str, str], *, mock: bool) -> None:
-    """Refuse SYNC by the kernel where the kernel does not serve the bus, or without SYNC."""
+    """Refuse kernel SYNC on a bus that does not support it, or without SYNC."""
     if mock or not buses:
         raise RobotConfigError("--kernel-sync: there is no bus; leave the option away")
     for name, config in buses.items():
@@ -413,7 +413,7 @@ def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> 
 def started_controllers(
     files: RobotFiles, control: ControllersFile, description: UrdfDescription, names: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return the controllers to activate: those asked for, else the first that moves joints; and all that move none."""
+    """Return the controllers to activate: requested ones, else the first that moves joints; and all that move none."""
     for name in names:
         if name not in control.controllers:
             raise RobotConfigError(f"{files.controllers}: no controller {name!r}{nearest(name, control.controllers)}")

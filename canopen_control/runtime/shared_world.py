@@ -1,4 +1,4 @@
-"""Several robots in one simulated world: one process of all their drives, and a runtime of each robot's own.
+"""Several robots in one simulated world: one process for all drives, and one runtime per robot.
 
 Each robot is run as `run ROBOT --as NAME --no-drives` runs it, on buses of its own, so that whatever a robot alone
 can do each of them can. A runtime that dies stops its drives, as the loss of a master does, and nobody else's. At the
@@ -45,7 +45,7 @@ _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @dataclass(frozen=True)
 class SharedRobot:
-    """One robot of the world: its files and the options of its runtime."""
+    """Robot of the world: its files and the options of its runtime."""
 
     setup: RobotSetup
     arguments: tuple[str, ...]
@@ -134,7 +134,7 @@ class SharedRun:
             raise (ConfigError if self._refused else CanopenError)(self._failed)
 
     def _start_drives(self) -> None:
-        """Start all drives, in the world that is theirs."""
+        """Start all drives in their common world."""
         plants = [(robot.setup, _written(robot.setup)) for robot in self._robots]
         file = write_buses(state_dir(f"world-{self._robots[0].name}"), plants, self._world.resolve())
         argv = [*MODULE, "canopen_control", "drive", "--buses", str(file)]
@@ -164,7 +164,7 @@ class SharedRun:
         self._end()
 
     def _on_drives_ended(self, returncode: int, lines: list[str]) -> None:
-        """End all robots: without their world the drives do not move."""
+        """End all robots, because their drives do not move without the world."""
         reasons = [line.removeprefix(_COMPLAINT) for line in lines if not line.startswith(WORLD_NOTE)]
         self._drives, self._refused = None, returncode == _USAGE
         self._fail(

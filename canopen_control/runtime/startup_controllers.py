@@ -1,4 +1,4 @@
-"""Loads and configures the controllers that a run activates, before anything is opened.
+"""Loading and configuration of the controllers that a run activates, before anything is opened.
 
 A type nobody knows, a parameter that is wrong, an interface that no joint has or that two
 controllers want is a mistake in a file, and told before the first frame is sent.
@@ -26,7 +26,7 @@ UNLOADED = "unloaded"  # of a controller that is only in the file
 
 
 def load_controller(setup: RobotSetup, manager: ControllerManager, name: str, *, configure: bool = True) -> None:
-    """Load and `configure` a controller of the file, and its fallbacks; raises ControlError or ConfigError."""
+    """Load and `configure` a controller of the file, and its fallbacks; ControlError or ConfigError."""
     config = setup.controllers.controllers.get(name)
     if config is None:
         by_name = setup.controllers.controllers
@@ -37,7 +37,7 @@ def load_controller(setup: RobotSetup, manager: ControllerManager, name: str, *,
 
 
 def configure_controller(setup: RobotSetup, manager: ControllerManager, name: str) -> None:
-    """Configure a controller that is loaded, and load its fallbacks; raises ControlError or ConfigError."""
+    """Configure a loaded controller, and load its fallbacks; ControlError or ConfigError."""
     manager.configure(name)
     loaded, config = manager.states, setup.controllers.controllers.get(name)
     for fallback in () if config is None else config.fallbacks:
@@ -54,7 +54,7 @@ def switch_controllers(
     strict: bool,
     check: Callable[[Iterable[Controller]], None],
 ) -> None:
-    """Switch, loading and configuring those that are not; `check` may refuse those that are to start.
+    """Switch controllers, loading and configuring new ones; `check` may refuse those to start.
 
     Names that nobody knows are left out unless it is `strict`, and told. Raises ControlError or ConfigError, and
     nothing is changed.
@@ -78,7 +78,7 @@ def switch_controllers(
 
 
 def require_active(setup: RobotSetup, manager: ControllerManager, name: str) -> None:
-    """Raise ControlError for a controller that accepts no command now, with the remedy."""
+    """Raise ControlError for a controller that accepts no command now, with the correction."""
     state = manager.states.get(name, UNLOADED)
     if name in setup.controllers.controllers and state != ControllerState.ACTIVE.value:
         options = [f"--deactivate {' '.join(in_the_way)}"] if (in_the_way := _in_the_way(setup, manager, name)) else []
@@ -87,7 +87,7 @@ def require_active(setup: RobotSetup, manager: ControllerManager, name: str) -> 
 
 
 def _in_the_way(setup: RobotSetup, manager: ControllerManager, name: str) -> list[str]:
-    """Return the active controllers that own interfaces of a controller, loaded or not."""
+    """Return the active controllers that own interfaces required by a controller, loaded or not."""
     config = setup.controllers.controllers[name]
     try:
         controller = make_controller(name, config.type)

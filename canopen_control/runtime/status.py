@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class Readings(NamedTuple):
-    """Readings shared by status and samples of one moment."""
+    """Readings of one moment, shared by status and samples."""
 
     state: str
     hint: str | None
@@ -49,7 +49,7 @@ def readings_of(robot: RobotCore) -> Readings:
 
 
 def status_message(robot: RobotCore, readings: Readings | None = None) -> Status:
-    """Return the status as `status --json` prints it; `readings` of the moment if they exist."""
+    """Return the status for `status --json`; `readings` of this moment if they exist."""
     read = readings_of(robot) if readings is None else readings
     return Status(
         robot=robot.setup.name,
@@ -75,7 +75,7 @@ def status_message(robot: RobotCore, readings: Readings | None = None) -> Status
 
 
 def state_sample(robot: RobotCore, readings: Readings | None = None) -> StateSample:
-    """Return one sample of the state stream; `readings` of the moment if they exist."""
+    """Return one sample of the state stream; `readings` of this moment if they exist."""
     read = readings_of(robot) if readings is None else readings
     return StateSample(
         time=(robot.reactor.now() + robot.wall_offset_ns) / 1e9,
@@ -115,7 +115,7 @@ def simulated_epoch(robot: RobotCore) -> float | None:
 
 
 def nodes_message(robot: RobotCore) -> NodeListing:
-    """Return where each node is and which EDS describes it, for clients that talk to it in its own words."""
+    """Return bus and EDS of each node, for clients with direct access to it."""
     return NodeListing(
         {name: BusPlace(bus.channel, bus.config.master.node_id) for name, bus in robot.buses.items()},
         [
@@ -175,7 +175,7 @@ def _buses(robot: RobotCore) -> dict[str, BusTraffic]:
 
 
 def _joints(robot: RobotCore) -> dict[str, JointReading]:
-    """Return the values of all joints, None for those that are not finite."""
+    """Return the values of all joints, None if not finite."""
     joints: dict[str, dict[str, float | None]] = {}
     for state in robot.registry.state_interfaces:
         joints.setdefault(state.joint, {})[state.interface] = finite(state.value)

@@ -1,4 +1,4 @@
-"""The processes around a robot: virtual drives, and clients such as the ROS bridge.
+"""Child processes of a robot: virtual drives, and clients such as the ROS bridge.
 
 Every child hangs on a lifeline of this process, lives in a session of its own, and is ended here
 in order: clients first, drives last, when the robot has stopped. A child that dies is told with the last lines it said;
@@ -63,7 +63,7 @@ _VERBS_MAIN: Final = "canopen_control.cli.main"
 
 
 class SupervisedRun(Protocol):
-    """Receiver of the start: called once its child processes are ready."""
+    """Run that is notified once its child processes are ready."""
 
     def children_ready(self) -> None:
         """Begin."""
@@ -102,7 +102,7 @@ class Supervisor:
         """The names of programs that have died, with what follows, until they are there again."""
 
     def start_drives(self, setup: RobotSetup, plant: Path | None = None, *, like: str = "") -> None:
-        """Start a virtual drive for every node of bus.yml: a process each, or inside this one where the bus is.
+        """Start a virtual drive for every node of bus.yml: in its own process, or in this one for an in-process bus.
 
         With a `plant` file they are one process, since they move one world. `like` is their personality.
         """
@@ -126,7 +126,7 @@ class Supervisor:
         answers: bool = False,
         restarts: Restarts | None = None,
     ) -> None:
-        """Start a client: `python -m ARGUMENTS`; with `restarts` again when it dies.
+        """Start a client: `python -m ARGUMENTS`; with `restarts` again after its death.
 
         `answers`: its `LivenessReport` says again and again that it goes on; when it does not, it is killed.
         """
@@ -175,7 +175,7 @@ class Supervisor:
             self._reactor.call_later(DELAY_NS, start)
 
     def start_recorder(self, buses: Mapping[str, str], restarts: Restarts | None = None) -> None:
-        """Start the flight recorder, which listens on `buses` {name: channel}; without it the robot runs as well.
+        """Start the flight recorder on `buses` {name: channel}; the robot also runs without it.
 
         With `restarts` it is started again when it dies.
         """
@@ -232,7 +232,7 @@ class Supervisor:
             self._run.children_ready()
 
     def _late(self, child: Child, run: SupervisedRun) -> None:
-        """End the run: a drive process runs and is missing on the bus."""
+        """End the run: a drive process runs but does not appear on the bus."""
         self._wait_no_more()
         seconds = (_READY_NS + _READY_EACH_NS * len(self._drives)) / 1e9
         last_output = " | ".join(child.last_lines()[-3:]) or "nothing yet"
@@ -253,7 +253,7 @@ class Supervisor:
         self._awaited.clear()
 
     def _listen_to_recorder(self, child: Child) -> None:
-        """Report that the recorder hangs or was stopped, and that it continues."""
+        """Report that the recorder blocks or was stopped, and that it continues."""
         if child not in self._clients:
             return
         now = self._reactor.now()
@@ -295,7 +295,7 @@ class Supervisor:
 
     @property
     def pids(self) -> dict[str, int]:
-        """The process ids of the children by name."""
+        """Process ids of the children by name."""
         return {child.name: child.pid for child in (*self._drives, *self._clients)}
 
     def _spawn_drives(self, bus: BusConfig, channel: str) -> None:
@@ -316,7 +316,7 @@ class Supervisor:
             self._drives.append(self._start_module(arguments, f"{_DRIVE}{node.name}", reports=True))
 
     def _spawn_world(self, setup: RobotSetup, plant: Path) -> None:
-        """Start all drives of a robot as one process, which has a world."""
+        """Start all drives of a robot as one process with a world."""
         nodes = [(bus, node) for bus in setup.buses.values() for node in bus.nodes.values()]
         if len(setup.buses) > 1:
             arguments = ["canopen_control", "drive", "--buses", str(write_buses(plant.parent, [(setup, plant)]))]
@@ -369,7 +369,7 @@ class Supervisor:
         inherit_stdout: bool = False,
         reports: bool = False,
     ) -> Child:
-        """Start a child; `main` does the same as `argv`, as a fork of this process before it has joined a bus."""
+        """Start a child process; `main` runs in a fork of this process instead of `argv`, before a bus is joined."""
         log_dir = None if inherit_stdout else state_dir(self._name)
         child = spawn(
             argv,
@@ -418,12 +418,12 @@ class Supervisor:
 
 
 def hosts_virtual_drives(setup: RobotSetup) -> bool:
-    """Whether all buses of the robot are of the kinds that no real drive can be on."""
+    """Whether all buses of the robot are of kinds without real drives."""
     return all(may_host_virtual_drives(channel) for channel in setup.channels.values())
 
 
 class Silence:
-    """Time since a child's last sign of life, counted while this process was on time. Sans-IO, in monotonic ns."""
+    """Time since a child's last sign of life, counted only while this process was on time. Sans-IO, in monotonic ns."""
 
     def __init__(self, now: int) -> None:
         self._looked, self._heard_at = now, -1

@@ -43,7 +43,7 @@ _NAMED: Final = 3  # joints in a sentence
 
 @dataclass(frozen=True, slots=True)
 class CyclicAxis:
-    """A joint that is commanded in a cyclic synchronous mode, and the object of its set-points."""
+    """Joint commanded in a cyclic synchronous mode, and the object of its set-points."""
 
     joint: str
     node: NodeConfig
@@ -69,7 +69,7 @@ def linear_axes(config: BusConfig, description: UrdfDescription) -> frozenset[tu
 
 
 def joint_words(axes: Sequence[CyclicAxis]) -> str:
-    """Name the joints, the first ones of many."""
+    """Return the names of the joints as text, only the first ones of many."""
     joints = list(dict.fromkeys(axis.joint for axis in axes))
     return ", ".join(joints[:_NAMED]) + (f" and {len(joints) - _NAMED} more" if len(joints) > _NAMED else "")
 
@@ -89,7 +89,7 @@ def _axes(config: BusConfig, joint: ControlJoint) -> Iterator[CyclicAxis]:
 
 
 def axis_number(joint: ControlJoint) -> int:
-    """Return which axis of its node a joint is."""
+    """Return the axis number of a joint at its node."""
     text = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
     return int(text) if text.isdigit() and int(text) < objects.AXES else 0
 
@@ -133,7 +133,7 @@ class SyncChoice:
 
     @property
     def hint(self) -> str:
-        """Effect of a late process on the motion, with the remedy; "" without an effect."""
+        """Effect of a late process on the motion, with the correction; "" without an effect."""
         if self.sender is not SyncSender.PROGRAM or not self.joints:
             return ""
         return f"{self.words}; {self.joints} time their motion by it, and what is late is heard: {_REMEDY}"
@@ -149,7 +149,7 @@ _REMEDY = (
 def choose_sync(
     config: BusConfig, channel: str, description: UrdfDescription, *, by_option: bool = False
 ) -> SyncChoice:
-    """Choose the SYNC producer of a bus; `by_option`: the kernel was requested on the command line."""
+    """Choose the SYNC producer of a bus; with `by_option` the kernel was requested on the command line."""
     master = config.master
     if not master.sync_period:
         return SyncChoice(SyncSender.NOBODY)

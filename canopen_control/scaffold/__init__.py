@@ -1,1 +1,1 @@
-"""Makes the folder of a new robot from EDS files: bus.yml, description, controllers."""
+"""Generator of a new robot's folder from EDS files: bus.yml, description, controllers."""

@@ -14,7 +14,7 @@ from canopen_control.scaffold.drive_choice import POSITION, VELOCITY
 
 @dataclass(frozen=True, slots=True)
 class BaseKind:
-    """A kind of base; `shapes` are its joints by number of drives, none where any number will do.
+    """Kind of base; `shapes` are its joints by number of drives, empty if any number is possible.
 
     The last `steering` joints are positions. `type_name` is its controller's, "" for none.
     """
@@ -33,7 +33,7 @@ class BaseKind:
         return tuple(f"joint_{number}" for number in range(1, drives + 1))
 
     def interfaces(self, drives: int, number: int) -> tuple[str, ...]:
-        """Return the command interfaces that joint `number`, from 0, may have, the best first."""
+        """Return the possible command interfaces of joint `number`, from 0, in order of preference."""
         if not self.type_name:
             return (VELOCITY, POSITION)
         return (POSITION,) if self.steers(drives, number) else (VELOCITY,)
@@ -47,7 +47,7 @@ class BaseKind:
         return bool(self.type_name) and not self.steers(drives, number) and number % 2 == 0
 
     def problem(self, drives: int) -> str:
-        """Return the reason why the base cannot have so many drives, "" if it can."""
+        """Return the reason why the base cannot have this number of drives, "" if it can."""
         if self.type_name and self.type_name not in TYPES:
             return f"--base {self.name}: this version has no {self.type_name}; leave --base away, or use diff"
         if self.shapes and drives not in {len(shape) for shape in self.shapes}:

@@ -145,7 +145,7 @@ def _known(robot: NewRobot, node: NewNode, present: Collection[str]) -> list[str
 
 
 def _named_writes(robot: NewRobot, node: NewNode) -> list[str]:
-    """Return the entries of `sdo` that a drive of the manufacturer that was named needs."""
+    """Return the `sdo` entries required by a drive of the selected manufacturer."""
     like = node.device.like
     writes = () if like is None else proposals(like, robot.sync_us, (), (), ())
     entries = [(key, text.removeprefix("sdo: [").removesuffix("]")) for key, text in writes if key.key == "sdo"]
@@ -153,7 +153,7 @@ def _named_writes(robot: NewRobot, node: NewNode) -> list[str]:
 
 
 def _watched(node: NewNode) -> list[str]:
-    """Return the limit above which a change of an encoder is a jump."""
+    """Return the maximum rate of an encoder; a faster change is a jump."""
     if not node.measured:
         return []
     limit = remark(f"  - {{name: position, max_rate: {FASTEST_MEASURED:g}}}", "rad/s: a faster change is a jump, told;")
@@ -161,7 +161,7 @@ def _watched(node: NewNode) -> list[str]:
 
 
 def _kept(robot: NewRobot, node: NewNode) -> list[str]:
-    """Return the word that outputs may keep what they have, where the device cannot switch them off."""
+    """Return the word by which outputs are kept, if the device cannot switch them off."""
     outputs = [output.name for output in node.outputs if not has_error_mode(node.device.od, output)]
     if not outputs or not robot.allow_unsupervised:
         return []

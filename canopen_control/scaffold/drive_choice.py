@@ -1,4 +1,4 @@
-"""Chooses how a new robot moves a drive: interfaces, modes of operation, PDOs, units, supervision, from its EDS alone.
+"""Choice of a new robot's drive control from its EDS: interfaces, modes, PDOs, units, supervision.
 
 A device may have several axes, the profile again 0x800 higher for each: all of them are moved, in one mode for each
 kind of interface, since bus.yml has one for a node, and their objects share the device's PDOs.
@@ -67,7 +67,7 @@ class Supervision:
 
 @dataclass(frozen=True, slots=True)
 class AxisChoice:
-    """Control of axis `number`; `feedback` are its state interfaces, `counts` those of one turn of the joint.
+    """Control of axis `number`; `feedback` are its state interfaces, `counts` those per revolution of the joint.
 
     `told` is whether the EDS says so; `rpm` how many revolutions per minute the unit of its velocities is (0x60A9), 0
     where it is counts per second.
@@ -97,12 +97,12 @@ class DriveChoice:
 
     @property
     def modes(self) -> dict[str, OperationMode]:
-        """The mode of operation for each command interface that is used."""
+        """Mode of operation for each used command interface."""
         return {axis.interface: axis.mode for axis in self.axes}
 
 
 def axes_of(od: ObjectDictionary) -> tuple[int, ...]:
-    """Return the numbers of the axes of a CiA 402 drive, from 0: those with a controlword and a statusword."""
+    """Return the numbers of a CiA 402 drive's axes, from 0: those with a controlword and a statusword."""
     od = _view(od)
     return tuple(
         axis
@@ -117,7 +117,7 @@ def is_drive(od: ObjectDictionary) -> bool:
 
 
 def choose_drive(od: ObjectDictionary, interfaces: Sequence[Sequence[str]] = ()) -> DriveChoice:
-    """Choose the first supported one of each axis's `interfaces`; RobotConfigError with the reason if none is.
+    """Choose the first supported entry of each axis's `interfaces`; RobotConfigError with the reason without one.
 
     `interfaces` are those of the axes in their order, velocity before position for one that has none there.
     """
@@ -164,7 +164,7 @@ def _axis_choice(
 
 
 def _feedback_pdos(od: ObjectDictionary, axes: Sequence[int]) -> tuple[PdoUse, ...]:
-    """Choose TPDOs; RobotConfigError where a statusword, a mode or its display is missing."""
+    """Choose TPDOs; RobotConfigError if a statusword, a mode or its display is missing."""
 
     def each(*indices: int) -> tuple[Address, ...]:
         return tuple((objects.axis_index(index, axis), 0) for axis in axes for index in indices)
@@ -202,7 +202,7 @@ _Chosen = list[tuple[str, OperationMode]]
 def _choose_modes(
     od: ObjectDictionary, axes: Sequence[int], interfaces: Sequence[Sequence[str]]
 ) -> tuple[_Chosen, tuple[PdoUse, ...]]:
-    """Choose interface and mode of each axis, then the RPDOs that carry all of them."""
+    """Choose interface and mode of each axis, then the RPDOs for all of them."""
     chosen: _Chosen = []
     for axis, interface in zip(axes, interfaces, strict=False):
         chosen.append(_choose_mode(od, axis, interface, dict(chosen)))
@@ -247,7 +247,7 @@ def _rpdos(
 
 
 def _counts(od: ObjectDictionary, axis: int) -> float | None:
-    """Return position units per turn of the shaft by the EDS's defaults, None if it has none."""
+    """Return position units per shaft revolution by the defaults of the EDS, None without them."""
 
     def pair(index: int) -> tuple[int, int] | None:
         first, second = (_number(od, objects.axis_index(index, axis), subindex) for subindex in (1, 2))

@@ -61,7 +61,7 @@ class Device:
     like: Personality | None = None
 
     def of_manufacturer(self, like: Personality) -> Device:
-        """Return the device with the objects and modes of drives of `like` only."""
+        """Return the device with only the objects and modes of the drives of `like`."""
         entries = {address: entry for address, entry in self.od.entries.items() if entry.index not in like.absent}
         objects = {index: info for index, info in self.od.objects.items() if index not in like.absent}
         modes = entries.get((SUPPORTED_DRIVE_MODES, 0))
@@ -74,7 +74,7 @@ class Device:
 
 @dataclass(frozen=True, slots=True)
 class NewJoint:
-    """Joint moved by axis `axis` of `node`; `mirrored` if its motor faces that of the other side."""
+    """Joint of axis `axis` of `node`; `mirrored` if its motor faces that of the other side."""
 
     name: str
     node: str
@@ -100,7 +100,7 @@ class NewNode:
 
     @property
     def measured(self) -> str:
-        """The joint that an encoder measures, "" for other devices."""
+        """Joint measured by an encoder, "" for other devices."""
         turns = any(signal.name == POSITION and signal.unit == "rad" for signal in self.signals)
         return f"{self.name}_joint" if self.profile is Profile.ENCODER and turns else ""
 
@@ -120,13 +120,13 @@ class NewNode:
 
     @property
     def outputs(self) -> tuple[Signal, ...]:
-        """The signals that can be commanded."""
+        """Signals that can be commanded."""
         return tuple(signal for signal in self.signals if signal.output)
 
 
 @dataclass(frozen=True, slots=True)
 class NewRobot:
-    """A robot that has no files yet; `sync_us` is the period of SYNC in us, `baudrate` in kbit/s.
+    """Robot without files yet; `sync_us` is the SYNC period in us, `baudrate` in kbit/s.
 
     `heartbeat_ms` is how often either side tells that it is there, or is asked. `eds_names` says what the copies of
     EDS files are called, where that is decided. `problems` are sentences about what bars it from being run as it is.
@@ -149,17 +149,17 @@ class NewRobot:
 
     @property
     def drives(self) -> tuple[NewNode, ...]:
-        """The nodes that move joints."""
+        """Nodes that move joints."""
         return tuple(node for node in self.nodes if node.drive is not None)
 
     @property
     def joints(self) -> tuple[NewJoint, ...]:
-        """The joints that are moved, in the order of nodes and axes."""
+        """Driven joints, in the order of nodes and axes."""
         return tuple(joint for node in self.nodes for joint in node.joints)
 
     @property
     def is_bus_alone(self) -> bool:
-        """Whether there is nothing that a description could say: no drive, and no signal."""
+        """Whether a description would be empty: there is neither a drive nor a signal."""
         return not any(node.drive is not None or node.signals for node in self.nodes)
 
 
@@ -172,7 +172,7 @@ def plan_robot(
     allow_unsupervised: bool = False,
     interfaces: Sequence[str] = (),
 ) -> NewRobot:
-    """Choose nodes, joints and PDOs; RobotConfigError lists all errors, one sentence a line.
+    """Choose nodes, joints and PDOs; RobotConfigError lists all errors, one sentence per line.
 
     What is wrong with the devices is among the robot's `problems`. A drive that cannot be moved has no joint, and there
     is no base then.
@@ -215,7 +215,7 @@ def plan_robot(
 
 
 def _device_node(device: Device) -> NewNode:
-    """Return the node of a device that is no drive."""
+    """Return the node of a device other than a drive."""
     profile = profile_of(device.od)
     signals = tuple(profile_signals(device.od, profile).values())
     name = f"{_KINDS[profile]}_{device.node_id}"
@@ -225,7 +225,7 @@ def _device_node(device: Device) -> NewNode:
 def _drive_node(
     device: Device, names: Sequence[str], interfaces: Sequence[Sequence[str]], mirrored: Sequence[bool]
 ) -> NewNode:
-    """Return the node of a drive, a joint for each axis; without any where it cannot be moved."""
+    """Return the node of a drive with a joint for each axis; without joints if it cannot be moved."""
     name = f"{names[0].removesuffix('_joint')}_drive" if len(names) == 1 else f"drive_{device.node_id}"
     try:
         drive = choose_drive(device.od, interfaces)
@@ -239,7 +239,7 @@ def _drive_node(
 
 
 def check_robot_name(name: str) -> None:
-    """Refuse a name that no folder, socket and ROS name could have alike; RobotConfigError."""
+    """Raise RobotConfigError for a name that is not valid as a folder, a socket and a ROS name."""
     if not _NAME.fullmatch(name) or len(name) > _LONGEST:
         better = re.sub(r"\W+", "_", name.rstrip("/").rpartition("/")[2], flags=re.ASCII).strip("_")[:_LONGEST]
         better = better if _NAME.fullmatch(better) else "my_robot"

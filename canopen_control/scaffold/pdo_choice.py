@@ -1,4 +1,4 @@
-"""Chooses the PDOs of a new bus.yml: which of a device's PDOs carry the objects that a drive needs.
+"""Choice of the PDOs in a new bus.yml for the objects that a drive needs.
 
 A mapping that can be written is filled in the order in which objects are wanted, up to the slots and the 64 bits of the
 PDO. Where the mapping is fixed (its entries are const or ro, or the EDS says Granularity=0), the fewest PDOs that
@@ -36,7 +36,7 @@ class PdoRequirement:
 
 @dataclass(frozen=True, slots=True)
 class PdoUse:
-    """A PDO to be used: `remaps` whether its mapping is to be written, `auto` whether its COB-ID can be.
+    """Used PDO: `remaps` if its mapping is to be written, `auto` if its COB-ID can be.
 
     `transmission` None: as the device has it. `own`: nothing of it can be changed, and bus.yml is not to list it.
     """
@@ -73,7 +73,7 @@ def _chosen(
     wish: PdoRequirement,
     wishes: tuple[list[Address], list[Address]],
 ) -> list[_Use]:
-    """Choose as they are where the mapping cannot be changed, else fill them, else both."""
+    """Choose default mappings if they are fixed, else fill the PDOs, else combine both."""
     needed, useful = wishes
     uses = _covering(fixed, needed, useful, doubling=not wish.is_rpdo)
     if not od.device.granularity and not _missing(uses, needed):
@@ -87,7 +87,7 @@ def _chosen(
 
 
 def _packed(od: ObjectDictionary, pdos: Iterable[Pdo], addresses: Sequence[Address]) -> list[_Use]:
-    """Fill PDOs whose mapping can be written, one after the other."""
+    """Fill writable PDOs one after the other."""
     rest, uses = list(addresses), list[_Use]()
     for pdo in pdos:
         used, bits = list[tuple[int, int]](), 0
@@ -156,7 +156,7 @@ def _mappable(od: ObjectDictionary, address: Address, wish: PdoRequirement) -> b
 
 
 def _usable(od: ObjectDictionary, pdo: Pdo, wish: PdoRequirement) -> bool:
-    """Whether a PDO can be taken as the device has it: everything in it is there, may be, and fits."""
+    """Whether the device's mapping of a PDO can be used: every object exists, is allowed, and fits."""
     return (
         bool(pdo.mapped)
         and (pdo.enabled or od[pdo.communication, 1].writable)

@@ -1,4 +1,4 @@
-"""Makes the folder of a new robot: its files are written aside, checked as `check --strict` does, then put in place.
+"""Generator of a robot's folder: files are written temporarily, checked as by `check --strict`, then moved.
 
 A folder that is there is not touched unless that is asked for, and then nothing but the files
 that are made anew. What the check finds to be an error is written into bus.yml as a comment, and told; so is why a
@@ -120,7 +120,7 @@ def _joint(joint: str, place: tuple[float, float, float], axis: str, fastest: fl
 
 
 def _place(robot: NewRobot, number: int) -> tuple[float, float, float]:
-    """Return where on base_link a joint is: left and right in turn, the front pair first; or in a row.
+    """Return the position of a joint on base_link: left and right alternating from the front, or in a row.
 
     A steered wheel is in front of the one pair.
     """
@@ -134,7 +134,7 @@ def _place(robot: NewRobot, number: int) -> tuple[float, float, float]:
 
 
 def _measured(node: NewNode) -> list[str]:
-    """Return the joint that an encoder measures; nothing commands it."""
+    """Return the joint measured by an encoder, which has no command."""
     return [
         f'    <joint name="{node.measured}">',
         f'      <param name="device_name">{node.name}</param>  <!-- an encoder of bus.yml -->',
@@ -145,7 +145,7 @@ def _measured(node: NewNode) -> list[str]:
 
 
 def _signals(node: NewNode) -> list[str]:
-    """Return the inputs and outputs of a device that is no drive, none of a device whose profile is not known."""
+    """Return the inputs and outputs of a device other than a drive; none for an unknown profile."""
     if not node.signals:
         return []
     tag = "gpio" if node.profile is Profile.IO or node.outputs else "sensor"
@@ -182,7 +182,7 @@ def _control(joint: NewJoint) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class DeviceController:
-    """A type of controller for a device; its name is that of the node, "_" and `suffix`."""
+    """Controller type for a device; the controller is named after the node, with "_" and `suffix`."""
 
     suffix: str
     type_name: str
@@ -190,7 +190,7 @@ class DeviceController:
 
 
 def device_controller(node: NewNode) -> tuple[DeviceController, list[str]]:
-    """Return the controller of a device that has signals, and the lines of its parameters."""
+    """Return the controller for a device with signals, and the lines of its parameters."""
     if node.outputs:
         chosen = _OUTPUTS
     elif node.profile is Profile.BATTERY and any(signal.name == QUANTITIES[0] for signal in node.signals):
@@ -316,7 +316,7 @@ def _diff(robot: NewRobot) -> list[str]:
 
 
 def _odometry(feedback: set[str], timeout: str) -> list[str]:
-    """Return the parameters for the source of odometry (positions, velocities or commands) and for the timeout."""
+    """Return the parameters for the source of odometry (positions, velocities or commands) and the timeout."""
     source = POSITION if POSITION in feedback else VELOCITY if VELOCITY in feedback else "the commands"
     return [
         "odom_frame_id: odom",
@@ -420,7 +420,7 @@ def refuse_existing(folder: Path, *, force: bool) -> None:
 
 
 def _with_distinct_files(robot: NewRobot) -> NewRobot:
-    """Rename the copies of EDS files of one name: they are to lie in one folder."""
+    """Rename copies of EDS files with equal names, because they are in one folder."""
     names: dict[Path, str] = {}
     for node in robot.nodes:
         path, name = node.device.eds, node.device.eds.name
@@ -448,7 +448,7 @@ def _make_checked(robot: NewRobot, folder: Path) -> tuple[NewRobot, tuple[str, .
 
 
 def _told_periods(robot: NewRobot) -> Iterator[int]:
-    """Yield the us over which drives interpolate by the word of a DCF (0x60C2), which was made for that SYNC."""
+    """Yield the interpolation periods of drives in us from DCF files (0x60C2), which belong to their SYNC."""
     for node in robot.drives:
         value, exponent = (node.device.od.get(INTERPOLATION_TIME_PERIOD, subindex) for subindex in (1, 2))
         told = None if value is None else value.parameter_value
@@ -475,7 +475,7 @@ def _make(robot: NewRobot, folder: Path) -> None:
 
 
 def _judge(folder: Path) -> tuple[list[str], tuple[str, ...], bool]:
-    """Return errors, warnings, and whether the bus is loaded too high."""
+    """Return errors, warnings, and whether the bus load is too high."""
     report: CheckReport = check_robot(find_robot(str(folder)), CheckOptions())
     texts = {
         severity: [finding.text for finding in report.findings if finding.severity is severity]

@@ -51,7 +51,7 @@ _ENDS: Final = ("stop", "latch", "axis", "activate", "deactivate", "leave", "can
 
 @dataclass(slots=True)
 class _Request:
-    """Motion asked of a joint by a client: since when, when last, and the value."""
+    """Motion of a joint requested by a client: first and last time, and the value."""
 
     since: int
     last: int
@@ -60,7 +60,7 @@ class _Request:
 
 @dataclass(slots=True)
 class _Axis:
-    """One axis: when it last moved, and since when its target asks for motion (None: it does not)."""
+    """One axis: time of its last motion, and since when its target requests motion (None: it does not)."""
 
     view: ObservedNode
     joints: list[str]
@@ -72,7 +72,7 @@ class _Axis:
 
 @dataclass(slots=True)
 class _Waiting:
-    """Breach that is reported at a time, unless a reason for it was reported before."""
+    """Pending breach, reported at a time unless a reason is reported before."""
 
     axis: _Axis
     rule: str
@@ -82,7 +82,7 @@ class _Waiting:
 
 
 class AnswerInvariants:
-    """Check of answers; `report(rule, text)` receives breaches. `event`, `asked`, `taken`, `sampled` as time passes."""
+    """Check of answers; `report(rule, text)` receives breaches. Call `event`, `asked`, `taken`, `sampled` in order."""
 
     def __init__(
         self,
@@ -115,7 +115,7 @@ class AnswerInvariants:
             self._reports.append((now, event))
 
     def reported(self, node_id: int, since: int, word: str = "") -> bool:
-        """Whether a reason about a node, or with `word` a warning that has it, was reported since a time."""
+        """Whether a reason about a node, or a warning that contains `word`, was reported since a time."""
         axis = self._axes.get(node_id)
         if axis is None:
             return False
@@ -128,7 +128,7 @@ class AnswerInvariants:
         )
 
     def unless_reported(self, node_id: int, rule: str, text: str, since: int) -> None:
-        """Report a breach when no reason is reported in time; a reason counts since a time."""
+        """Report a breach unless a reason is reported in time; reasons since a time count."""
         axis, now = self._axes.get(node_id), self._robot.now_ns
         if axis is None:
             self._report(rule, text)
@@ -136,7 +136,7 @@ class AnswerInvariants:
             self._waiting.append(_Waiting(axis, rule, text, since, now + self._limit(axis)))
 
     def asked(self, _now: int, act: ScenarioEvent) -> None:
-        """Record a request of a client that may end the commands of others."""
+        """Record a client's request that may end the commands of others."""
         if act.kind in _ENDS:
             self._requests.clear()
 
@@ -201,7 +201,7 @@ class AnswerInvariants:
                     self._report("motion_missing", text)
 
     def _since(self, axis: _Axis, now: int) -> Iterator[int]:
-        """Yield since when motion is asked of an axis: by its target, and by clients."""
+        """Yield since when motion of an axis is requested, by its target and by clients."""
         if axis.asked_since is not None:
             yield axis.asked_since
         for joint in axis.joints:
@@ -215,7 +215,7 @@ class AnswerInvariants:
                     yield request.since
 
     def _asks(self, axis: _Axis, drive: VirtualDrive) -> bool:
-        """Whether the target on the bus asks an enabled axis for a motion that cannot be overlooked."""
+        """Whether the target on the bus requests a visible motion of an enabled axis."""
         view, mode = axis.view, drive.modes.number
         if view.controlword & _COMMAND != _FOLLOWS or view.statusword & _SHOWN != _UNLIMITED:
             return False
@@ -228,7 +228,7 @@ class AnswerInvariants:
         return abs(wrap32(target - place)) > axis.way
 
     def _limit(self, axis: _Axis) -> int:
-        """Return the time in which an axis has to move."""
+        """Return the time within which an axis must move."""
         device = self._robot.drives[axis.view.node_id].device
         drive = None if device is None else device.drives.get(0)
         gate = None if drive is None else drive.modes.gate

@@ -88,7 +88,7 @@ def cells_to_aim_at(hit: Container[Cell], faults: Sequence[str], most: int) -> l
 def targeted_schedule(
     seed: int, cell: Cell, motions: Sequence[SampleMotion], nodes: Sequence[int]
 ) -> tuple[ScenarioEvent, ...]:
-    """Return the schedule for a cell; the seed selects node, motion, and duration of the fault."""
+    """Return the schedule for a cell; the seed determines node, motion, and duration of the fault."""
     machine, state, kind = cell
     draw = Random(f"{seed}/aimed").random
     way, armed = _WAYS[machine, state]
@@ -102,7 +102,7 @@ def targeted_schedule(
 
 
 def _moves(motions: Sequence[SampleMotion], drawn: float) -> list[ScenarioEvent]:
-    """Return commands before and after, if the robot has a motion."""
+    """Return the commands before and after, for a robot with a motion."""
     motion = next((candidate for candidate in motions if candidate.starts), None)
     if motion is None:
         return []
@@ -345,7 +345,7 @@ class Campaign:
     def shrink(
         self, result: SeedResult, hear: Callable[[int], object] = lambda _tries: None
     ) -> tuple[ScenarioEvent, ...]:
-        """Return the smallest schedule that breaks the first rule that a seed broke; `hear` is called for each try."""
+        """Return the smallest schedule that breaks the seed's first broken rule; `hear` is called for each try."""
         rule = result.breaches[0].rule
 
         def breaks(acts: tuple[ScenarioEvent, ...]) -> bool:

@@ -1,4 +1,4 @@
-"""Seeds of a campaign on an existing Dask cluster; if a worker dies its seeds run again.
+"""Campaign seeds on an existing Dask cluster; seeds of a lost worker are repeated.
 
 Workers need the same version of this package, with `distributed`, and the robot's files at the same paths. A worker
 runs one seed at a time whatever its number of threads, so that one worker process per processor is best.

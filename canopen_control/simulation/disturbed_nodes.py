@@ -43,7 +43,7 @@ class DisturbedNodes:
         return self._put[node_id]
 
     def last(self, node_id: int) -> int:
-        """Return the last disturbance of the node, its bus or the robot, 0: never."""
+        """Return the time of the last disturbance of the node, its bus or the robot, 0: never."""
         return self._last[node_id]
 
     def troubled(self, now: int, act: ScenarioEvent) -> None:

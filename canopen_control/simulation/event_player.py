@@ -41,7 +41,7 @@ _COMMANDS: Final = frozenset({"command", "trajectory"})
 
 
 class EventPlayer:
-    """Plays acts from now on; `played` are those that have begun, `refused` counts what the robot refused.
+    """Player of events from now on; `played` have begun, `refused` counts the robot's refusals.
 
     `troubles` counts what went wrong, with the state that the robot was in. The robot's `observers` are called.
     `torn` are switches of controllers that were refused and changed something all the same.
@@ -67,7 +67,7 @@ class EventPlayer:
             self.robot.time.at(start + act.at_ns, partial(self.play, act))
 
     def play(self, act: ScenarioEvent) -> None:
-        """Execute an event now, or once the state it waits for is reached."""
+        """Execute an event now, or once its state is reached."""
         if not state_reached(self.robot, act):
             self._later(_LOOK_NS, partial(self.play, act))
             return
@@ -79,7 +79,7 @@ class EventPlayer:
         _PLAY[act.kind](self, act)
 
     def asked(self, act: ScenarioEvent) -> None:
-        """Record that a client requests an act now."""
+        """Record that a client sends a request now."""
         for observer in self.robot.observers:
             observer.asked(self.robot.now_ns, act)
 
@@ -100,13 +100,13 @@ class EventPlayer:
         self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
 
     def quirk(self, act: ScenarioEvent) -> None:
-        """Switch a quirk of a drive on."""
+        """Enable a quirk of a drive."""
         self._switch_quirk(act, on=True)
         if act.for_ns is not None:
             self._later(act.for_ns, lambda: self._switch_quirk(act, on=False))
 
     def quirk_off(self, act: ScenarioEvent) -> None:
-        """End a quirk of a drive."""
+        """Disable a quirk of a drive."""
         self._switch_quirk(act, on=False)
 
     def _switch_quirk(self, act: ScenarioEvent, *, on: bool) -> None:
@@ -126,7 +126,7 @@ class EventPlayer:
             self._later(act.for_ns, drive.power_on)
 
     def world(self, act: ScenarioEvent) -> None:
-        """Apply a disturbance in the world; a joint blocked for a time is released again."""
+        """Apply a disturbance in the world; release a blocked joint after its duration."""
         floor, world_act = self.robot.floor, act.world
         if floor is None or world_act is None:
             return
@@ -161,7 +161,7 @@ class EventPlayer:
     # -- buses
 
     def cut(self, act: ScenarioEvent) -> None:
-        """Cut a cable, and repair it."""
+        """Cut a cable, and repair it later."""
         for wire, label in self._members(act.target):
             wire.cut.add(label)
             if act.for_ns is not None:
@@ -250,7 +250,7 @@ class EventPlayer:
             self.clients.ask(act.for_ns)
 
     def dead_man(self, act: ScenarioEvent) -> None:
-        """Command as a client whose command ends with its connection, and disconnect."""
+        """Send a command that ends with its connection, and disconnect."""
         if self._down or not self.robot.up:
             return
         self.asked(replace(act, kind="command", name=act.kind))
@@ -294,7 +294,7 @@ class EventPlayer:
         self._ask(act, lambda core: self._switch_whole(core, act, partial(switch, core)))
 
     def _switch_whole(self, core: RobotCore, act: ScenarioEvent, switch: Callable[[], object]) -> None:
-        """Switch controllers, and record a refusal that changed something."""
+        """Switch controllers, and record a refusal after a partial change."""
         before = _active(core)
         try:
             switch()

@@ -50,7 +50,7 @@ EDGES: Final[Mapping[str, frozenset[Edge]]] = {
 
 
 class _RowCounter:
-    """Counts the rows that statecharts of axes take."""
+    """Counter of the rows applied in the axes' statecharts."""
 
     def __init__(self) -> None:
         self.counts: Counter[tuple[AxisPhase, PhaseTrigger]] = Counter()
@@ -60,7 +60,7 @@ class _RowCounter:
 
 
 class StateCoverage:
-    """Counter of the transitions of a robot; call `sampled` periodically, because a restarted robot has new objects."""
+    """Counter of a robot's transitions; call `sampled` periodically, because a restarted robot has new objects."""
 
     def __init__(self, robot: RobotUnderTest, views: Iterable[WireView]) -> None:
         self._robot, self._nodes = robot, [node for view in views for node in view.nodes.values()]
@@ -78,7 +78,7 @@ class StateCoverage:
 
     @property
     def walked(self) -> dict[Edge, int]:
-        """Number of each transition, including those that no diagram has."""
+        """Number of each transition, including those absent from every diagram."""
         total: Counter[Edge] = Counter()
         for (state, trigger), count in self._rows.counts.items():
             total[POWER, state.name, trigger.name] += count
@@ -124,7 +124,7 @@ STATES: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 def kind_of(act: ScenarioEvent) -> str:
-    """Return the kind of a fault event: the fault's name, else the kind of the event."""
+    """Return the kind of a fault event: the fault's name, else the event's kind."""
     return act.name or act.kind
 
 
@@ -161,7 +161,7 @@ def states_of(robot: RobotUnderTest, node_id: int) -> Iterator[tuple[str, str]]:
 
 
 def state_reached(robot: RobotUnderTest, act: ScenarioEvent) -> bool:
-    """Whether the state that an event waits for is reached by its node, or by any if it has none."""
+    """Whether the event's state is reached by its node, or without a node by any."""
     nodes = [int(act.target)] if act.target.isdigit() else list(robot.drives)
     return not act.when or any(
         " ".join(machine_state) == act.when for node_id in nodes for machine_state in states_of(robot, node_id)
@@ -176,7 +176,7 @@ class FaultCoverage:
         self._robot = robot
 
     def troubled(self, act: ScenarioEvent) -> None:
-        """Record an event; only fault events count, once per state if they affect several nodes."""
+        """Record an event; only faults count, once per state if they affect several nodes."""
         if not KINDS[act.kind].breaks:
             return
         robot = self._robot

@@ -1,4 +1,4 @@
-"""Invariants of every simulation, checked on the bus and at the shafts; also user-defined ones.
+"""Invariants of every simulation, checked on the bus and at the shafts, and user-defined ones.
 
 A user's rule is a function of the entry point group `canopen_control.invariants`. It is called with the
 `RobotUnderTest` every 20 ms of virtual time and returns a sentence about a violation, else None.
@@ -108,7 +108,7 @@ class ReportInvariants:
             self._judge_axes(node, now, troubled=troubled)
 
     def _judge_latch(self, now: int) -> None:
-        """Check that STOP is latched exactly from a client's latch request until a release."""
+        """Check that STOP is latched exactly between a client's latch request and a release."""
         latch_held, latched = self._robot.core.latch.held, self._latched
         if latch_held is not latched or self._wrong_since:
             self._hold(
@@ -117,7 +117,7 @@ class ReportInvariants:
             self._hold("STOP is latched, and {} asked for it", "nobody", latched is False and latch_held, now)
 
     def _judge_state(self, node: ObservedNode, now: int) -> bool:
-        """Check that RUNNING means that no node is missing or in fault; return whether it is violated."""
+        """Check that no node is missing or in fault in RUNNING; return whether this is violated."""
         limit = node.timeout_ns
         silent = limit > 0 and node.alive_at > 0 and now - node.alive_at > limit
         fault = node.in_fault and now - node.status_at < _FRESH_NS
@@ -129,7 +129,7 @@ class ReportInvariants:
         return silent or fault
 
     def _judge_axes(self, node: ObservedNode, now: int, *, troubled: bool) -> None:
-        """Check that an axis reported as enabled is enabled on the bus, and while RUNNING every claimed axis."""
+        """Check that axes reported as enabled are enabled on the bus, and in RUNNING all claimed axes."""
         wrong = now - node.status_at < _FRESH_NS and not node.enabled
         if not (wrong or self._wrong_since):
             return
@@ -142,7 +142,7 @@ class ReportInvariants:
                 self._hold("running, and {} is claimed by a controller and off", joint.joint, off, now)
 
     def _hold(self, text: str, subject: str, wrong: bool, now: int) -> None:
-        """Report a violation that lasts longer than the time allowed for reporting."""
+        """Report a violation that lasts longer than the permitted reporting time."""
         since, key = self._wrong_since, (text, subject)
         if not wrong:
             if since:
@@ -236,7 +236,7 @@ def user_rules() -> list[tuple[str, Rule]]:
 
 @functools.cache
 def _entry_points() -> tuple[importlib.metadata.EntryPoint, ...]:
-    """Return the entry points, cached because the metadata of each package is a file."""
+    """Return the entry points, cached because the metadata of each package is in a file."""
     return tuple(importlib.metadata.entry_points(group=GROUP))
 
 

@@ -1,4 +1,4 @@
-"""Invariants of motion: it needs an enable and a newer command, stops end in time, no enable without a request.
+"""Invariants of motion: an enable and a newer command are required, stops end in time, no enable without a request.
 
 They use the bus, the drives' shafts and the requests of clients, never reports of the runtime. A reason to stop is a
 requested stop or disable, a drive in fault, a node that boots or falls silent, a silent master. The shafts must then
@@ -44,7 +44,7 @@ _ON_A_FLOOR: Final = 2.0  # rad/s (m/s) instead with physics, where a robot rock
 
 @dataclass(slots=True)
 class _Stop:
-    """Reason to stop, the time of its detection, and the time at which all must stand, without their ramps."""
+    """Reason to stop, the time of its detection, and the latest time of standstill without ramps."""
 
     since: int
     why: str
@@ -114,7 +114,7 @@ class MotionInvariants:
             self._fresh[act.target] = heard + (act.for_ns or 0) + 2000 * _MS
 
     def _all_stand(self) -> bool:
-        """Whether no shaft turns; unknown on a floor, where the control loops of a rocking robot turn its shafts."""
+        """Whether no shaft turns; None on a floor, where a rocking robot turns its shafts."""
         return self._robot.floor is None and all(
             self._speed(node.node_id) <= self._standing(node.node_id) for node in self._nodes
         )
@@ -151,7 +151,7 @@ class MotionInvariants:
             self._stop = _Stop(since, why, until)
 
     def _reasons(self, now: int) -> Iterator[_Stop]:
-        """Yield the reasons since the last enable, once a drive has followed it."""
+        """Yield the reasons since the last enable that a drive has followed."""
         if self._stop is not None:
             return
         if self._followed_ns <= self._enabled_ns:
@@ -190,7 +190,7 @@ class MotionInvariants:
             )
 
     def _judge_power(self, now: int) -> None:
-        """Report drives that are still enabled, although all had the time to stand since a reason to stop."""
+        """Report drives that are still enabled after the time for a stop has elapsed."""
         stop = self._stop
         if stop is None or stop.why in _NO_DISABLE or now < self._robot.host.stalled_until + _OFF_NS:
             self._kept.clear()
@@ -207,7 +207,7 @@ class MotionInvariants:
                 self._report("enabled_still", f"node {node.node_id} is still enabled {late:.3f} s after {stop.why}")
 
     def _judge_reach(self, node: ObservedNode, now: int) -> None:
-        """Record until when a drive without a connection to the robot may move: until it detects the loss itself."""
+        """Record until when a drive without a connection to the robot may move, before it detects the loss itself."""
         drive = self._robot.drives[node.node_id]
         if not (drive.wire.silences(MASTER) or drive.wire.silences(drive.label)):
             self._alone_since.pop(node.node_id, None)

@@ -52,7 +52,7 @@ _CLIENTS: Final = ("stop", "latch", "axis", "axis", "switch")
 def draw_schedule(
     seed: int, duration_ns: int, motions: Sequence[SampleMotion], nodes: Sequence[int], faults: Sequence[str]
 ) -> tuple[ScenarioEvent, ...]:
-    """Return the events of a seed in order of time; without `faults`, or without nodes, nothing fails."""
+    """Return the events of a seed by time; without `faults` or nodes there are no failures."""
     return RandomSchedule(seed, duration_ns, motions, nodes, faults).acts()
 
 
@@ -101,7 +101,7 @@ class RandomSchedule:
     # -- clients
 
     def _move(self, now: int) -> int:
-        """Add a command for some time; sometimes with a pause in which it expires."""
+        """Add a command with a duration, sometimes with a pause in which it expires."""
         motion, lasts = self._active, self._between(_S // 2, 3 * _S)
         if motion is not None:
             drawn = [low + (high - low) * self._random() for low, high in motion.ranges]
@@ -177,7 +177,7 @@ class RandomSchedule:
         return self._recover(late + _BOOTED_NS)
 
     def _trouble(self, now: int) -> int:
-        """Add a fault while the robot moves, its end, and the recovery."""
+        """Add a fault during motion, its end, and the recovery."""
         moved = self._move(now)
         kind = self._one(_RARE) if self._random() < 0.08 else self._one(TROUBLES)
         at, lasts = now + self._between(0, moved - now), self._between(20 * _MS, 2500 * _MS)
@@ -213,6 +213,6 @@ class RandomSchedule:
 
 
 def known_faults(*, physics: bool = False) -> list[str]:
-    """Return the faults of drives; with physics without those that let a drive move its shaft by itself."""
+    """Return the faults of drives; with physics without those by which a drive turns its own shaft."""
     encoders = _OF_ENCODERS if physics else ()
     return [fault.name for fault in FAULTS.values() if fault.acts not in _OF_DEVICES and fault.name not in encoders]

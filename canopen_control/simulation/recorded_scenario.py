@@ -1,4 +1,4 @@
-"""Scenario from a robot's recording: requests of clients and bus faults, at the same times.
+"""Scenario from a robot's recording: client requests and bus faults at their original times.
 
 Commands are the recorded requests (of a flight recording); faults are derived from the frames. In a scenario the robot
 boots first: if a recording begins later than its robot, one second is inserted.
@@ -61,7 +61,7 @@ _OTHER: Final = "drive_fault"
 
 @dataclass(slots=True)
 class _Heard:
-    """Times at which a node was received: any frame, heartbeats, boot-ups, and EMCY with their codes."""
+    """Times of received frames of a node: any frame, heartbeats, boot-ups, and EMCY with their codes."""
 
     any: list[int]
     alive: list[int]
@@ -70,7 +70,7 @@ class _Heard:
 
 
 class BusHistory:
-    """Faults on one bus; `acts` yields them at Unix ns. `resets` are the times of requested fault resets."""
+    """Faults on one bus; `acts` yields them with Unix ns. `resets` are the times of requested fault resets."""
 
     def __init__(self, config: BusConfig, frames: Frames, resets: Sequence[int] = ()) -> None:
         self._config, self._frames, self._resets = config, frames, sorted(resets)
@@ -198,7 +198,7 @@ _ACTIONS: Final = {"enable", "disable", "halt", "quick-stop", "fault-reset"}
 
 @dataclass(slots=True)
 class RecordedRobot:
-    """Content of a recording: frames by Unix ns and bus, events and requests; `active` controllers at its beginning."""
+    """Content of a recording: frames by Unix ns and bus, events and requests; initially `active` controllers."""
 
     frames: Sequence[tuple[int, str, CanFrame]]
     events: Sequence[RobotEvent] = ()
@@ -281,7 +281,7 @@ class RequestActs:
         self._points: list[Any] = []
 
     def acts(self, record: RequestSeen) -> Iterator[ScenarioEvent]:
-        """Yield the events of a request, at Unix ns; none for one without effect on motion."""
+        """Yield the events of a request, at Unix ns; none for a request without effect on motion."""
         method = ROBOT.methods.get(record.method)
         if method is None:
             return

@@ -1,4 +1,4 @@
-"""Robot in virtual time: the runtime and a drive for each node of bus.yml, each a process of its own on the buses.
+"""Robot in virtual time: the runtime, and a drive for each node of bus.yml as a process on its bus.
 
 The classes are those of `run` and `drive`; only the bus and the clocks are simulated. The same seed and events give the
 same frames and reports, to the nanosecond.
@@ -73,7 +73,7 @@ class SimulationObserver:
 
 
 class EventDigest:
-    """Digest of frames and events in their order; `events` counts events, `folders` are those of the robot's files."""
+    """Digest of frames and events in order; `events` counts events, `folders` are those of the robot's files."""
 
     def __init__(self, folders: Iterable[str] = ()) -> None:
         self.events = 0
@@ -186,13 +186,13 @@ class SimulatedDrive:
         self.device = self.actor = self._host = self._port = self._methods = None
 
     def do(self, work: Callable[[NodeMethods], object]) -> None:
-        """Execute a control request, as from its socket; without supply it is lost."""
+        """Execute a control request like one from its socket; without supply it is lost."""
         if self._methods is not None and self.actor is not None:
             self.actor.call(functools.partial(work, self._methods))
 
 
 class RobotUnderTest:
-    """Runtime, buses and drives under one virtual clock; nothing happens before `start`.
+    """Runtime, buses and drives with one virtual clock; nothing happens before `start`.
 
     `core` is the runtime, `drives` those of the nodes by node id, `wires` the buses by name; `on_event`
     hears the robot's events; `started_ns` is when its process was started last, `up` whether it is
@@ -263,7 +263,7 @@ class RobotUnderTest:
         self._join()
 
     def kill(self) -> None:
-        """End the robot's process as by SIGKILL."""
+        """End the robot's process like SIGKILL."""
         self.up = False
         self.core.observers.clear()
         self.core.close()
@@ -296,7 +296,7 @@ class RobotUnderTest:
         return actor
 
     def awake(self) -> Iterator[VirtualNode]:
-        """Yield the devices with supply whose process is not stalled."""
+        """Yield the powered devices whose process is not stalled."""
         now = self.time.now_ns
         for drive in self.drives.values():
             if drive.device is not None and drive.actor is not None and now >= drive.actor.stalled_until:
@@ -329,7 +329,7 @@ class RobotUnderTest:
 
 
 class _CoreObserver(RobotObserver):
-    """Passes the events of the newest process of a robot under test on."""
+    """Passes on the events of the newest process of a robot under test."""
 
     def __init__(self, robot: RobotUnderTest) -> None:
         self._robot = robot

@@ -75,7 +75,7 @@ KINDS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class ScenarioEvent:
-    """Event `at_ns` after the start, of a kind of KINDS; `for_ns` is its duration, None: unlimited, or instantaneous.
+    """Event `at_ns` after the start, of a kind in KINDS; `for_ns` is its duration, None: unlimited or instantaneous.
 
     `target` is a node id, `master`, or a controller; `name` that of a fault, a quirk or an action, `world` a
     disturbance of the world. `times` are those of the points of a trajectory in s, whose values are concatenated;

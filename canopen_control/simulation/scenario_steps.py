@@ -1,4 +1,4 @@
-"""Scenario files of simulations: timed events, read with all mistakes reported at once, and written.
+"""Scenario files of simulations: timed events; reading reports all errors at once.
 
     for: 20s
     seed: 7
@@ -60,7 +60,7 @@ class Scenario:
 
 
 def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
-    """Return the scenario of a file for a robot; ScenarioError with all mistakes and their lines."""
+    """Return the scenario of a file for a robot; ScenarioError with all errors and their lines."""
     nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
     controllers = list(setup.controllers.controllers)
     acts: list[ScenarioEvent] = []
@@ -89,7 +89,7 @@ def _check_ends(file: ScenarioFile, length: int) -> None:
 
 
 def _kind_of(step: ScenarioStep) -> str:
-    """Return what a step does that names a plant, a quirk or a fault."""
+    """Return the kind of a step that names a plant, a quirk or a fault."""
     if step.plant:
         return "plant"
     if step.quirk:
@@ -98,13 +98,13 @@ def _kind_of(step: ScenarioStep) -> str:
 
 
 class _Checked:
-    """One step, checked against the robot."""
+    """Step that was checked for the robot."""
 
     def __init__(self, step: ScenarioStep, nodes: Sequence[int], controllers: Sequence[str], setup: RobotSetup) -> None:
         self._step, self._nodes, self._controllers, self._setup = step, nodes, controllers, setup
 
     def acts(self) -> Iterator[ScenarioEvent]:
-        """Yield its events; mistakes are reported."""
+        """Yield its events; errors are reported."""
         step = self._step
         if happens := step.acts():
             yield from self._world(happens)

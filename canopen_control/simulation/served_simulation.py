@@ -1,4 +1,4 @@
-"""Socket of a simulated robot: other programs connect to it as to a running robot, in real time.
+"""Socket of a simulated robot, to which programs connect as to a running robot, in real time.
 
 Their requests reach the robot's own server at the end of a slice of virtual time; the answers are sent after the next
 slice. The observer records the requests and checks them. With other programs simulations are not reproducible. A killed
@@ -33,7 +33,7 @@ _MOST: Final = 1 << 20  # bytes waiting for a program to read; a slower one is d
 
 
 class OutsideClient(SimulatedClient):
-    """Program outside of the simulation, on a real connection."""
+    """Program outside the simulation, on a real connection."""
 
     def __init__(self, clients: SimulatedClients, sock: socket.socket, front: Reactor) -> None:
         super().__init__(clients, clients.robot.host, reads=True, pid=peer_pid(sock))
@@ -43,7 +43,7 @@ class OutsideClient(SimulatedClient):
         front.add_reader(sock, self._on_readable)
 
     def take(self, data: bytes) -> int:
-        """Receive data of the robot, which are sent at the end of the slice."""
+        """Receive data from the robot, which are sent at the end of the time slice."""
         self._answers += data
         return len(data)
 
@@ -86,7 +86,7 @@ class OutsideClient(SimulatedClient):
 
 
 class ServedSimulation:
-    """Service of a player's robot on the socket of its name, from now on; RobotConfigError if it is in use.
+    """Service of a player's robot on the socket of its name from now on; RobotConfigError if it is in use.
 
     Requests are received, and answers sent, during `wait`: after each `slice_ns` of virtual time.
     """
@@ -123,7 +123,7 @@ class ServedSimulation:
         supervisor.start_client("ros", bridge, ros=True, restarts=Restarts())
 
     def wait(self, seconds: float) -> None:
-        """Serve the programs for `seconds` of real time, with the robot's data."""
+        """Serve the programs for `seconds` of real time with the robot's data."""
         for client in self._here:
             client.flush()
             if client.dropped or not self._clients.serves(client):

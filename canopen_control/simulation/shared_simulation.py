@@ -1,4 +1,4 @@
-"""Simulation of several robots in one world: each with its runtime, buses and drives, schedule and observer.
+"""Simulation of several robots in one world, each with its runtime, buses, drives, schedule and observer.
 
 They push each other and their range finders see each other, as in `run --world FILE`. The seed of each robot is derived
 from the common seed and its number in the file.
@@ -30,7 +30,7 @@ _SLICE_NS: Final = 100_000_000
 
 @dataclass(frozen=True, slots=True)
 class SharedOutcome:
-    """Result of a simulation of several robots: combined, and of each in `robots`."""
+    """Result of a simulation of several robots: combined, and per robot in `robots`."""
 
     seed: int
     robot_s: float

@@ -45,14 +45,14 @@ class _ServerEnd:
         self.open = True
 
     def fileno(self) -> int:
-        """Return its number, -1 once closed."""
+        """Return the number of the connection, -1 once closed."""
         return self._fileno if self.open else -1
 
     def setblocking(self, _on: bool) -> None:
-        """Do nothing: it never blocks."""
+        """Do nothing: the connection never blocks."""
 
     def getsockopt(self, _level: int, _option: int, _size: int = 0) -> bytes:
-        """Return the credentials of the peer: this user's, with the same process id in each simulation."""
+        """Return the peer's credentials: this user's, with the same process id in each simulation."""
         return struct.pack("3i", self._client.pid or self._fileno, os.getuid(), os.getgid())
 
     def arrived(self) -> None:
@@ -80,7 +80,7 @@ class _ServerEnd:
         return accepted
 
     def sendall(self, data: bytes) -> None:
-        """Send all data, which blocks the robot if the client does not read."""
+        """Send all data; blocks the robot if the client does not read."""
         if self._client.take(data) < len(data):
             self._client.block()
 
@@ -99,7 +99,7 @@ class _Listener:
         self._waiting: list[_ServerEnd] = []
 
     def fileno(self) -> int:
-        """Return its number."""
+        """Return the number of the socket."""
         return self._fileno
 
     def add(self, end: _ServerEnd) -> None:
@@ -117,7 +117,7 @@ class _Listener:
 
 
 class SimulatedClient:
-    """One client; `reads` received data. `here` until it leaves, `dropped` once the robot has closed the connection.
+    """Client; `reads` received data. `here` until it leaves, `dropped` once the robot has closed the connection.
 
     `waits_since` is the time of the oldest unanswered request, `came_ns` that of the connection, `asks` whether it ever
     sent a request. `pid` is its process, 0 for none.
@@ -198,14 +198,14 @@ class SimulatedClients:
         return self.admit(SimulatedClient(self, self.robot.host, reads=reads))
 
     def admit(self, client: C) -> C:
-        """Connect a client created for the robot's process; return it."""
+        """Connect a client created for the robot's process; return the client."""
         self._open()
         self.all.append(client)
         self._listener.add(client.end)
         return client
 
     def _open(self) -> None:
-        """Let the robot's process serve its socket, if it does not yet."""
+        """Let the robot's process serve its socket unless it already does."""
         robot = self.robot
         if robot.core is not self._core:
             self._core, self.all = robot.core, []
@@ -228,7 +228,7 @@ class SimulatedClients:
         self._ask_on(client, None)
 
     def ask(self, for_ns: int | None) -> None:
-        """Connect a client that requests the status ten times a second, after the previous answer."""
+        """Connect a client that requests the status ten times a second, each after the previous answer."""
         client = self.connect(reads=True)
         client.ask(GetStatus())
         until = None if for_ns is None else self.robot.now_ns + for_ns
@@ -236,7 +236,7 @@ class SimulatedClients:
         self._ask_on(client, until)
 
     def dead_man(self, controller: str, values: Sequence[float], for_ns: int, left: Callable[[], object]) -> None:
-        """Command once and disconnect; `left` is called then, if the robot's process is still the same."""
+        """Send one command and disconnect; then call `left`, if the robot's process is still the same."""
         client = self.connect(reads=True)
         client.ask(CommandController(controller=controller, values=list(values), dead_man=True))
         self._leave_later(client, for_ns, left)
@@ -261,5 +261,5 @@ class SimulatedClients:
             self.robot.time.later(for_ns, leave)
 
     def serves(self, client: SimulatedClient) -> bool:
-        """Whether the process that a client is connected to still exists."""
+        """Whether the process to which a client is connected still exists."""
         return self.robot.up and self.robot.core is self._core and client in self.all

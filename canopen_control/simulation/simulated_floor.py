@@ -1,4 +1,4 @@
-"""World of robots in virtual time: virtual drives move joints in it, as with `run --physics`.
+"""World of robots in virtual time, with joints moved by virtual drives as in `run --physics`.
 
 The drives of one world share a clock, like drives of one process. A drive without supply releases its joints.
 """
@@ -36,7 +36,7 @@ def open_floor(setup: RobotSetup, joints: Mapping[str, JointDrive], world: Path 
 
 
 def open_shared_floor(robots: Iterable[tuple[RobotSetup, Mapping[str, JointDrive]]], world: Path) -> SharedWorld:
-    """Return the world of several robots, each at its start in the file."""
+    """Return the world of several robots, each at its start pose in the file."""
     with tempfile.TemporaryDirectory(prefix=_PREFIX) as name:
         folder = Path(name)
         plants = [(setup, write_plant(setup, joints, folder=folder / setup.name)) for setup, joints in robots]
@@ -45,7 +45,7 @@ def open_shared_floor(robots: Iterable[tuple[RobotSetup, Mapping[str, JointDrive
 
 
 class SimulatedFloor:
-    """World of a robot's drives, or its part of one, advanced to the present periodically.
+    """World of a robot's drives, or its part of one, periodically advanced to the present.
 
     `awake` returns the devices with supply whose process is not stalled.
     """
@@ -57,7 +57,7 @@ class SimulatedFloor:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was assumed of the robot's description, as sentences."""
+        """Assumptions about the description, as sentences."""
         return self._world.notes if isinstance(self._world, ReportsAssumptions) else ()
 
     def plants_of(self, node_id: int) -> Callable[[int], Plant]:

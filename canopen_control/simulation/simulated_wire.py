@@ -43,7 +43,7 @@ class WireObserver(Protocol):
 
 
 class SimulatedWire:
-    """One bus; `members` gives the process of a label, `heard` receives all frames on the wire.
+    """Bus; `members` gives the process of a label, `heard` receives all frames on the wire.
 
     `lost`, `doubled` and `disturbed` are rules for frames; `cut` contains the labels with a cut cable.
     """
@@ -144,7 +144,7 @@ class SimulatedWire:
             self._time.at(due, self._on_passed)
 
     def _passed(self) -> None:
-        """Deliver the frames that end before anything else happens to their listeners, and schedule the next."""
+        """Deliver the frames that end before any other event of their listeners, and schedule the next."""
         wire, jump = self._wire, self._time.jump
         self._planned = False
         while True:
@@ -167,7 +167,7 @@ class SimulatedWire:
                 return
 
     def _judge(self, port: SimulatedPort, record: bytes) -> None:
-        """Lose, double or deliver a frame, by the rules."""
+        """Lose, double or deliver a frame, according to the rules."""
         label = port.label
         can_id: int = RECORD.unpack(record)[0]
         if self._errors.get(label):
@@ -219,12 +219,12 @@ class SimulatedWire:
 
 
 def _taken(rules: list[DropRule], label: str, can_id: int) -> bool:
-    """Whether a rule selects a frame; all rules count it."""
+    """Whether a rule selects a frame; every rule counts it."""
     return sum(rule.takes(label, can_id) for rule in rules) > 0
 
 
 class SimulatedPort:
-    """Port of a `SimulatedWire`, of one process; see `canopen_control.bus.port.Port`."""
+    """Port of a `SimulatedWire` for one process; see `canopen_control.bus.port.Port`."""
 
     def __init__(self, wire: SimulatedWire, number: int, label: str, actor: Actor) -> None:
         self.number, self.label = number, label

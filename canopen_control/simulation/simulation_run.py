@@ -26,7 +26,7 @@ _SLICE_NS: Final = 100_000_000
 
 @dataclass(frozen=True, slots=True)
 class SimulationResult:
-    """Result of a simulation; `sha256` covers every frame and event with its time, `breaches` are sentences."""
+    """Result of a simulation; `sha256` covers every frame and event with its time; `breaches` are sentences."""
 
     seed: int
     robot_s: float
@@ -85,7 +85,7 @@ class SimulationRun:
             self._keep_pace()
 
     def _keep_pace(self) -> None:
-        """Wait for real time if the robot is ahead of it."""
+        """Wait for real time if the simulation is ahead of it."""
         ahead = 0.0 if self.speed is None else max(0.0, self.robot_s / self.speed - self.real_s)
         if self.served is not None:
             self.served.wait(ahead)

@@ -268,7 +268,7 @@ class StatusInvariants:
             self._report("shown_wrong", f"{face}: {text}")
 
     def _lasts(self, wrong: tuple[Faces, str, str], soon: int, now: int) -> bool:
-        """Whether a violation of a report lasts longer than the time allowed; True once."""
+        """Whether a violation of a report lasts longer than the permitted reporting time; True once."""
         since = self._wrong_since.setdefault(wrong, now)
         if now - since <= soon:
             return False
@@ -323,7 +323,7 @@ class StatusInvariants:
             self._report("event_missing", f"{name} has sent an EMCY, and no event says so")
 
     def _judge_toggle(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
-        """Check that a repeated toggle bit in a guarding answer of a present node has an event."""
+        """Check that a repeated toggle bit in a present node's guarding answer has an event."""
         at = view.toggled_at
         hidden = max(self._disturbed.deaf_at, self._robot.started_ns, view.booted_at)
         was_ready = hidden + _CALM_NS < at and self._ready_since.get(name, now) < at - _CALM_NS
@@ -493,7 +493,7 @@ class GoalInvariants:
         return max(times, default=0.0)
 
     def _off(self, goal: _Open) -> dict[str, tuple[float, float]]:
-        """Return for each joint the minimum and maximum error beyond its tolerance in the last cycles.
+        """Return each joint's minimum and maximum error beyond its tolerance in the last cycles.
 
         Empty if one of them is unknown.
         """

@@ -98,13 +98,13 @@ class _Followed:
 
 
 class _Commanders:
-    """Last commands of a controller: by a client whose command ends with its connection, and by another one."""
+    """Last commands of a controller: by a client whose command ends with its connection, and by another client."""
 
     def __init__(self) -> None:
         self._leaving = self._staying = 0
 
     def command(self, at: int, *, leaves: bool) -> None:
-        """Record a command, of a client whose command ends when it `leaves`, or of another."""
+        """Record a command of a client; with `leaves` it ends with the client's connection."""
         if leaves:
             self._leaving = at
         else:
@@ -177,7 +177,7 @@ class TargetInvariants:
             self._judge_targets(now)
 
     def _may_judge(self, view: ObservedNode, now: int) -> bool:
-        """Whether an axis follows targets and is undisturbed since its enable."""
+        """Whether an axis follows targets and has been undisturbed since its enable."""
         if view.controlword & _COMMAND != _FOLLOWS or view.statusword & _SHOWN != _UNLIMITED:
             return False
         return self._disturbed.last(view.node_id) < view.enabled_at < now - _SETTLED_NS
@@ -185,7 +185,7 @@ class TargetInvariants:
     # -- all modes
 
     def _judge_told(self, axis: _Followed, drive: VirtualDrive, now: int) -> None:
-        """Check a drive's target against its own limits, or against standstill if it is disabled."""
+        """Check a drive's target against its own limits, or for standstill if it is disabled."""
         view = axis.view
         pushes = ""
         if view.enabled:
@@ -213,7 +213,7 @@ class TargetInvariants:
         return since < now - _CALM_NS
 
     def _beyond(self, axis: _Followed, drive: VirtualDrive, now: int) -> str:
-        """Return the target that leads an enabled drive beyond its limits, as text; "" if there is none."""
+        """Return the target of an enabled drive beyond its limits, as text; "" for none."""
         low, high, most = axis.limits(drive, now)
         targets, mode = axis.view.targets, drive.modes.number
         if mode == _CSP:
@@ -231,7 +231,7 @@ class TargetInvariants:
         return ""
 
     def _pushes(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
-        """Return the target that leads an enabled drive further into an active limit, as text; "" if there is none.
+        """Return the target of an enabled drive that moves further into an active limit, as text; "" for none.
 
         The closed direction is the one in which the target points while the shaft stands.
         """
@@ -333,7 +333,7 @@ class TargetInvariants:
             self._report("target_wrong", f"the drive of {joint} gets {target:.0f}, commanded was {commanded[-1]:.0f}")
 
     def _judge_life(self, joint: str, view: ObservedNode, recent: Sequence[float], now: int) -> None:
-        """Check that a drive is not commanded to stand while a command is renewed and not ended."""
+        """Check that a drive is not commanded to stand while a command is renewed."""
         commands, value = self._commanded[joint], recent[-1]
         renewed = commands[0][0] < now - _LAG_NS < commands[-1][0] and all(number == value != 0.0 for number in recent)
         closed = view.limited_at > view.booted_at  # one direction

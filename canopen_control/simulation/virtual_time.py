@@ -66,7 +66,7 @@ class VirtualTime:
         return self._heap[0][0] if self._heap else None
 
     def jump(self, when_ns: int) -> bool:
-        """Advance to `when_ns` from within an event; False, and nothing is done, if another event comes first."""
+        """Advance to `when_ns` within an event; False, without effect, if another event comes first."""
         heap = self._heap
         if when_ns > self._limit_ns or (heap and heap[0][0] <= when_ns):
             return False
@@ -107,7 +107,7 @@ class Actor:
         return now_ns + now_ns * self._rate // _BILLION
 
     def arrived(self) -> None:
-        """Wake the process for data that have arrived; a pending wake-up serves them too."""
+        """Wake the process for received data; a pending wake-up serves them too."""
         if self._wake_at == _NEVER:
             self._wake_at = self._woken_by(self._time.now_ns)
             self._time.at(self._wake_at, self._woken)
@@ -122,7 +122,7 @@ class Actor:
         self.stalled_until = max(self.stalled_until, self._time.now_ns + duration_ns)
 
     def end(self) -> None:
-        """End the process as by SIGKILL: none of its callbacks runs any more."""
+        """End the process like SIGKILL: none of its callbacks is called any more."""
         if not self._ended:
             self._ended = True
             self.reactor.close()

@@ -266,7 +266,7 @@ class WireInvariants:
             )
 
     def _request(self, node: int, data: bytes, now: int) -> None:
-        """Check an SDO request: the next one only after the answer, an abort, or the timeout (CiA 301, 7.2.4)."""
+        """Check an SDO request: it may be sent only after the answer, an abort, or the timeout (CiA 301, 7.2.4)."""
         command = data[0] >> 5 if data else _ABORT
         if command == _ABORT:
             self._waiting.pop(node, None)

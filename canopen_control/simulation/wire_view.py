@@ -1,4 +1,4 @@
-"""State of each node and of the master as decoded from the bus alone: words, targets, signs of life.
+"""State of each node and of the master as decoded from the bus alone: control and status words, targets, signs of life.
 
 Frames are decoded by the layout of the PDOs in bus.yml, and by requests and answers of SDO. Times in ns.
 """
@@ -137,7 +137,7 @@ class ObservedNode:
 
 
 class WireView:
-    """View of one bus: `nodes` by node id.
+    """State of one bus: `nodes` by node id.
 
     `master_at` is the time of the master's last heartbeat, `sync_at` that of the last SYNC.
     """
@@ -208,7 +208,7 @@ class WireView:
 
 
 def watched_joints(setup: RobotSetup) -> Iterator[tuple[str, NodeConfig]]:
-    """Yield each joint of the first axis of a drive, whose words are decoded, with its node in bus.yml."""
+    """Yield each joint of a drive's first axis, whose words are decoded, with its node in bus.yml."""
     for config in setup.joined.values():
         for joint in (joint_tag for tag in setup.description.hardware for joint_tag in tag.joints):
             node = node_of(config, joint)

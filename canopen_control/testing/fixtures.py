@@ -25,7 +25,7 @@ _MARK = "canopen_robot"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Declare the ini option of the robot."""
+    """Declare the ini option for the robot."""
     parser.addini(_MARK, "the robot of the fixture `robot`: its folder, or the name of a bundled one", default="")
 
 

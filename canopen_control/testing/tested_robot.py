@@ -42,7 +42,7 @@ class _EventKeeper(SimulationObserver):
 
 
 class TestedRobot:
-    """Robot that has booted; `events` are those since its start, `breaches` the violated invariants.
+    """Booted robot; `events` are those since its start, `breaches` the violated invariants.
 
     `quirks` are those of its drives from their power-on, by node id or name, or of "all".
     """
@@ -259,18 +259,18 @@ class TestedDrive:
         self._drive.quirks = [*self._drive.quirks, *quirks]
 
     def quirk(self, text: str, seconds: float | None = None) -> None:
-        """Switch a quirk on, ``NAME=VALUE@AXIS``, for `seconds`; ConfigError for one that does not exist."""
+        """Enable a quirk, ``NAME=VALUE@AXIS``, for `seconds`; ConfigError if it does not exist."""
         parse_quirk(text)
         self._robot.do("quirk", str(self._drive.node_id), name=text, seconds=seconds)
 
     def quirk_off(self, text: str) -> None:
-        """Switch a quirk off."""
+        """Disable a quirk."""
         parse_quirk(text)
         self._robot.do("quirk_off", str(self._drive.node_id), name=text)
 
     @property
     def quirks(self) -> list[str]:
-        """The active quirks, as they are written."""
+        """Active quirks, as text."""
         device = self._drive.device
         return [] if device is None or device.quirks is None else device.quirks.active
 

@@ -79,7 +79,7 @@ class BagMessages:
         return self.store.types[kind.replace("/", "/msg/")](*values)
 
     def empty(self, name: str) -> Any:  # noqa: ANN401 - as above
-        """Return a message of `package/msg/Name` whose numbers are 0 and whose lists are empty."""
+        """Return a message of `package/msg/Name` with zero numbers and empty lists."""
         fields = (self._empty_field(node.name, part) for _, (node, part) in self.store.fielddefs[name][1])
         return self.store.types[name](*fields)
 
@@ -180,7 +180,7 @@ class BagWriter:
         self._write("/rosout", event.time, log)
 
     def number(self, topic: str, unix_s: float, value: float) -> None:
-        """Write a number on a topic of its own: std_msgs/Float64."""
+        """Write a number on its own topic: std_msgs/Float64."""
         self._write(topic, unix_s, self._ros.make("std_msgs/Float64", value))
 
     # -- messages
@@ -231,7 +231,7 @@ class BagWriter:
         return self._ros.make("geometry_msgs/Quaternion", x, y, z, w)
 
     def _commands(self, state: StateSample) -> None:
-        """Write the commands of forward controllers; the command of a joint is known while it is claimed."""
+        """Write the commands of forward controllers; a joint's command is known while it is claimed."""
         for name, view in self._controllers.items():
             joints = [state.joints.get(joint) for joint in view.joints]
             values = [None if joint is None else joint.command for joint in joints]

@@ -127,7 +127,7 @@ class LearnedPdos:
         return DescribedPdoObject(index, subindex, bits, self._type(index, subindex, bits), name)
 
     def _type(self, index: int, subindex: int, bits: int) -> DataType:
-        """Return the type by the EDS, else by the drive profile, else by the width."""
+        """Return the type in the EDS, else in the drive profile, else the unsigned type of the width."""
         in_eds = self._node.od is not None and (index, subindex) in self._node.od
         profile = TYPES.get((objects.axis_of(index)[0], subindex), ()) if self._node.is_drive else ()
         by_profile = next((candidate for candidate in profile if candidate.bits == bits), None)
@@ -158,7 +158,7 @@ _STORE_ANSWERS = {0: "stored", 1: "refused, not supported", 2: "failed, storage 
 
 
 def lss_text(data: bytes, *, from_master: bool) -> str:
-    """Return the text of a frame of master or slave; an unknown command is given by its number."""
+    """Return the text of a frame of the LSS master or slave; an unknown command is given by its number."""
     if not data:
         return "malformed: no data"
     data = data.ljust(8, b"\0")

@@ -105,7 +105,7 @@ class FlightRecorder:
         self._connect()
 
     def _beat(self) -> None:
-        """Report to the starter that this process is alive."""
+        """Report to the parent process that this process is alive."""
         self._liveness.beat()
         self._reactor.call_later(_PULSE_NS, self._beat)
 
@@ -278,7 +278,7 @@ class FlightRecorder:
         return f"flight recording: {path} (a page of it: canopen-control report)"
 
     def _say(self, sentence: str) -> None:
-        """Send an event to the robot; if it is gone the text is printed at the end."""
+        """Send an event to the robot; if the robot is gone, print the text at the end."""
         if self._robot is not None:
             with contextlib.suppress(CanopenError):
                 self._robot.notify(PublishEvent(kind="flight", text=sentence))

@@ -78,7 +78,7 @@ class _Segment:
 
 
 class FrameRing:
-    """Buffer of the frames of the last `window_ns`, with at most about `limit` bytes; released per second."""
+    """Buffer of the frames of the last `window_ns`, with at most about `limit` bytes; released in seconds."""
 
     def __init__(self, window_ns: int, limit: int) -> None:
         self._window_ns, self._limit = window_ns, limit
@@ -124,7 +124,7 @@ class FrameRing:
         return newest
 
     def _forget(self, now: int) -> None:
-        """Release the oldest segments outside the window or above the limit; the newest one remains."""
+        """Release the oldest segments outside the window or above the limit, except the newest."""
         while len(self._segments) > 1 and (
             self._segments[0].times[-1] < now - self._window_ns or self._size > self._limit
         ):

@@ -64,14 +64,14 @@ class RecordingTrigger:
         return max(min(self._last + AFTER_NS, self._first + LONGEST_NS), self._not_before)
 
     def due(self, now: int) -> RobotEvent | None:
-        """Return the fault to write a file about, once; None if it is not yet time."""
+        """Return the fault to write a file about, once; None if it is not yet due."""
         deadline = self.next_deadline()
         if deadline is None or now < deadline:
             return None
         return self._take(now)
 
     def end(self, now: int) -> RobotEvent | None:
-        """Return the fault without a file, if any, because the recording ends now."""
+        """Return the fault without a file, if any, at the end of the recording."""
         return None if self._reason is None else self._take(now)
 
     def _take(self, now: int) -> RobotEvent | None:

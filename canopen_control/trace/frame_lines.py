@@ -77,7 +77,7 @@ def parse_services(text: str) -> frozenset[str]:
 
 
 def parse_ids(text: str) -> range:
-    """Return an identifier or a range, ``181`` or ``0x181`` or ``180-1FF``, always hexadecimal.
+    """Parse an identifier or a range, ``181`` or ``0x181`` or ``180-1FF``, always hexadecimal.
 
     ValueError if invalid.
     """
@@ -242,7 +242,7 @@ class ValueDocument(Document, frozen=True):
 
 
 class FrameDocument(Document, frozen=True, kw_only=True):
-    """A frame as `trace --json` prints it: `time` in Unix seconds, `id` and `data` in hexadecimal."""
+    """Frame in `trace --json`: `time` in Unix seconds, `id` and `data` in hexadecimal."""
 
     time: float
     id: str
@@ -280,7 +280,7 @@ def document_of(decoded: DecodedFrame) -> FrameDocument:
 
 
 def _plain(value: Value) -> int | float | str | None:
-    """Return a value as valid JSON: without bytes and infinity."""
+    """Return a value that is valid in JSON, without bytes and infinity."""
     if isinstance(value, bytes | bytearray):
         return value.hex()
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,4 +1,4 @@
-"""Listening on a bus: frames with their times; nothing is sent.
+"""Listening on a bus without sending: frames with their times.
 
 Only channels that several processes can open are used. A bus inside another process is out of reach, and an adapter
 with one owner is left to it.

@@ -147,7 +147,7 @@ class NetworkDescription:
 
 
 def entry_name(od: ObjectDictionary | None, index: int, subindex: int) -> str:
-    """Return the EDS name of an entry, with that of its object if it is a part of one; empty if unknown."""
+    """Return the EDS name of an entry, with that of its object if it is one of several; empty if unknown."""
     if od is None:
         return ""
     entry, info = od.get(index, subindex), od.objects.get(index)
@@ -200,7 +200,7 @@ def _pdo_by_default(od: ObjectDictionary, pdo: Pdo) -> PdoDescription:
 
 
 def type_of(od: ObjectDictionary | None, index: int, subindex: int, bits: int) -> DataType:
-    """Return the type of an object in a PDO: that of its EDS, else an unsigned one of its width."""
+    """Return the type of an object in a PDO: that in its EDS, else an unsigned type of its width."""
     entry = od.get(index, subindex) if od is not None else None
     if entry is not None:
         return entry.data_type
@@ -266,7 +266,7 @@ def _one(node_id: int, path: Path, option: str) -> NodeDescription:
 
 
 def _all(path: Path) -> Iterator[NodeDescription]:
-    """Yield a description of every node by the same file, without names, since there may be several nodes."""
+    """Yield a description of every node by the same file, without names, because there may be several nodes."""
     parsed = read_eds(path).od
     if parsed.node_id is not None:
         yield NodeDescription(path.stem, parsed.node_id, parsed, pdos_by_default(parsed), str(path))

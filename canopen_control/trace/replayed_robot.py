@@ -140,5 +140,5 @@ class ReplayedRobot:
         )
 
     def _nodes(self) -> NodeListing:
-        """Return the buses without nodes: those that answer there now are not those of the recording."""
+        """Return the buses without nodes, because nodes that answer now are not those of the recording."""
         return NodeListing({name: BusPlace(channel, 1) for name, channel in self._meta.buses.items()}, [])

@@ -59,7 +59,7 @@ _SMALL: Final = 0.02  # fraction of the previous maximum speed that counts as st
 
 
 class Spans:
-    """States over time: call `see` at each sample, `end` at the last."""
+    """Time spans of states: call `see` at each sample, `end` at the last."""
 
     def __init__(self) -> None:
         self._since: list[tuple[float, str | None]] = []  # times at which the state changed
@@ -263,7 +263,7 @@ class FrameReader:
                     drive.axes.setdefault(axis, Spans()).see(time, name)
 
     def _note(self, time_ns: int, decoded: DecodedFrame) -> None:
-        """Record a frame as an event, once if it repeats: a drive in fault reports it in every statusword."""
+        """Record a frame as an event, once if it repeats, such as a fault in every statusword."""
         note_key = (decoded.can_id, decoded.text)
         if note_key in self._told:
             return
@@ -286,12 +286,12 @@ class FrameReader:
 
     @property
     def around(self) -> list[FrameFacts]:
-        """Last frames before the fault, or of all, and the first after it."""
+        """Last frames before the fault, or before the end, and the first frame after the fault."""
         return [_line(frame) for frame in (*self._before, *self._after)]
 
     @property
     def last_words(self) -> list[FrameFacts]:
-        """Last frame of each node before the fault, the longest silent first."""
+        """Last frame of each node before the fault; the node that was silent longest first."""
         return [_line(frame) for frame in sorted(self._last.values(), key=lambda heard: heard.time)]
 
     def buses(self) -> dict[str, BusFacts]:

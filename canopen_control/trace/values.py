@@ -105,7 +105,7 @@ def controlword_text(controlword: int, previous: int = 0, state: State | None = 
 
 
 def bytes_text(data: bytes) -> str:
-    """Return bytes as hex; if there are many, the first ones and their number."""
+    """Return bytes as hex; of many bytes the first ones and the number."""
     if len(data) <= _SHOWN_BYTES:
         return data.hex(" ") or "no bytes"
     return f"{data[:_SHOWN_BYTES].hex(' ')} ... ({len(data)} bytes)"
@@ -122,7 +122,7 @@ def decoded(data: bytes, data_type: DataType | None) -> Value:
 
 
 class ValueChange(enum.IntEnum):
-    """Change shown by the last values of a node."""
+    """Change in the last values of a node."""
 
     NONE = 0
     STATE = 1  # of state, command or mode

@@ -1,4 +1,4 @@
-"""XML elements with their places, and mistakes at these places.
+"""XML elements with their places, and errors at these places.
 
 An invalid number or a missing name is recorded with its place and replaced by a default, so that all mistakes are
 reported at once. Lines and columns count from 1.
@@ -31,7 +31,7 @@ NOWHERE = ElementPlace(0, 0)
 
 
 class Placed(Protocol):
-    """Object with a place in the file: an element, or something read from one."""
+    """Object with a place in the file: an element, or an object read from one."""
 
     @property
     def place(self) -> ElementPlace:
@@ -58,30 +58,30 @@ class Element:
 
 
 class UrdfDocument:
-    """Elements of a description, and the list of its mistakes."""
+    """Elements of a description, and its errors."""
 
     def __init__(self, root: Element, path: str) -> None:
         self.root, self._path = root, path
         self._problems: dict[tuple[ElementPlace, str], None] = {}
 
     def error(self, element: Placed, message: str) -> None:
-        """Add a mistake at an element, or at something read from one."""
+        """Add an error at an element or an object read from one."""
         self._problems[element.place, message] = None
 
     def raise_if_any(self) -> None:
-        """Raise RobotConfigError with all mistakes, if there are any."""
+        """Raise RobotConfigError with all errors, if there are any."""
         if self._problems:
             problems = sorted(self._problems)
             raise RobotConfigError("\n".join(f"{self._path}:{p.line}:{p.column}: {message}" for p, message in problems))
 
     def name(self, element: Element) -> str:
-        """Return the name of an element, which is mandatory."""
+        """Return the name of an element; the name is mandatory."""
         if not element.attributes.get("name"):
             self.error(element, f"<{element.tag}> has no name")
         return element.attributes.get("name", "")
 
     def by_name(self, pairs: Iterable[tuple[Element, T]]) -> dict[str, T]:
-        """Return objects by name; a duplicate name is a mistake."""
+        """Return objects by name; a duplicate name is an error."""
         firsts: dict[str, Element] = {}
         named: dict[str, T] = {}
         for element, read in pairs:
@@ -186,7 +186,7 @@ class _XacroLines:
             self._places.append((match[1], match[2], place))
 
     def place(self, tag: str, name: str) -> ElementPlace:
-        """Return the place of the next element with this tag and name, the beginning of the file if none matches."""
+        """Return the place of the next element with this tag and name, the beginning of the file without a match."""
         count = self._seen.get((tag, name), 0)
         self._seen[tag, name] = count + 1
         places = [place for its_tag, its_name, place in self._places if its_tag == tag and its_name == name]

@@ -1,4 +1,4 @@
-"""Search of ROS packages by name: near a file, in ROS_PACKAGE_PATH, and where ament installed them.
+"""Search of ROS packages by name: near a file, in ROS_PACKAGE_PATH, and in ament's install folders.
 
 A package is a folder with its name, or with its name in package.xml. The one nearest to the file takes precedence, so
 that edited sources win over an older installed copy. ROS_PACKAGE_PATH is searched in depth as by rospack, down to the
@@ -60,7 +60,7 @@ def installed_packages(package: str, environment: Mapping[str, str] | None = Non
 
 
 def installed_file(package: Path, name: Path) -> Path:
-    """Return a file of a package by its path in the sources, since CMake's install(DIRECTORY ...) may move folders.
+    """Return a file of a package by its path in the sources, because CMake's install(DIRECTORY ...) may move folders.
 
     The path below the package is returned if it exists, or if no rule installs it.
     """

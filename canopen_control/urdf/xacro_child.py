@@ -48,7 +48,7 @@ def main(arguments: list[str]) -> None:
 
 
 def _end_with_starter() -> None:
-    """End this process when standard input is closed: its other end belongs to the starter."""
+    """End this process when standard input is closed: its other end belongs to the parent process."""
     with contextlib.suppress(AttributeError, OSError):  # systems without it use the time limit
         signal.signal(signal.SIGIO, signal.SIG_DFL)
         fcntl.fcntl(0, fcntl.F_SETOWN, os.getpid())
@@ -58,7 +58,7 @@ def _end_with_starter() -> None:
 
 
 def _limit(processor_s: int, wall_s: int, memory: int) -> None:
-    """Set kernel limits that end this process even if the starter has ended."""
+    """Set kernel limits that end this process even if its parent has ended."""
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(wall_s)
     limits = {resource.RLIMIT_CPU: processor_s, resource.RLIMIT_AS: memory, resource.RLIMIT_CORE: 0}
@@ -68,7 +68,7 @@ def _limit(processor_s: int, wall_s: int, memory: int) -> None:
 
 
 class _Arguments(dict[str, str]):
-    """Arguments of a file as xacro keeps them; `asked` are those that the file declares or uses."""
+    """Arguments of a file for xacro; `asked` are those that the file declares or uses."""
 
     def __init__(self, mappings: Mapping[str, str]) -> None:
         super().__init__({name.removesuffix("?"): value for name, value in mappings.items()})
@@ -124,7 +124,7 @@ _TOO_MUCH = {
 
 
 def _has_cause(error: BaseException, kind: type[BaseException]) -> bool:
-    """Whether an exception is of a kind, or was raised while one was handled: xacro replaces it by the expression."""
+    """Whether an exception is of a kind, or was raised while handling one: xacro replaces it by the expression."""
     return any(isinstance(cause, kind) for cause in _causes(error))
 
 

@@ -1,4 +1,4 @@
-"""The work at one node for all pages: questions on threads, and one long piece of work at a time. No toolkit.
+"""Jobs at one node, shared by all pages: short requests on threads, and one long job at a time. No toolkit.
 
 Each question has a connection of its own, so that STOP and the stream of the state never wait behind it. Long work goes
 on when the page that began it is closed; every page shows how far it is, and any may ask it to end.
@@ -75,7 +75,7 @@ def uploaded(data: bytes, name: str) -> ParameterSet:
 
 
 def backup(session: NodeSession, work: NodeJob) -> str:
-    """Read all parameters and keep them as a file."""
+    """Read all parameters and store them as a file."""
     if unfinished := unfinished_words(session, Reached(robot=session.robot)):
         work.lines.append(unfinished)
     parameters, left_out = read_parameters(session, told=work.at)
@@ -157,7 +157,7 @@ def options_of(number: str, expected: str) -> ProgramOptions:
 
 
 def check_image(image: bytes, name: str) -> None:
-    """Refuse a file that cannot be a program; ConfigError with the reason."""
+    """Raise ConfigError with the reason for a file that cannot be a program."""
     if not image:
         raise ConfigError(f"{name} is empty; nothing was sent")
     if len(image) > MOST_FIRMWARE_BYTES:
@@ -191,7 +191,7 @@ def load_program(session: NodeSession, work: NodeJob, image: bytes, options: Pro
 
 @contextlib.contextmanager
 def _watched(session: NodeSession, work: NodeJob, progress: DownloadProgress, size: int) -> Iterator[None]:
-    """Follow step and bytes from a thread of its own, while this one waits for the transfer."""
+    """Report step and bytes from a separate thread while this one waits for the transfer."""
     over = threading.Event()
 
     def watch() -> None:
@@ -217,7 +217,7 @@ T = TypeVar("T")
 
 @dataclass(slots=True)
 class NodeJob:
-    """Long job: its progress and result. Written by its thread, read by the pages.
+    """Long job with its progress and result; written by its thread, read by the pages.
 
     `key` says which tab it is of, `doing` which part of it goes on. `told` is the sentence at its end, `good` whether
     it was done, None while it goes on; `lines`, `table` and `file` (name and bytes) are what came of it beside that.
@@ -256,7 +256,7 @@ class NodeJob:
         return gained / elapsed, max(0.0, (self.total - self.done) * elapsed / gained)
 
     def end(self) -> None:
-        """Ask for its end; it ends at its next step."""
+        """Request the end of the job at its next step."""
         self._ending.set()
 
     @property
@@ -266,7 +266,7 @@ class NodeJob:
 
 
 class NodeJobs(NodeObjects):
-    """The node at `place` of the running robot `robot`; `history` are the writes of all pages."""
+    """Jobs of the node at `place` of the running robot `robot`; `history` are the writes of all pages."""
 
     def __init__(
         self, robot: str, place: NodePlace, connect: Callable[[str, float], RobotClient] = RobotClient.connect
@@ -283,14 +283,14 @@ class NodeJobs(NodeObjects):
         return await in_thread(partial(self.with_session, work))
 
     def with_session(self, work: Callable[[NodeSession], T]) -> T:
-        """Return the same; waits. From a thread that may."""
+        """Return the result of `work` with a session of the node; blocks, for threads."""
         with self.session() as session:
             return work(session)
 
     # ------------------------------------------------------------------------------------ single objects
 
     async def write(self, entry: Entry, text: str) -> Edit:
-        """Write an object as a person has written its value; CanopenError with the sentence of the refusal."""
+        """Write an object from the user's text; CanopenError with the reason of a refusal."""
         return await in_thread(partial(self._edit, lambda session: self.history.write(session, entry, text)))
 
     async def undo(self) -> Edit:
@@ -311,7 +311,7 @@ class NodeJobs(NodeObjects):
         return self.work is not None and not self.work.over
 
     def begin(self, work: NodeJob, function: Callable[[NodeSession, NodeJob], str]) -> str | None:
-        """Start a job on a thread; `function` returns the final sentence. Returns the reason if it may not start."""
+        """Start a job on a thread; `function` returns the final sentence. Returns the reason if it cannot start."""
         if self.work is not None and not self.work.over:
             return f"{self.place.name} is busy: {self.work.title}; wait for its end"
         self.work = work

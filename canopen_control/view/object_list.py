@@ -1,4 +1,4 @@
-"""Objects of a node as the page shows them: rows, values and search; without the toolkit."""
+"""Objects of a node for the page: rows, values and search; without the toolkit."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MODE = (0x6061, 0)
 
 
 def address_text(address: Address) -> str:
-    """Return an address as the page shows it."""
+    """Return an address in the form of the page."""
     return f"0x{address[0]:04X}:{address[1]:02X}"
 
 
@@ -72,11 +72,11 @@ class ObjectList:
         return self._entries.get(address)
 
     def entries(self, addresses: Iterable[str]) -> list[Entry]:
-        """Return the existing objects of these addresses."""
+        """Return the existing objects with these addresses."""
         return [self._entries[address] for address in addresses if address in self._entries]
 
     def entries_with_mode(self, addresses: Iterable[str]) -> list[Entry]:
-        """Return the same, with the mode that is displayed where bits of a word depend on it."""
+        """Return the objects and the displayed mode, on which some bits of a word depend."""
         selected = self.entries(addresses)
         mode = self._entries.get(address_text(_MODE))
         wants = any(axis_word(entry.index) for entry in selected)

@@ -1,4 +1,4 @@
-"""The address of a page with its token, kept for its user alone: a file of mode 0600 in the private folder of sockets.
+"""Address of a page with its token, readable only by its user: a file of mode 0600 in the sockets' private folder.
 
 The view that serves a page holds the lock of its file. A view that was killed leaves the file, and the next one on the
 same host and port goes on with its token, so that an open tab survives the restart. A view that ends in order removes
@@ -56,7 +56,7 @@ _EVERY_ADDRESS: Final = ("", "0.0.0.0", "::")
 
 
 class AccessRules:
-    """The rules for one page on `host` and `port`; without a `token` it gets a new one."""
+    """Access rules of one page on `host` and `port`; without a `token` they create one."""
 
     def __init__(self, host: str, port: int, token: str | None = None) -> None:
         self.host, self.port = host, port
@@ -64,12 +64,12 @@ class AccessRules:
 
     @property
     def root(self) -> str:
-        """The path that every request begins with: the token."""
+        """First part of every request's path: the token."""
         return f"/{self.token}"
 
     @property
     def url(self) -> str:
-        """Address of the page with its token; everyone who has it may use the page.
+        """Address of the page with its token, which permits its use.
 
         It is for the terminal of the user who started the page, and for nothing that others read.
         """
@@ -82,7 +82,7 @@ class AccessRules:
         return f"http://{f'[{name}]' if ':' in name else name}:{self.port}/"
 
     def refusal(self, path: str, headers: Mapping[str, str], method: str = "GET") -> str | None:
-        """Return why a request is refused, None if it may pass; `headers` by their canonical names."""
+        """Return why a request is refused, None if it is allowed; `headers` by their canonical names."""
         host, origin = headers.get("Host", ""), headers.get("Origin")
         if is_loopback(self.host) and host not in self._own_names():
             return f"this page is not {host!r}"
@@ -123,7 +123,7 @@ class AccessRules:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address can be reached from this computer only; names except localhost cannot."""
+    """Whether an address can be reached only from this computer; False for names except localhost."""
     if host == "localhost":
         return True
     try:
@@ -139,7 +139,7 @@ _WAIT_S: Final = 0.5  # for somebody who reads it just now
 
 
 class PageAddress:
-    """The file of the page of `robot` on `host` and `port`, held from now on.
+    """File of the page of `robot` on `host` and `port`, held from now on.
 
     `token` is that of a view which served it before and was killed, None where there was none. It is made when the port
     is bound already. Of two views with one host and port (in two network namespaces) the second one keeps no file.
@@ -157,7 +157,7 @@ class PageAddress:
         _remove_dead(robot, but=self._path)
 
     def keep(self, rules: AccessRules) -> None:
-        """Write the address down for `page_addresses`, and the token for the next view."""
+        """Store the address for `page_addresses`, and the token for the next view."""
         if self._fd >= 0:
             text = json.dumps({"robot": self._robot, "place": rules.place, "url": rules.url, "token": rules.token})
             os.ftruncate(self._fd, 0)
@@ -172,7 +172,7 @@ class PageAddress:
 
 
 def page_addresses(robot: str | None = None) -> dict[str, str]:
-    """Return {address without token: address with it} of the pages that this user's views serve now."""
+    """Return {address without token: address with it} of the pages served now by this user's views."""
     addresses: dict[str, str] = {}
     for path in sorted(runtime_dir().glob("page-*.json")):
         content = _read(path)
@@ -182,7 +182,7 @@ def page_addresses(robot: str | None = None) -> dict[str, str]:
 
 
 def killed_port(robot: str, host: str) -> int | None:
-    """Return the port of a view of this robot that was killed, for the next one to go on there; None without one."""
+    """Return the port of a killed view of this robot, for reuse by the next view; None without one."""
     for path in sorted(runtime_dir().glob(f"page-{robot}-{_OTHER.sub('_', host)}-*.json")):
         port = path.stem.rpartition("-")[2]
         if port.isdecimal() and _read(path).get("robot") == robot and not _is_held(path):
@@ -191,7 +191,7 @@ def killed_port(robot: str, host: str) -> int | None:
 
 
 def _remove_dead(robot: str, but: Path) -> None:
-    """Remove what views of this robot have left that were killed on other ports."""
+    """Remove the files of killed views of this robot on other ports."""
     for path in runtime_dir().glob("page-*.json"):
         if path != but and _read(path).get("robot") == robot and not _is_held(path):
             path.unlink(missing_ok=True)
@@ -218,7 +218,7 @@ def _read(path: Path) -> dict[str, str]:
 
 
 def _is_held(path: Path) -> bool:
-    """Whether the view that wrote a file still runs."""
+    """Whether the view that wrote a file is still running."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:

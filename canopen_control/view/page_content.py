@@ -1,4 +1,4 @@
-"""Everything that the panels show, made once for all pages: state, log of events, controllers, faults. No toolkit."""
+"""Content of the panels, created once for all pages: state, event log, controllers, faults. No toolkit."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class RecentEvents:
         return iter(self._events)
 
     def add(self, event: RobotEvent) -> None:
-        """Add an event; a repeated one replaces the first."""
+        """Add an event; a repeated event replaces its first occurrence."""
         if event.count > 1:
             self._replace(event)
         else:
@@ -61,7 +61,7 @@ class RecentEvents:
 
 @dataclass(frozen=True, slots=True)
 class PageContent:
-    """Present content. `state` is the newest sample; `lost` is the reason why it may be outdated, else empty."""
+    """Present content: `state` is the newest sample, `lost` the reason why it may be outdated, else empty."""
 
     state: StateSample
     events: RecentEvents
@@ -75,7 +75,7 @@ class PageContent:
 
     @property
     def banner(self) -> Banner:
-        """The robot in one line."""
+        """Summary of the robot in one line."""
         return lost_banner(self.lost) if self.lost else banner(self.state)
 
 
@@ -83,18 +83,18 @@ _TIMEOUT_S: Final = 1.0
 
 
 class FaultClient:
-    """Client for faults of virtual drives; `nodes` are those of the robot, virtual or not."""
+    """Client for faults of virtual drives; `nodes` are all those of the robot."""
 
     def __init__(self, nodes: Iterable[NodeAddress]) -> None:
         self._nodes = {node.name: node for node in nodes}
 
     def drives(self) -> list[str]:
-        """Return the nodes that are virtual and there."""
+        """Return the existing virtual nodes."""
         alive = set(list_sockets("drive"))
         return [name for name, node in self._nodes.items() if drive_name(node.channel, node.node_id) in alive]
 
     def faults(self, drive: str) -> tuple[FaultListing, ...]:
-        """Return every fault of a drive; RemoteError if it is not there."""
+        """Return every fault of a drive; RemoteError if the drive does not exist."""
         with self._connect(drive) as client:
             return client.ask(ListFaults())
 
@@ -104,7 +104,7 @@ class FaultClient:
             return client.ask(SwitchFault(name=fault, on=on)).active
 
     def quirks(self, drive: str) -> tuple[QuirkListing, ...]:
-        """Return every quirk that a drive can have; RemoteError if it is not there."""
+        """Return every quirk that a drive can have; RemoteError if the drive does not exist."""
         with self._connect(drive) as client:
             return client.ask(ListQuirks())
 
@@ -114,7 +114,7 @@ class FaultClient:
             return client.ask(SwitchQuirk(quirk=quirk, on=on)).active
 
     def set_signals(self, drive: str, values: dict[str, float]) -> None:
-        """Set inputs of a device that is no drive; RemoteError if it has no such ones or is not there."""
+        """Set inputs of a device other than a drive; RemoteError for unknown inputs or a missing device."""
         with self._connect(drive) as client:
             client.ask(SetSignals(values=values))
 
@@ -127,7 +127,7 @@ class FaultClient:
 
 @dataclass(frozen=True, slots=True)
 class DriveFaults:
-    """The faults and quirks of each virtual drive that runs, and which are on."""
+    """Faults and quirks of each running virtual drive, and the active ones."""
 
     drives: dict[str, tuple[FaultListing, ...]] = field(default_factory=dict)
     quirks: dict[str, tuple[QuirkListing, ...]] = field(default_factory=dict)
@@ -145,7 +145,7 @@ class DriveFaults:
 
 
 def read_faults(client: FaultClient) -> DriveFaults:
-    """Read the faults of every virtual drive; one that ends meanwhile is left out. Waits."""
+    """Read the faults of every virtual drive, except those that end meanwhile. Blocks."""
     faults, quirks = {}, {}
     for drive in client.drives():
         with contextlib.suppress(RemoteError):

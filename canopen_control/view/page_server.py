@@ -1,4 +1,4 @@
-"""The page's HTTP server: NiceGUI behind our access check, on a socket that is bound already.
+"""HTTP server of the page: NiceGUI behind an access check, on a socket that is already bound.
 
 The access check is the outermost ASGI application, so that nothing of the toolkit is reached past it; and before the
 address is told, `access_problem` asks from outside as a foreign page would. A server that answers it ends with a
@@ -55,7 +55,7 @@ class AccessMiddleware:
         self.app, self._rules = app, rules  # the toolkit looks for `app` to find its server
 
     async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
-        """Answer a request, or hand it on."""
+        """Answer a request, or pass it on."""
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
             return
@@ -76,7 +76,7 @@ class AccessMiddleware:
 
 
 class _Answer:
-    """Sends an answer on, with the headers of the rules; HTML is held back until it is whole."""
+    """Sender of a response with the headers of the rules; HTML is held back until it is complete."""
 
     def __init__(self, rules: AccessRules, send: Send) -> None:
         self._rules, self._send = rules, send
@@ -136,7 +136,7 @@ def _is_html(start: Message) -> bool:
 
 
 def _headers_of(scope: Message) -> dict[str, str]:
-    """Return the headers by canonical name; a repeated one is joined and matches nothing."""
+    """Return the headers by canonical name; repeated values are joined, so that they match nothing."""
     headers: dict[str, str] = {}
     for name, value in scope["headers"]:
         key = name.decode("latin-1").title()
@@ -161,7 +161,7 @@ _PROBE_S: Final = 5.0
 
 
 def listen(host: str, port: int | None, first: int | None = None) -> socket.socket:
-    """Bind a listening socket; without a port `first`, the default one, or the next that is free.
+    """Bind a listening socket to port `first`, or by default to the default port or the next free one.
 
     ConfigError if it cannot.
     """
@@ -181,7 +181,7 @@ def listen(host: str, port: int | None, first: int | None = None) -> socket.sock
 
 
 class PageServer:
-    """Serves `build` at / and `stop` at POST /stop; `stop` returns None, or the reason why it was not done."""
+    """Server of `build` at / and `stop` at POST /stop; `stop` returns None, or the reason of a failure."""
 
     def __init__(
         self,
@@ -228,7 +228,7 @@ class PageServer:
         return AccessMiddleware(app, rules)
 
     async def serve(self, ready: Callable[[], object]) -> None:
-        """Serve until `stop`; `ready` is called after a trial of the access check. ControlError if that failed."""
+        """Serve until `stop`; call `ready` after a trial of the access check. ControlError if the trial failed."""
         serving = asyncio.ensure_future(self._server.serve(sockets=[self._listener]))
         try:
             while not self._server.started and not serving.done():

@@ -1,4 +1,4 @@
-"""The connection between the page and one robot.
+"""Connection between the page and one robot.
 
 STOP goes out at once on the connection that is open, and never waits for an answer or behind a question. What takes
 time is asked on a connection of its own, by a thread that may wait.
@@ -55,7 +55,7 @@ class NodeAddress:
 
 @dataclass(frozen=True, slots=True)
 class RobotInfo:
-    """Constant data of a running robot, with its state at the time."""
+    """Constant data of a running robot, with its state at that time."""
 
     robot: str
     urdf: str
@@ -70,12 +70,12 @@ class RobotInfo:
 
     @property
     def shape(self) -> object:
-        """Key of the robot's structure; another one needs another page."""
+        """Key of the robot's structure; a change requires another page."""
         return self.urdf, self.nodes, self.buses, self.joints
 
 
 def read_robot_info(robot: str, description: Description, listing: NodeListing, status: Status) -> RobotInfo:
-    """Gather the answers to `description`, `nodes` and `status`."""
+    """Request and combine the answers to `description`, `nodes` and `status`."""
     state = StateSample(
         state=status.state,
         hint=status.hint,
@@ -129,7 +129,7 @@ _HEARTBEAT_S: Final = 0.5  # this process says so 20 times a second; the robot b
 
 @dataclass(frozen=True, slots=True)
 class TeleopCommands:
-    """Commands of a held button and at its end; both end with the connection.
+    """Commands while a button is held and at its end; both end with the connection.
 
     `again` is sent instead of `moving` while the same motion goes on, None: `moving` itself.
     """
@@ -154,7 +154,7 @@ def twist_motion(controller: str, linear: float, angular: float, lateral: float 
 def trajectory_motion(
     controller: str, joints: Sequence[str], positions: Sequence[float], seconds: float
 ) -> TeleopCommands:
-    """Return the motion of an arm to `positions` in `seconds`; released, it brakes and is held."""
+    """Return the motion of an arm to `positions` in `seconds`; on release it brakes and holds."""
     point = TrajectoryPoint(positions=list(positions), velocities=[0.0] * len(positions), time_from_start=seconds)
     goal = SendTrajectory(
         controller=controller, joints=list(joints), points=[point], source=SOURCE, heartbeat=_HEARTBEAT_S
@@ -166,7 +166,7 @@ def trajectory_motion(
 def joint_motion(
     controller: str, values: Sequence[float], resting: Sequence[float], interface: str | None = None
 ) -> TeleopCommands:
-    """Return the motion of joints to `values`; at its end they stop, or hold their present positions.
+    """Return the motion of joints to `values`; on release they stop, or hold their present positions.
 
     `interface` is what the values are, where the controller may take something else by the time they come.
     """
@@ -180,7 +180,7 @@ def joint_motion(
 
 
 class DeadMan:
-    """Ends a motion whose held button is not renewed; `send(request)` is called with every command."""
+    """Dead-man timeout: ends a motion whose held button is not renewed; every command is passed to `send(request)`."""
 
     def __init__(self, send: Callable[[Command], object]) -> None:
         self._send = send
@@ -195,7 +195,7 @@ class DeadMan:
 
     @property
     def deadline(self) -> int | None:
-        """When `tick` is due, in ns."""
+        """Time of the next `tick` in ns."""
         return None if self._driver is None else self._heard + LET_GO_NS
 
     def hold(self, page: str, motion: TeleopCommands, now: int) -> bool:
@@ -228,7 +228,7 @@ class DeadMan:
             self._send(motion.resting)
 
     def forget(self) -> None:
-        """Drop the motion without a command, after STOP."""
+        """Discard the motion without a command, after STOP."""
         self._driver, self._motion = None, None
 
 
@@ -237,19 +237,19 @@ _ACTION_TIMEOUT_S: Final = 20.0  # of an action, such as enabling
 
 
 class RobotConnection:
-    """A connection to the robot `name`; `fileno` is readable when `messages` has something."""
+    """Connection to the robot `name`; `fileno` is readable when `messages` has data."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self._client = RobotClient.connect(name, _TIMEOUT_S)
 
     def robot_info(self) -> RobotInfo:
-        """Request the constant data of the robot; waits. RemoteError if it has ended."""
+        """Request the constant data of the robot; blocks. RemoteError if it has ended."""
         ask = self._client.ask
         return read_robot_info(self.name, ask(GetDescription()), ask(GetNodes()), ask(GetStatus()))
 
     def subscribe(self, rate: float) -> None:
-        """Subscribe to samples at `rate` in Hz and to events; does not wait. RemoteError if the robot has ended."""
+        """Subscribe to samples at `rate` in Hz and to events; does not block. RemoteError if the robot has ended."""
         self._client.notify(Subscribe(state_rate=rate, events=True))
 
     def messages(self) -> Iterator[StateSample | RobotEvent]:
@@ -268,7 +268,7 @@ class RobotConnection:
         return self._client.fileno()
 
     def stop(self) -> None:
-        """STOP, latched; RemoteError if the robot cannot be reached."""
+        """Send a latched STOP; RemoteError if the robot cannot be reached."""
         self._client.notify(Stop(latch=True, source=SOURCE))
 
     def send(self, request: Request[Any]) -> None:
@@ -280,7 +280,7 @@ class RobotConnection:
             self._client.notify(request)
 
     def ask(self, request: Request[Any]) -> str | None:
-        """Ask on a connection of its own; returns the reason if it was not done. From a thread that may wait."""
+        """Send a request on a separate connection; return the reason of a failure. For threads that may block."""
         try:
             with RobotClient.connect(self.name, _TIMEOUT_S) as client:
                 client.ask(request, _ACTION_TIMEOUT_S)
@@ -294,7 +294,7 @@ class RobotConnection:
             return client.ask(ListControllers())
 
     def close(self) -> None:
-        """Leave; a second call does nothing."""
+        """Disconnect; a second call does nothing."""
         self._client.close()
 
 

@@ -41,13 +41,13 @@ _TIMEOUT_S: Final = 1.0
 
 
 class WorldClient:
-    """Asks for what happens in the world of `robot`; `nodes` are its own, virtual or not."""
+    """Client for disturbances in the world of `robot`; `nodes` are all those of the robot."""
 
     def __init__(self, robot: str, nodes: Iterable[NodeAddress]) -> None:
         self._robot, self._nodes = robot, tuple(nodes)
 
     def changeable(self) -> bool:
-        """Return whether the robot or a drive is in a world in which something may be asked for."""
+        """Return whether the robot or a drive is in a world that accepts disturbances."""
         return self._drive() is not None or self._simulated()
 
     def _simulated(self) -> bool:
@@ -74,7 +74,7 @@ class WorldClient:
         return False
 
     def _drive(self) -> NodeAddress | None:
-        """Return any virtual drive in such a world: all of a world answer for it."""
+        """Return a virtual drive in such a world: each one answers for the whole world."""
         alive = set(list_sockets("drive"))
         for node in self._nodes:
             if drive_name(node.channel, node.node_id) not in alive:
@@ -102,7 +102,7 @@ def _connect(node: NodeAddress) -> DriveClient:
 
 
 class RobotView:
-    """Made of a robot's info; `take` keeps it up to date. `publish` serves a mesh, see `SceneTree`."""
+    """Data of a robot with a constant info, updated by `take`. `publish` serves a mesh, see `SceneTree`."""
 
     def __init__(self, info: RobotInfo, publish: Callable[[bytes, str], str]) -> None:
         self.info, self.state = info, info.state
@@ -122,7 +122,7 @@ class RobotView:
 
     @property
     def node_names(self) -> list[str]:
-        """The names of the nodes, by node id."""
+        """Names of the nodes by node id."""
         return list(self._desks)
 
     def desk(self, node: str) -> NodeJobs:
@@ -149,7 +149,7 @@ class RobotView:
         return cast("SceneChange", {key: value for key, value in now.items() if value != before.get(key)})
 
     def scene_now(self) -> SceneChange:
-        """Return where everything of the scene is, and which joints hang on a drive in a fault."""
+        """Return the positions of all parts of the scene, and the joints with a drive in fault."""
         state = self.state
         bad = [row.joint for row in axis_rows(state) if row.tone == BAD and row.joint]
         pose, positions = pose_of(state), {name: joint.position for name, joint in state.joints.items()}
@@ -166,7 +166,7 @@ def _rounded(pose: Pose | None) -> list[float] | None:
 
 
 def _drawable(urdf: str) -> RobotModel:
-    """Return the links and joints of a description; of one that cannot be read, nothing but a note."""
+    """Return the links and joints of a description; of an unreadable one only a note."""
     try:
         return read_model(urdf)
     except RobotConfigError as error:

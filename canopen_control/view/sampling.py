@@ -1,4 +1,4 @@
-"""The numbers that are plotted: command, actual and error of each joint, cycle and bus, from samples of the state.
+"""Plotted numbers from state samples: command, actual value and error of each joint, cycle and bus.
 
 They are the runtime's own; the following error is the command minus the actual value of the interface that is
 commanded, the cycle time what passed between two samples divided by the cycles in it.
@@ -53,7 +53,7 @@ class History:
         self._rows.append([time, *(_finite(values.get(name)) for name in self.names)])
 
     def rows(self) -> list[Row]:
-        """Return everything, oldest first."""
+        """Return all rows, oldest first."""
         return list(self._rows)
 
     def take_new_rows(self) -> list[Row]:
@@ -65,7 +65,7 @@ class History:
         return rows[-count:-1]
 
     def clear(self) -> None:
-        """Forget everything."""
+        """Clear all rows."""
         self._rows.clear()
         self._slot, self._new = None, 0
 
@@ -86,7 +86,7 @@ _MOVED: Final = 1e-3  # rad or m: an encoder that trembles by a count stands sti
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A line of a chart: a row of the history, its name and its colour."""
+    """Line of a chart: a row of the history, its name and its colour."""
 
     row: str
     name: str
@@ -95,7 +95,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """A chart: `key` names it among the others, `low` and `high` are shown even if nothing happens."""
+    """Chart with its `key`; `low` and `high` are always in its range."""
 
     key: str
     title: str
@@ -143,7 +143,7 @@ def titles(interfaces: Mapping[str, str], linear: frozenset[str]) -> dict[str, s
 
 
 def commanded_interfaces(controllers: Sequence[ControllerReading], state: StateSample) -> dict[str, str]:
-    """Return the interface that is commanded of each joint, by the active controllers.
+    """Return the interface of each joint that is commanded by an active controller.
 
     Of a drive that takes targets it is what its mode of operation makes of them.
     """
@@ -188,7 +188,7 @@ class Sampler:
 
 
 class Stillness:
-    """Whether the robot stands still: no motion and no new command for a second of its time."""
+    """Detector of standstill: no motion and no new command for a second of the robot's time."""
 
     def __init__(self) -> None:
         self._known: dict[str, tuple[float, float | None]] = {}

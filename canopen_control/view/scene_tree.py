@@ -1,4 +1,4 @@
-"""The robot as the 3D scene takes it: a tree of links with their shapes, as plain data, and what moves in it."""
+"""Robot for the 3D scene: a tree of links with their shapes as plain data, and its moving parts."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class _VisualDocument(TypedDict):
 
 
 class _JointDocument(TypedDict):
-    """A joint at zero with the shapes of its child, in the frame of its parent."""
+    """Joint at position zero with the shapes of its child, in the frame of its parent."""
 
     name: str
     kind: str
@@ -50,7 +50,7 @@ class _JointDocument(TypedDict):
 
 
 class SceneDocument(TypedDict):
-    """The tree as the browser takes it; joints after those they hang on, `extent` in m."""
+    """Tree for the browser; each joint follows its parent, `extent` in m."""
 
     root: str
     extent: float
@@ -59,7 +59,7 @@ class SceneDocument(TypedDict):
 
 
 class SceneTree:
-    """Scene of a robot: `tree` is drawn by the browser, `notes` lists parts that cannot be drawn.
+    """Scene of a robot: the browser draws `tree`, `notes` lists parts that cannot be drawn.
 
     `publish(content, type)` serves the content of a mesh and returns its path on the page's server.
     """
@@ -126,7 +126,7 @@ def _rounded(angle: float) -> float | None:
 
 
 class Trail:
-    """The way of the base: points at least a centimetre apart."""
+    """Trail of the base: points at least a centimetre apart."""
 
     def __init__(self) -> None:
         self.points: deque[tuple[float, float]] = deque(maxlen=_TRAIL_POINTS)
@@ -143,7 +143,7 @@ class Trail:
 
 
 def extent_of(model: RobotModel) -> float:
-    """Return how far the robot reaches from its root with all joints at zero, in m; at least 0.1."""
+    """Return the largest distance of the robot from its root with all joints at zero, in m; at least 0.1."""
     poses = {model.root: ORIGIN}
     for joint in model.from_root:
         poses[joint.child] = poses[joint.parent].then(joint.pose(0.0))

@@ -1,4 +1,4 @@
-"""A scope's shot as the options of an ECharts chart: a field for each unit, an overlay in grey, cursors. No toolkit.
+"""Scope capture as options of an ECharts chart: one plot per unit, an overlay in grey, cursors. No toolkit.
 
 What is sent is thinned to `MOST_POINTS` for each signal, the smallest and the greatest value of each stretch of time,
 so that no peak is lost; files have every sample.
@@ -99,7 +99,7 @@ def chart_options(named: NamedShot, overlay: NamedShot | None, cursors: tuple[fl
 
 
 def bode_options(bode: Bode) -> Options:
-    """Return gain and phase over the frequency, as two fields."""
+    """Return gain and phase over the frequency, as two plots."""
     fields = (("gain, dB", _COLORS[0]), ("phase, degrees", _COLORS[1]))
     values = ([(p.frequency, p.gain) for p in bode.points], [(p.frequency, p.phase) for p in bode.points])
     return {
@@ -145,7 +145,7 @@ BODE_HEIGHT: Final = _TOP + _BOTTOM + 2 * (_FIELD + _GAP)
 
 
 def cursor_change(named: NamedShot, cursors: tuple[float, float] | None) -> Options:
-    """Return the part of the options that are the cursors and the trigger: all that changes when one is moved."""
+    """Return the options for cursors and trigger, the only ones that change when one is moved."""
     return {"series": _marks(named, cursors)}
 
 
@@ -175,7 +175,7 @@ def _marks(named: NamedShot, cursors: tuple[float, float] | None) -> list[Option
 
 
 def _fields(named: NamedShot) -> list[str]:
-    """Return the units, each once: signals of the same one share a field."""
+    """Return the units without repetition: signals of the same unit share a plot."""
     return list(dict.fromkeys(_unit(named, place) for place in range(len(named.names))))
 
 

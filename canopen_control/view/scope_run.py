@@ -1,4 +1,4 @@
-"""A scope at work for pages: samples of a node's objects and of joints on a thread, shots for all. No toolkit.
+"""Running scope for pages: samples of a node's objects and of joints on a thread, captures for all. No toolkit.
 
 It has connections of its own, so that nothing waits behind it, and writes nothing. It goes on
 when the page that began it is closed, since a trigger on a fault may be waited for for days; it keeps `KEPT` shots.
@@ -69,7 +69,7 @@ class ScopeForm:
 
 
 class ScopeRun:
-    """Takes shots of a node of a running robot; `connect` is for tests."""
+    """Scope run at a node of a running robot; `connect` is for tests."""
 
     def __init__(
         self, desk: NodeObjects, wish: ScopeForm, connect: Callable[[str, float], RobotClient] = RobotClient.connect

@@ -37,7 +37,7 @@ _UNITS: Final = {_POSITION: "rad", _VELOCITY: "rad/s", _EFFORT: "effort"}
 
 @dataclass(frozen=True, slots=True)
 class DriveTarget:
-    """A drive axis that takes targets: its controller, node and joint, whether it is enabled, and its mode.
+    """Drive axis with targets: its controller, node and joint, whether it is enabled, and its mode.
 
     `mode` is "" where it is in none that takes a target.
     """
@@ -78,7 +78,7 @@ _DRIVEN_S: Final = 0.5  # without a word of a held button the drive has ended
 
 
 class TargetSliders:
-    """A controller's sliders: `limits` are their ends, `clock` gives s. Positions in rad or m, None if unknown."""
+    """Sliders of a controller: `limits` are their ends, `clock` returns s. Positions in rad or m, None if unknown."""
 
     def __init__(self, limits: Mapping[str, tuple[float, float]], clock: Callable[[], float] = time.monotonic) -> None:
         self._limits, self._clock = limits, clock
@@ -94,7 +94,7 @@ class TargetSliders:
         self._set.add(joint)
 
     def follow(self, positions: Mapping[str, float | None]) -> dict[str, float]:
-        """Return the sliders that have to move because their joints did."""
+        """Return the sliders to move because their joints have moved."""
         now = self._clock()
         if self._driven(now):
             return {}

@@ -49,11 +49,11 @@ class LoadedTrajectory:
 
     @property
     def duration(self) -> float:
-        """When its last point is due."""
+        """Time of the last point."""
         return self.points[-1].time_from_start
 
     def positions(self, number: int) -> dict[str, float]:
-        """Return the positions of the joints in a point, in rad or m; empty without positions."""
+        """Return the positions of the joints at a point, in rad or m; empty without positions."""
         positions = self.points[number].positions
         return dict(zip(self.joints, positions, strict=True)) if len(positions) == len(self.joints) else {}
 
@@ -72,7 +72,7 @@ def load(data: bytes, name: str) -> LoadedTrajectory:
 
 
 def trajectory_takers(controllers: Iterable[ControllerReading]) -> list[str]:
-    """Return the active controllers that follow trajectories."""
+    """Return the active trajectory controllers."""
     return [
         controller.name
         for controller in controllers
@@ -86,7 +86,7 @@ def follows_trajectories(controller: ControllerReading) -> bool:
 
 
 def progress_of(sample: TrajectorySample | None, duration: float) -> tuple[float, str]:
-    """Return the progress of a trajectory from 0 to 1, and in words."""
+    """Return the progress of a trajectory from 0 to 1, and as text."""
     if sample is None or not sample.executing:
         return 0.0, "Playing."
     at = min(max(sample.reference.time_from_start, 0.0), duration)
@@ -145,7 +145,7 @@ class TrajectoryOutcome:
 
 
 class TrajectoryPlayer:
-    """Plays for pages by name; `may_play` decides which, `connect` opens a connection, `clock` returns s."""
+    """Player for pages by name; `may_play` selects a page, `connect` opens a connection, `clock` returns s."""
 
     def __init__(
         self,
@@ -207,7 +207,7 @@ class TrajectoryPlayer:
 
 
 class _Run:
-    """One trajectory on its own connection: `play` waits on a thread, other methods are called meanwhile."""
+    """Playback of one trajectory on its own connection; `play` blocks a thread, other methods do not."""
 
     def __init__(self, controller: str, trajectory: LoadedTrajectory) -> None:
         self._controller, self._trajectory = controller, trajectory
@@ -216,7 +216,7 @@ class _Run:
         self._why: str | None = None
 
     def play(self, connect: Callable[[], RobotClient]) -> TrajectoryOutcome:
-        """Send it and wait for its end."""
+        """Send the trajectory and wait for its end."""
         try:
             with connect() as self._client:
                 return self._follow(self._client)
@@ -224,7 +224,7 @@ class _Run:
             return TrajectoryOutcome(False, str(error))
 
     def cancel(self, why: str | None) -> None:
-        """Cancel: the joints brake, remaining points are not sent; a second call does nothing."""
+        """Cancel: the joints brake and remaining points are not sent; a second call does nothing."""
         if self._cancelled:
             return
         self._cancelled, self._why = True, why
@@ -232,7 +232,7 @@ class _Run:
             self._report()
 
     def close(self) -> None:
-        """Hang up; the robot brakes."""
+        """Disconnect; the robot brakes."""
         self._cancelled = True
         if self._client is not None:
             self._client.close()

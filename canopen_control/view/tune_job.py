@@ -1,4 +1,4 @@
-"""A tuning run that a page begins: excites a drive, keeps what was found, sets gains. No toolkit; on threads.
+"""Tuning run started from a page: excites a drive, stores results, sets gains. No toolkit; on threads.
 
 A run is a command source as any other. It dies with the page that began it: while it goes on the
 page has to say again and again that it is there, and `GONE_S` without that ends it, as a limit, a fault, STOP and the
@@ -41,7 +41,7 @@ _HUNDREDTHS: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class TuneForm:
-    """Form of a tuning run: speeds in rad/s, travel each way in rad, torque and current in per mille, crossover in Hz.
+    """Form of a tuning run: rad/s, travel per direction in rad, torque and current in per mille, crossover in Hz.
 
     `axis` is that of the drive, of one with several.
     """
@@ -116,7 +116,7 @@ class JobProgress(Protocol):
 
 
 def refusal(controllers: Sequence[ControllerReading], place: NodePlace, axis: int, robot: str) -> str:
-    """Return the reason why `drive_of_robot` would refuse a run of this axis, "" if it would not."""
+    """Return the reason why `drive_of_robot` would refuse a run of this axis, "" if it would accept it."""
     if not axis < len(place.joints):
         return f"{place.name} moves no joint of {robot}: there is nothing to tune."
     joint = place.joints[axis]
@@ -136,7 +136,7 @@ def refusal(controllers: Sequence[ControllerReading], place: NodePlace, axis: in
 
 
 class PagePresence:
-    """When a page was there last; `clock` in s."""
+    """Time of the last sign of life of a page; `clock` in s."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock, self._seen = clock, clock()
@@ -196,7 +196,7 @@ def tune(
 
 
 def curves_of(record: TuneRecord, request: TuneRequest) -> NamedShot:
-    """Return a record as a shot, over the seconds since its first sample."""
+    """Return a record as a capture, over the seconds since its first sample."""
     unit = "rad/s" if request.kind is JogKind.VELOCITY else "1/1000 of the rated torque"
     rows = tuple(
         (record.seconds(sample), (sample.command, sample.velocity, sample.position, sample.effort))
@@ -210,7 +210,7 @@ def curves_of(record: TuneRecord, request: TuneRequest) -> NamedShot:
 def apply_gains(
     session: NodeSession, work: JobProgress, gains: CascadeGains, counts: float, *, axis: int = 0, stores: bool
 ) -> str:
-    """Set proposed gains of an axis and prove them; `counts` are the user units of 0x6064 of one turn."""
+    """Set proposed gains of an axis and verify them; `counts` are the user units of 0x6064 per revolution."""
     work.lines += applied(session, gains, counts / math.tau, GainPlace(axis, stores=stores))
     return f"{session.name}: gains set and proven; Revert takes them back"
 

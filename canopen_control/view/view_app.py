@@ -91,13 +91,13 @@ PANELS: Final = (
 
 @cache
 def stop_html() -> str:
-    """Return STOP: a button, its style and its script, complete in themselves."""
+    """Return the complete STOP button: its HTML, style and script."""
     style, html, script = ((_ELEMENTS / name).read_text() for name in ("page.css", "stop.html", "stop.js"))
     return f"<style>{style}</style>\n{html}\n<script>{script}</script>"
 
 
 def build_waiting(robot: str, why: str) -> None:
-    """Build the page before the robot was found: STOP, and the reason why it reaches none."""
+    """Build the page without a robot: STOP, and the reason why it reaches none."""
     ui.add_body_html(stop_html())
     text = f"<div class='cc-head'><span class='cc-name'>{escape(robot)}</span></div>"
     note = f"<div class='cc-cause cc-bad'>not connected<span>{escape(why)}</span></div>"
@@ -106,7 +106,7 @@ def build_waiting(robot: str, why: str) -> None:
 
 
 class Page:
-    """Made in the page that is current; `show` and `send` keep it up to date."""
+    """Page built in the present client; `show` and `send` update it."""
 
     def __init__(self, context: PanelContext) -> None:
         self._context, self.client = context, ui.context.client
@@ -140,7 +140,7 @@ class Page:
             self._drive.show(content)
 
     def leave(self) -> None:
-        """End reads of this page, which was closed."""
+        """Stop reading for this closed page."""
         self._drive.leave()
 
     def changes(self, content: PageContent) -> FeedMessage:
@@ -180,7 +180,7 @@ _SILENT_S: Final = 1.5  # a robot that runs says something 5 times a second
 
 
 class ViewApp:
-    """Serves the page of the robot `name` (None: the only one) until a signal or the lifeline ends it.
+    """Server of the page of the robot `name` (None: the only one) until a signal or the end of its parent.
 
     `say` prints a sentence. ConfigError when there is no such robot, or nowhere to listen.
     """
@@ -212,7 +212,7 @@ class ViewApp:
 
     @property
     def robot(self) -> RobotView:
-        """The robot as known; only for pages built after it was found."""
+        """Constant data of the robot; only for pages built after it was found."""
         if self._known is None:
             raise RemoteError("BusClosed", self._lost)
         return self._known
@@ -264,7 +264,7 @@ class ViewApp:
     # ------------------------------------------------------------------------------------ what a page may do
 
     def stop(self) -> str | None:
-        """STOP, latched; the reason if the robot cannot be reached."""
+        """Send a latched STOP; return the reason if the robot cannot be reached."""
         if self._connection is None:
             return (
                 f"Robot {self.name} is not connected: {self._lost}. "
@@ -282,7 +282,7 @@ class ViewApp:
         )
 
     async def ask(self, request: Request[Any]) -> str | None:
-        """Ask the robot and wait; returns the reason if it was not done."""
+        """Send a request to the robot and wait; return the reason of a failure."""
         connection = self._connection
         return (
             f"robot {self.name} is not connected"
@@ -291,7 +291,7 @@ class ViewApp:
         )
 
     def hold(self, page: str, motion: TeleopCommands, on_refusal: Callable[[str], None]) -> None:
-        """Register a held button of a page; `on_refusal` gets a sentence if it may not drive."""
+        """Register a held button of a page; `on_refusal` receives a sentence if the page may not drive."""
         if page not in self._pages or not self.teleop:
             return  # it was closed while this was on its way
         if not self._dead_man.hold(page, motion, time.monotonic_ns()):
@@ -318,7 +318,7 @@ class ViewApp:
     # ------------------------------------------------------------------------------------ who looks
 
     def _build(self) -> None:
-        """Build the page that was opened."""
+        """Build a page for a new client."""
         if self._known is None:
             build_waiting(self.name, self._lost)
             ui.timer(1.0, lambda: ui.navigate.reload() if self._known is not None else None)
@@ -410,7 +410,7 @@ class ViewApp:
             await asyncio.sleep(_RETRY_S)
 
     def refresh_faults(self) -> None:
-        """Read the faults of the virtual drives, on a separate thread, since one of them may hang."""
+        """Read the faults of the virtual drives on a separate thread, because one of them may block."""
         self._start(self._refresh_faults())
 
     async def _refresh_faults(self) -> None:
@@ -439,7 +439,7 @@ class ViewApp:
     # ------------------------------------------------------------------------------------ the connection
 
     async def _connect(self) -> None:
-        """Try until the robot is there; as a child of `run`, once."""
+        """Connect to the robot, repeatedly; as a child of `run` only once."""
         while (met := await self._meet()) is None:
             if self._lifeline is not None:
                 self._say(self._lost)
@@ -464,7 +464,7 @@ class ViewApp:
             return None
 
     def _learn(self, info: RobotInfo) -> None:
-        """Process the constant data of the robot; pages of another structure are reloaded."""
+        """Process the constant data of the robot; reload pages of another structure."""
         if self._known is not None and self._known.come_back(info):
             return
         self._known = RobotView(info, self._publish)
@@ -480,7 +480,7 @@ class ViewApp:
         return path.removeprefix("/")  # an address of the page is relative: it begins with the token
 
     def _announce(self, connection: RobotConnection) -> None:
-        """Print the page's address; started by `run`, publish it without the token as an event.
+        """Print the page's address; if started by `run`, publish it without the token as an event.
 
         Events are recorded, reported and published as ROS topics; `run` prints the token from `page_addresses`.
         """
@@ -533,7 +533,7 @@ def _meet(name: str) -> tuple[RobotConnection, RobotInfo]:
 
 
 def main(name: str | None, host: str, port: int | None, *, teleop: bool) -> None:
-    """Serve the page until a signal ends it; ConfigError when it cannot begin."""
+    """Serve the page until a signal ends it; ConfigError if it cannot start."""
 
     def say(text: str) -> None:
         sys.stdout.write(f"{text}\n")

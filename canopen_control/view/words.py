@@ -39,7 +39,7 @@ LATE_S: Final = 0.25  # a drive that has not been heard of for so long is shown 
 
 @dataclass(frozen=True, slots=True)
 class Banner:
-    """Banner: the robot, its level, the problem, the next step, and its name in the API."""
+    """Banner: the robot's state and its level, the problem, the next step, and its name in the API."""
 
     words: str
     tone: str
@@ -102,13 +102,13 @@ def lost_banner(why: str) -> Banner:
 
 
 def _causes(rows: Iterable[AxisRow]) -> str:
-    """Return which drives are in a fault or missing, and why."""
+    """Return the drives that are in a fault or missing, and the reasons."""
     texts = dict.fromkeys(f"{row.node}: {row.error or row.state}" for row in rows if row.tone == BAD)
     return " · ".join(texts) or "A drive is missing or in a fault."
 
 
 def axis_rows(state: StateSample) -> list[AxisRow]:
-    """Return a row for every axis, and for every node that has none."""
+    """Return a row for every axis, and for every node without axes."""
     return [_row(node, axis) for node in state.nodes.values() for axis in node.axes or (None,)]
 
 
@@ -170,7 +170,7 @@ def _table_lines(rows: Iterable[AxisRow]) -> Iterator[str]:
 
 
 def joint_table(joints: Mapping[str, JointReading], linear: frozenset[str], commanded: Mapping[str, str]) -> str:
-    """Return the table of joints as HTML; `linear` ones go in m, `commanded` is the interface of each that is."""
+    """Return the table of joints as HTML; `linear` joints are in m, `commanded` has the interface of commanded ones."""
     if not joints:
         return "<p class='cc-note'>No joints.</p>"
     lines = []
@@ -195,7 +195,7 @@ _JOINT_TITLES: Final = ("joint", "position", "velocity", "effort", "command")
 
 
 def _tracking(reading: TrackingReading, unit: str) -> str:
-    """Return the largest error of the last seconds and its RMS, and what was repeated or skipped, as HTML."""
+    """Return the largest error of the last seconds, its RMS, and repeated or skipped set-points as HTML."""
     per = "" if reading.interface == "position" else "/s"
     odd = [
         f"{count} {title}" for count, title in ((reading.repeated, "repeated"), (reading.skipped, "skipped")) if count
@@ -211,7 +211,7 @@ def _number(value: float | None) -> str:
 
 
 def facts(state: StateSample) -> str:
-    """Return how the cycle and the buses do, in a line of HTML."""
+    """Return the state of cycle and buses as a line of HTML."""
     return f"<div class='cc-facts'>{' · '.join(_facts(state))}</div>"
 
 
@@ -266,12 +266,12 @@ def active_faults(active: Mapping[str, Iterable[str]]) -> str:
 
 
 def chip(words: str, tone: str) -> str:
-    """Return a word on a colour, as HTML."""
+    """Return a coloured word as HTML."""
     return f"<span class='cc-chip cc-{tone}'>{escape(words)}</span>"
 
 
 def sentence(text: str, tone: str = IDLE) -> str:
-    """Return a line of text as HTML; nothing of an empty one."""
+    """Return a line of text as HTML; nothing for an empty one."""
     return f"<p class='cc-line cc-{tone}'>{escape(text)}</p>" if text else ""
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class _ShapeDocument(TypedDict):
-    """Shape in the world: m, and the quaternion w, x, y, z; `robot` names the other robot it belongs to."""
+    """Shape in the world: m, and the quaternion w, x, y, z; `robot` is the other robot to which it belongs."""
 
     shape: str
     size: Sequence[float]
@@ -29,14 +29,14 @@ class _ShapeDocument(TypedDict):
 
 
 class WorldDocument(TypedDict):
-    """World for the browser: `place` is its frame in that of odometry, x, y in m and rad."""
+    """World for the browser: `place` is its frame relative to odometry, x, y in m and rad."""
 
     place: list[float]
     shapes: list[_ShapeDocument]
 
 
 class WorldView:
-    """Shapes of a world and its place; `take` returns the message for pages, None without a change."""
+    """Shapes of a world and its frame; `take` returns the message for pages, None without a change."""
 
     def __init__(self) -> None:
         self.document: WorldDocument | None = None

@@ -1,4 +1,4 @@
-"""Virtual drives and devices: the device's side of CANopen and its profiles, on any object dictionary.
+"""Virtual drives and devices: the device side of CANopen and its profiles, for any object dictionary.
 
 From the outside in; a file imports those of its own line and of lines further down:
 

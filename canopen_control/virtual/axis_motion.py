@@ -1,4 +1,4 @@
-"""Motion of one axis over time: timers, demand, and the plant that follows it; switches and servo loops.
+"""Motion of one axis over time: timers, demand, the plant that follows it, switches and servo loops.
 
 Time consists of events. Every timer is served at its own time, in order, whenever `advance` is called, so that the
 result does not depend on the number of calls. A demand is set at an event and followed until the next. Its end, a limit
@@ -74,11 +74,11 @@ class Switches:
     # -- seams
 
     def close_positive(self, position: float) -> None:
-        """Wire the limit switches, the positive one at `position` (a fault)."""
+        """Wire the limit switches, with the positive one at `position` (a fault)."""
         self.wired, self.positive, self.negative = True, position, -_OUT_OF_REACH
 
     def open_positive(self) -> None:
-        """Restrict the limit switches to homing again."""
+        """Use the limit switches only for homing again."""
         self.wired, self.positive, self.negative = False, _LIMIT, -_LIMIT
 
     def place(self, *, reachable: bool) -> None:
@@ -132,7 +132,7 @@ class VelocityLoop:
             plant.apply_torque(cruise(start_ns, 0.0, self._torque), start_ns, end_ns)
 
     def _control(self, lacking: float, limit: float, plant: Plant) -> None:
-        """Compute the torque until the next point; at a limit, of the loop or the motor, the integrator stops."""
+        """Compute the torque until the next point; at a limit of the loop or the motor the integrator stops."""
         gains = self.gains
         effort = gains.velocity_p * lacking + self._integral + self.fed[1]
         limited = max(-limit, min(limit, effort))
@@ -148,7 +148,7 @@ FOLLOW_NS = _MS  # how often a plant that lags is compared with its demand
 
 
 class Reactions(Protocol):
-    """Reactions of the owner to events of the motion."""
+    """Owner's reactions to events of the motion."""
 
     def arrived(self, now: int) -> None:
         """React to the end of the demand."""
@@ -157,10 +157,10 @@ class Reactions(Protocol):
         """React to a wired limit switch, -1 or 1."""
 
     def judge_following_error(self, error: float, now: int) -> None:
-        """Judge a following error, in counts; called while the plant lags."""
+        """Check a following error in counts; called while the plant lags."""
 
     def judge_load(self, torque: float, now: int) -> None:
-        """Judge the torque of a motor in per mille of the rated one; called while a coupled plant has power."""
+        """Check the torque of a motor in per mille of the rated torque; called while a coupled plant has power."""
 
     def sampled(self) -> None:
         """Update values that change with the motion."""
@@ -172,11 +172,11 @@ class Reactions(Protocol):
         """Return time and position of the next awaited index pulse."""
 
     def index_passed(self, place: float) -> None:
-        """React to that index pulse."""
+        """React to an index pulse."""
 
 
 class AxisMotion:
-    """Motion of one axis. Positions are the plant's, in counts."""
+    """Motion of one axis; positions are in counts of the plant."""
 
     def __init__(self, plant: Plant, owner: Reactions) -> None:
         self.plant, self.owner = plant, owner
@@ -198,7 +198,7 @@ class AxisMotion:
     # -- timers
 
     def at(self, name: str, due_ns: int, callback: Callable[[int], None]) -> None:
-        """Call `callback` at `due_ns`, once; it replaces a timer of the same name."""
+        """Call `callback` once at `due_ns`; it replaces a timer with the same name."""
         self.timers[name] = (due_ns, callback)
 
     def cancel(self, *names: str) -> None:
@@ -207,7 +207,7 @@ class AxisMotion:
             self.timers.pop(name, None)
 
     def advance(self, now: int) -> None:
-        """Advance the axis to `now`, each event in between at its own time."""
+        """Advance the axis to `now`, with each event at its own time."""
         while self._rings(now):
             name, (due, callback) = min(self.timers.items(), key=_due)
             del self.timers[name]
@@ -253,7 +253,7 @@ class AxisMotion:
             self.plant.follow(self.demand, start, now)
 
     def set_loop(self, gains: ServoGains | None, now: int) -> None:
-        """Set other gains of the loop, or none, from now on, starting at the present torque.
+        """Set other gains of the loop, or none, from now on, starting with the present torque.
 
         A coupled plant has its own.
         """
@@ -287,11 +287,11 @@ class AxisMotion:
 
     @property
     def _drifts(self) -> bool:
-        """Whether the plant is controlled only at the demand's velocity, not at its position."""
+        """Whether the plant is controlled only by the demand's velocity, not by its position."""
         return self.velocity_mode and (self.loop is not None or self._coupled is not None)
 
     def power(self, on: bool, now: int) -> None:
-        """Switch the power stage; in both directions the demand moves to the plant's position."""
+        """Switch the power stage; in both cases the demand is set to the plant's position."""
         self._move(now)
         self.cancel("arrive", "follow", "switch", "index", "interpolate", "set point", "following error")
         self.powered, self.torque, self._fed = on, None, (0.0, 0.0)
@@ -302,7 +302,7 @@ class AxisMotion:
         self.demand = hold(now, self.plant.position)
 
     def displace(self, way: float, now: int) -> None:
-        """Move the plant by force; a powered motor continues from there."""
+        """Displace the plant; a powered motor continues from there."""
         self._move(now)
         self.plant.position += way
         if not self.powered or self.torque is None:
@@ -310,7 +310,7 @@ class AxisMotion:
             self.demand = demand.shifted(way)
 
     def run(self, demand: DemandCurve, now: int) -> None:
-        """Follow `demand` from now on; its end is reported, at once without a motion."""
+        """Follow `demand` from now on; its end is reported, immediately without a motion."""
         self._move(now)
         if self.loop is not None and self.torque is not None:
             self.loop.rest(self.torque.at(now)[1])
@@ -333,7 +333,7 @@ class AxisMotion:
             self.plant.feed_forward(velocity, torque)
 
     def apply_torque(self, torque: DemandCurve, now: int) -> None:
-        """Apply a torque from now on, in per mille of the rated one; the end of its ramp is reported."""
+        """Apply a torque from now on, in per mille of the rated torque; the end of its ramp is reported."""
         self._move(now)
         self.torque = torque
         self.cancel("follow", "switch")
@@ -355,7 +355,7 @@ class AxisMotion:
             self.at("sample", now + SAMPLE_NS, self._sample)
 
     def watch_index(self, now: int) -> None:
-        """Wait for the next index pulse of the demand, if it is awaited."""
+        """Set a timer for the demand's next index pulse, if a probe or homing waits for it."""
         place = self.owner.next_index(self.demand, now) if self.torque is None else None
         if place is None:
             self.cancel("index")
@@ -381,7 +381,7 @@ class AxisMotion:
             self.at("follow", now + FOLLOW_NS, self._follow)
 
     def _judge_again(self, plant: CoupledPlant, now: int) -> None:
-        """Evaluate a coupled plant at the next of its times, which are the same for all axes."""
+        """Check a coupled plant at the next of its common times."""
         every = plant.follow_ns
         self.at("follow", (now // every + 1) * every, lambda then: self._judge(plant, then))
 

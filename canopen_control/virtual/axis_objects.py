@@ -1,4 +1,4 @@
-"""The objects of one axis, and its user units: what an object's number is in counts of the plant (CiA 402-2, 6.3, 7).
+"""Objects of one axis, and its user units in counts of the plant (CiA 402-2, 6.3, 7).
 
 Without a feed constant (0x6092), or with one of 1/1, the user's unit is the count; with another
 counts = user * encoder resolution (0x608F) * gear ratio (0x6091) / feed constant, as each of them is there. 0x6096 and
@@ -40,7 +40,7 @@ _TURN_POSITION, _TURN_VELOCITY = 1 << 7, 1 << 6
 
 
 def wrap32(value: float) -> int:
-    """Return `value`, rounded, as a 32-bit counter shows it."""
+    """Return `value`, rounded, as a 32-bit counter."""
     return (round(value) + 0x80000000 & 0xFFFFFFFF) - 0x80000000
 
 
@@ -77,12 +77,12 @@ class DriveUnits:
         return wrap32((place - self.zero) / self.position)
 
     def lose_counts(self, counts: float) -> None:
-        """Change the encoder's position by `counts` (a fault)."""
+        """Shift the encoder's position by `counts` (a fault)."""
         self.zero -= counts
 
 
 class AxisObjects:
-    """Objects of axis `axis` in `store`; every index is that of axis 0."""
+    """Objects of axis `axis` in `store`; indices are given as those of axis 0."""
 
     def __init__(self, store: VirtualStore, axis: int, model: DeviceModel) -> None:
         self.axis, self.store, self.model = axis, store, model
@@ -91,7 +91,7 @@ class AxisObjects:
         self._values = store.values
 
     def number(self, index: int, subindex: int = 0, default: int = 0) -> int:
-        """Return an integer, `default` if the object is missing or has none."""
+        """Return an integer, `default` if the object is missing or of another type."""
         value = self._values.get((index + self.offset, subindex), default)
         return value if isinstance(value, int) else default
 
@@ -100,11 +100,11 @@ class AxisObjects:
         return (index + self.offset, subindex) in self._values
 
     def set(self, index: int, value: Value) -> None:
-        """Set an object without any check, as the device's own firmware does; no-op if it is missing."""
+        """Set an object without any check, like the device's firmware; no-op if it is missing."""
         self.store.set(index + self.offset, 0, value)
 
     def ramp(self, index: int) -> float:
-        """Return an acceleration object in counts/s^2; the device model replaces a missing one, or 0."""
+        """Return an acceleration object in counts/s^2; the device model replaces a missing or zero value."""
         return self.number(index) * self.units.acceleration or self.model.unset_ramp
 
     def speed(self, index: int, subindex: int = 0) -> float:
@@ -132,6 +132,6 @@ class AxisObjects:
 
     @property
     def interpolation_s(self) -> float:
-        """0x60C2 in seconds: the time between two set-points of a cyclic mode."""
+        """Value of 0x60C2 in s: the time between two set-points of a cyclic mode."""
         exponent = max(-9, min(1, self.number(o.INTERPOLATION_TIME_PERIOD, 2, -3)))
         return float(self.number(o.INTERPOLATION_TIME_PERIOD, 1, 1) * 10.0**exponent)

@@ -75,7 +75,7 @@ class RobotFile:
 
 @dataclass(frozen=True)
 class BusGroup:
-    """Complete file of several buses."""
+    """Contents of a file of several buses."""
 
     robots: dict[str, RobotFile]
     engine: Literal["mujoco"] = "mujoco"
@@ -84,7 +84,7 @@ class BusGroup:
 
 
 def read_group(path: Path) -> BusGroup:
-    """Return the file; GroupError with all mistakes and their lines."""
+    """Return the file; GroupError with all errors and their lines."""
     return load(path, BusGroup, error=GroupError, check=_check)
 
 
@@ -140,7 +140,7 @@ def _nodes(
     report: Callable[[str], None],
     like: Personality | None,
 ) -> BusNodes:
-    """Return the nodes of a bus on their side of the world."""
+    """Return the nodes of a bus with their part of the world."""
     eds_files = {int(node): path.parent / eds for node, eds in bus.nodes.items()}
     devices = make_devices(
         list(eds_files), next(iter(eds_files.values())), report, eds_files=eds_files, world=world, like=like
@@ -149,7 +149,7 @@ def _nodes(
 
 
 def open_world(file: BusGroup, path: Path) -> SharedWorld:
-    """Return the world shared by all; `path` is that of the file."""
+    """Open the world shared by all; `path` is that of the file."""
     engine = importlib.import_module(_ENGINES[file.engine])
     plants: Mapping[str, Path] = {name: path.parent / robot.plant for name, robot in file.robots.items()}
     if not file.world:

@@ -49,7 +49,7 @@ _GONE = (BusEventKind.BUS_OFF, BusEventKind.DOWN, BusEventKind.CLOSED)
 
 
 class PoweredAxis(Protocol):
-    """Axis as seen by error control."""
+    """Axis for error control."""
 
     def connection_lost(self, now: int) -> None:
         """React to a loss of communication."""
@@ -117,7 +117,7 @@ class ErrorControl:
         self._outbox.report(RECOVERED, ErrorRegister.COMMUNICATION, self._model.communication_data)
 
     def _clear_if_all_heard(self) -> None:
-        """Clear the error of silent nodes when none is left: all are received again, or not monitored."""
+        """Clear the error for silent nodes if none is left: every monitored node is received again."""
         if not any(self._heartbeats.is_missed(node_id) for node_id in self._heartbeats.watched()):
             self._outbox.clear_error(HEARTBEAT_ERROR)
 
@@ -145,7 +145,7 @@ _ANY_STATE = (0x1005, 0x1006, 0x1007, 0x100C, 0x100D, 0x1014, 0x1015, 0x1016, 0x
 
 @dataclass(frozen=True, slots=True)
 class Services:
-    """Services that the objects configure."""
+    """Services configured by the objects."""
 
     emcy: EmcyProducer
     sync: SyncConsumer
@@ -155,7 +155,7 @@ class Services:
 
 
 def _is_active(cob_id: int) -> bool:
-    """Return whether a COB-ID with bit 31 for "invalid" activates its service; 0 and restricted ones never do."""
+    """Return whether a COB-ID (bit 31: invalid) activates its service; False for 0 and restricted ones."""
     return not cob_id & INVALID_BIT and not is_restricted(cob_id & 0x7FF)
 
 
@@ -281,7 +281,7 @@ class CommunicationObjects:
         return value
 
     def _check_time(self, _entry: Entry, value: Value) -> Value:
-        """Refuse an identifier that TIME may not have (CiA 301, 7.3.5), or that the node cannot receive."""
+        """Refuse an identifier that TIME must not have (CiA 301, 7.3.5), or that the node cannot receive."""
         if is_restricted(int(value) & 0x7FF) or int(value) & EXTENDED_BIT:
             raise SdoServerAbort(AbortCode.INVALID_VALUE)
         return value
@@ -311,7 +311,7 @@ class CommunicationObjects:
         return 1
 
     def _keep(self, change: Callable[[], None]) -> None:
-        """Change the power-on values; if they cannot be stored they are unchanged, and the write fails."""
+        """Change the power-on values; if they cannot be stored, keep the old ones and fail the write."""
         before = dict(self._store.power_on)
         change()
         if not self._stored():

@@ -76,7 +76,7 @@ def _is_boot(node: VirtualNode, frame: CanFrame) -> bool:
 
 
 def _booted(hooks: QuirkHooks) -> Callable[[], int]:
-    """Return a function for the time of the boot-up message in ns; long ago before it."""
+    """Return a function for the time of the boot-up message in ns; a very early time before it."""
     times = [-(1 << 62)]
 
     def outgoing(node: VirtualNode, frame: CanFrame, now: int) -> Sent:

@@ -46,7 +46,7 @@ A = TypeVar("A")
 
 
 def describe(node: VirtualNode, world: WorldState | None = None) -> DriveState:
-    """Return the state of a node, and that of the world of its axes."""
+    """Return the state of a node and of the world of its axes."""
     return DriveState(
         node_id=node.node_id,
         name=node.name,
@@ -75,7 +75,7 @@ class NodeMethods:
         return tuple(self._WORK)
 
     def do(self, request: Request[A]) -> A:
-        """Execute a request, also from this process; ConfigError for what this node does not have."""
+        """Execute a request, also from this process; ConfigError for a function that this node lacks."""
         self._node.tick(self._host.reactor.now())
         answer: A = self._WORK[type(request)](self, request)
         self._host.wake(self._node)
@@ -214,7 +214,7 @@ class NodeControl:
 
 
 def _holder(plant: Plant, name: str) -> object:
-    """Return the owner of a plant's value: the plant, or the motor inside a wheel; ConfigError if there is none."""
+    """Return the owner of a plant's value: the plant, or the motor of a wheel; ConfigError without one."""
     holder = plant if hasattr(plant, name) else getattr(plant, "inner", plant)
     if name.startswith("_") or not isinstance(getattr(holder, name, None), int | float):
         raise ConfigError(f"plant: {name!r} is no number of this plant")

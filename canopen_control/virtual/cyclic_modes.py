@@ -61,7 +61,7 @@ class StreamMode(FollowingMode):
         super().start(now)
 
     def stop(self, now: int, reaction: Reaction) -> None:
-        """End the stream and the feed-forward, then stop as every mode."""
+        """End the stream and the feed-forward, then stop like every mode."""
         self.meter.follow(self.mover.demand, now)
         self.meter.pause()
         self._arrived = 0
@@ -76,7 +76,7 @@ class StreamMode(FollowingMode):
 
     @property
     def cycles(self) -> int:
-        """Number of interpolation periods for which it continues without a set-point."""
+        """Number of interpolation periods for which the motion continues without a set-point."""
         missing, store = self.model.missing, self.objects.store
         if missing.cycles_object is None:
             return missing.cycles
@@ -95,7 +95,7 @@ class StreamMode(FollowingMode):
         self.supervise(now)
 
     def compared(self) -> float | None:
-        """Return the set-point that must change while the axis moves; None if a constant one is a motion too."""
+        """Return the set-point that must change during motion; None if a constant one can also be a motion."""
         return None
 
     def missed(self) -> None:
@@ -104,14 +104,14 @@ class StreamMode(FollowingMode):
             self.meter.missed += 1
 
     def supervise(self, now: int) -> None:
-        """Schedule the fault of a drive that continues alone only for a limited time."""
+        """Schedule the fault of a drive that continues without set-points only for a limited time."""
         cycles = self.cycles if self.model.missing.fault and self.streaming else 0
         if cycles:
             period = self.period_ns
             self.mover.at("set point", now + (1 + cycles) * period + period // 2, self._lost)
 
     def feed(self) -> None:
-        """Apply 0x60B1 and 0x60B2 as feed-forward, which changes the loops and no demand."""
+        """Apply 0x60B1 and 0x60B2 as feed-forward, which affects the loops but not the demand."""
         number = self.objects.number
         self.mover.feed_forward(number(o.VELOCITY_OFFSET) * self.units.velocity, float(number(o.TORQUE_OFFSET)))
 
@@ -121,7 +121,7 @@ class StreamMode(FollowingMode):
 
 
 class CyclicPosition(StreamMode):
-    """CSP: go to the target within 0x60C2, no ramp; bit 12 while it does, bit 13 on a following error."""
+    """CSP: move to the target within 0x60C2 without a ramp; bit 12 during that, bit 13 on a following error."""
 
     set_point = o.TARGET_POSITION
 
@@ -158,7 +158,7 @@ class CyclicPosition(StreamMode):
             super().missed()
 
     def update(self, now: int) -> None:
-        """Apply the target; the part that the drive cannot follow in time becomes following error."""
+        """Apply the target; the part that the drive cannot follow in time becomes a following error."""
         if not self._drifts:
             self._follow(now)
         elif "interpolate" not in self.mover.timers:
@@ -193,7 +193,7 @@ class CyclicPosition(StreamMode):
         self.go(self.target(), now)
 
     def go(self, place: float, now: int) -> None:
-        """Move to a position in user counts within the interpolation time, if it has changed."""
+        """Move to a changed position in user counts within the interpolation time."""
         target = self.limits.position(self.units.zero + place * self.units.position)
         if not self.changed(target):
             return
@@ -226,7 +226,7 @@ class CyclicPosition(StreamMode):
         return max(0.0, min(longest, way / velocity))
 
     def measured_velocity(self) -> float:
-        """Return the plant's, and after the end of the way to a set-point the mean over the interpolation time."""
+        """Return the plant's velocity; after the end of a move to a set-point the mean over the interpolation time."""
         mover, demand = self.mover, self.mover.demand
         if demand is not self._demand or mover.time < demand.end_ns or not mover.plant.stiff:
             return mover.plant.velocity
@@ -246,7 +246,7 @@ class CyclicPosition(StreamMode):
 
 
 class CyclicVelocity(StreamMode):
-    """CSV: follow 0x60FF plus its offset at once, within 0x60C5 and 0x60C6.
+    """CSV: follow 0x60FF plus its offset immediately, within 0x60C5 and 0x60C6.
 
     Without a new set-point the speed is kept.
     """
@@ -265,12 +265,12 @@ class CyclicVelocity(StreamMode):
             self.limits.ramp_velocity(target, up, down, now)
 
     def bits(self) -> int:
-        """Return bit 12 while it follows."""
+        """Return bit 12 while it follows the target."""
         return BIT_12 if self.power.live and not self.limits.active else 0
 
 
 class Torque(StreamMode):
-    """TQ and CST: 0x6071 within its limits, along 0x6087 in TQ, at once in CST.
+    """TQ and CST: 0x6071 within its limits, along 0x6087 in TQ, immediately in CST.
 
     From a motion the motor keeps its velocity at first.
     """
@@ -294,7 +294,7 @@ class Torque(StreamMode):
             self.mover.apply_torque(ramp_to(now, 0.0, present, target, slope, slope), now)
 
     def bits(self) -> int:
-        """Return bit 10 at the target torque (TQ), bit 12 while it follows (CST)."""
+        """Return bit 10 at the target torque (TQ), bit 12 while it follows the target (CST)."""
         if self._cyclic:
             return BIT_12 if self.power.live else 0
         torque = self.mover.torque
@@ -347,7 +347,7 @@ class SetPointBuffer:
         return min(self._objects.number(o.INTERPOLATION_BUFFER, SIZE) or most, most)
 
     def put(self, place: float) -> None:
-        """Append a record; one too many was already refused."""
+        """Append a record; the caller has already checked the capacity."""
         if len(self._waiting) < self.size:
             self._waiting.append(place)
 

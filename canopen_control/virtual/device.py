@@ -55,7 +55,7 @@ _Record = dict[str, Any]  # what is kept of a node; anybody may have edited it
 
 
 class ParameterFile:
-    """The file at `path`, which need not exist; ConfigError for one that is something else.
+    """Parameter file at `path`, which need not exist; ConfigError for any other file.
 
     `say` takes sentences: what the file holds and no node took, and why a writing did not work.
     """
@@ -66,14 +66,14 @@ class ParameterFile:
         self._keys: dict[VirtualNode, str] = {}
 
     def node_id(self, started_with: int) -> int:
-        """Return the node id that LSS stored for the node started with another, or that one."""
+        """Return the node id stored by LSS for the node started with another id, or that id."""
         record = self._nodes.get(str(started_with), {})
         stored = record.get("node_id", started_with)
         possible = isinstance(stored, int) and (1 <= stored <= MAX_NODE_ID or stored == UNCONFIGURED)
         return int(stored) if possible else started_with
 
     def attach(self, node: VirtualNode, started_with: int) -> None:
-        """Restore the stored parameters of a node before its power-on, and store new ones from then on."""
+        """Restore the stored parameters of a node before power-on, and store changed ones from then on."""
         key = str(started_with)
         record = self._nodes.get(key)
         if record is not None:
@@ -173,7 +173,7 @@ _MOVING, _NEGATIVE = 1 << 14, 1 << 15
 
 
 def is_tmcm1270(od: ObjectDictionary) -> bool:
-    """Whether the dictionary is this drive's, by vendor id and product code."""
+    """Whether the dictionary is that of a TMCM-1270, by vendor id and product code."""
     entries = (od.get(0x1018, 1), od.get(0x1018, 2))
     return tuple(None if entry is None else entry.value for entry in entries) == IDENTITY
 
@@ -279,7 +279,7 @@ def take_personality(node: VirtualNode, like: Personality) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """Nodes, what hangs on their axes, and what will happen to them."""
+    """Nodes, the plants of their axes, and their scheduled faults."""
 
     nodes: tuple[VirtualNode, ...]
     world: World

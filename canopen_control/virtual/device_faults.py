@@ -1,4 +1,4 @@
-"""Effects of faults on the device, at the injection points of its services.
+"""Effects of faults on the device, through the injection points of its services.
 
 A function is called when the fault is switched, and does with `on` False exactly what makes the device healthy again.
 None of them knows its name or its row: those are in `fault_table`.
@@ -28,7 +28,7 @@ _S = 1_000_000_000
 
 
 def _each(action: Callable[[VirtualDrive, bool, int], None]) -> Switch:
-    """Return a switch that acts on every axis of the node."""
+    """Return a switch for every axis of the node."""
 
     def turn(node: VirtualNode, on: bool, now: int) -> None:
         for drive in node.drives.values():
@@ -58,7 +58,7 @@ def boot_after(delay_ns: int | None) -> Switch:
 
 
 def brown_out(node: VirtualNode, _on: bool, now: int) -> None:
-    """Switch off and on again."""
+    """Switch the power off and on again."""
     node.power_on(now)
 
 
@@ -68,7 +68,7 @@ def drop_out(node: VirtualNode, _on: bool, now: int) -> None:
 
 
 def start_by_itself(node: VirtualNode, on: bool, now: int) -> None:
-    """Be OPERATIONAL without a command, now and after every boot."""
+    """Enter OPERATIONAL without a command, now and after every boot."""
     node.starts_itself.switch(on, True)
     if on and node.nmt.state is NmtState.PRE_OPERATIONAL:
         node.command(NmtCommand.START, now)
@@ -97,7 +97,7 @@ def lasting_fault(code: int, register: int) -> Switch:
 
 
 def _last(drive: VirtualDrive, on: bool, now: int, code: int, register: int, *, stubborn: bool = False) -> None:
-    """Fault, and keep its cause while it is on."""
+    """Raise a fault, and keep its cause while it is on."""
     if on:
         drive.power.hold_cause(code, until_communication_reset=stubborn)
         drive.fault(code, now, register=register)
@@ -106,13 +106,13 @@ def _last(drive: VirtualDrive, on: bool, now: int, code: int, register: int, *, 
 
 
 def stubborn_fault(node: VirtualNode, on: bool, now: int) -> None:
-    """Fault with a communication error that only a reset of the communication takes back."""
+    """Raise a communication fault that only a reset of the communication clears."""
     for drive in node.drives.values():
         _last(drive, on, now, 0x8120, ErrorRegister.COMMUNICATION, stubborn=True)
 
 
 def power_stage(drive: VirtualDrive, on: bool, now: int) -> None:
-    """Lose the supply of the power stage, or get it back."""
+    """Switch off the supply of the power stage, or restore it."""
     if on:
         drive.power.lose_voltage(now)
     else:
@@ -120,18 +120,18 @@ def power_stage(drive: VirtualDrive, on: bool, now: int) -> None:
 
 
 def undervoltage(drive: VirtualDrive, on: bool, now: int) -> None:
-    """Fault because of the supply."""
+    """Raise a fault because of undervoltage."""
     drive.power.voltage.switch(on, False)
     _last(drive, on, now, 0x3220, ErrorRegister.VOLTAGE)
 
 
 def hand_moved(drive: VirtualDrive, _on: bool, now: int) -> None:
-    """Turn the shaft by hand; a powered motor returns to its demand."""
+    """Turn the shaft from outside; a powered motor returns to its demand."""
     drive.mover.displace(500.0, now)
 
 
 def position_jump(drive: VirtualDrive, _on: bool, _now: int) -> None:
-    """Lose the encoder's count."""
+    """Shift the encoder's count."""
     drive.objects.units.lose_counts(1_000_000.0)
 
 
@@ -180,7 +180,7 @@ def _undefined(_word: int) -> int:
 
 
 def no_state(drive: VirtualDrive, on: bool, _now: int) -> None:
-    """Show a statusword that encodes no state."""
+    """Return a statusword without a valid state."""
     statusword = drive.readings.statusword
     changes = tuple(change for change in statusword.changes if change is not _undefined)
     statusword.changes = (*changes, _undefined) if on else changes
@@ -197,7 +197,7 @@ def inputs(kind: str) -> Switch:
 
 
 def hardware_error(node: VirtualNode, on: bool, _now: int) -> None:
-    """Report an error of the device's hardware that lasts while it is on."""
+    """Report an error of the device's hardware while the fault is on."""
     if on:
         node.outbox.emergency(0x5000, ErrorRegister.GENERIC)
     else:
@@ -205,7 +205,7 @@ def hardware_error(node: VirtualNode, on: bool, _now: int) -> None:
 
 
 def output_overload(node: VirtualNode, on: bool, _now: int) -> None:
-    """Switch the outputs off at the terminals as overload protection does, with an EMCY of CiA 401."""
+    """Switch the outputs off at the terminals, like overload protection, with an EMCY of CiA 401."""
     if node.function is not None:
         node.function.overloaded = on
     if on:
@@ -215,7 +215,7 @@ def output_overload(node: VirtualNode, on: bool, _now: int) -> None:
 
 
 def program_lost(node: VirtualNode, on: bool, now: int) -> None:
-    """Lose the program from the flash, and start in the boot-loader; or have the maker's program again."""
+    """Erase the program in the flash and start the boot-loader; or restore the manufacturer's program."""
     if node.program is None:
         return
     if on:
@@ -271,6 +271,6 @@ def error_passive(node: VirtualNode, on: bool, _now: int) -> None:
 
 
 def recovered_from_bus_off(node: VirtualNode, on: bool, _now: int) -> None:
-    """Go bus off while on, and report the recovery."""
+    """Enter bus-off while on, and report the recovery."""
     if not on:
         node.error_control.report_recovery()

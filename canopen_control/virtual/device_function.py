@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class DeviceFunction(Protocol):
-    """Function of one device, and gate of its event-driven TPDOs."""
+    """Function of one device, and filter of its event-driven TPDOs."""
 
     overloaded: bool
     """Whether its protection has switched its outputs off, at the terminals."""
@@ -40,13 +40,13 @@ class DeviceFunction(Protocol):
         """Advance to a time."""
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next event of its own, None without one."""
+        """Return the time of its next event, None without one."""
 
     def starts(self, mapped: Collection[Address]) -> bool:
         """Whether a TPDO with these objects is sent when the node becomes OPERATIONAL."""
 
     def passes(self, changed: Collection[Address]) -> bool:
-        """Whether changes of these objects are an event that is to be sent."""
+        """Whether changes of these objects are an event that triggers a TPDO."""
 
     def told(self) -> None:
         """Process the end of a check of all TPDOs."""
@@ -63,7 +63,7 @@ class DeviceFunction(Protocol):
 
 @runtime_checkable
 class ShaftFollower(Protocol):
-    """A function that can be moved by a shaft."""
+    """Function that can be moved by a shaft."""
 
     def follow(self, shaft: Callable[[], float | None]) -> None:
         """Set the shaft position in rad (m); None if unknown."""

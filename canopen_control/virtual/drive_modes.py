@@ -1,4 +1,4 @@
-"""The modes of operation of one axis: which there are, which one is active (0x6061), and its change (0x6060)."""
+"""Modes of operation of one axis: the existing ones, the active one (0x6061), and its change (0x6060)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def possible_modes(objects: AxisObjects) -> int:
 
 
 class DriveModes:
-    """The modes of one axis: `number` is 0x6061, `active` its motion.
+    """Modes of one axis: `number` is 0x6061, `active` its motion.
 
     It changes only while all `conditions` hold. Seams: `stuck`, it never changes; `delay_ns`, how late it changes;
     `homing.fails`.
@@ -83,7 +83,7 @@ class DriveModes:
             self.active = self._all.get(self.number, self._none)
 
     def set_model(self, model: DeviceModel) -> None:
-        """Behave as another device model does."""
+        """Apply another device model."""
         for mode in (self._none, *self._all.values()):
             mode.set_model(model)
 
@@ -97,7 +97,7 @@ class DriveModes:
             mode.reset()
 
     def select(self, now: int) -> None:
-        """Apply 0x6060, at once in every state; in operation the new mode starts from the present motion."""
+        """Apply 0x6060 immediately in every state; if enabled, the new mode starts with the present motion."""
         mover, delay = self._axis.mover, self.delay_ns.value
         if self.stuck.value or (self.conditions and not all(holds() for holds in self.conditions)):
             return

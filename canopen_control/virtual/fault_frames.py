@@ -1,4 +1,4 @@
-"""What faults and quirks do to frames: to those that leave a node, and to those that reach it.
+"""Effects of faults and quirks on the frames that a node sends and receives.
 
 A function returns what goes on, and changes nothing else. None of them knows its name or its row: those are in
 `fault_table` and in the modules of quirks.
@@ -37,7 +37,7 @@ def is_heartbeat(node: VirtualNode, frame: CanFrame) -> bool:
 
 
 def is_sdo_answer(node: VirtualNode, frame: CanFrame) -> bool:
-    """Whether the node's SDO server sent it."""
+    """Whether the frame is an answer of the node's SDO server."""
     return frame.can_id == node.sdo.answer_cob_id and len(frame.data) == 8
 
 
@@ -56,7 +56,7 @@ def is_tpdo(node: VirtualNode, frame: CanFrame) -> bool:
 
 
 def drop_all(_node: VirtualNode, _frame: CanFrame, _now: int) -> list[tuple[int, CanFrame]]:
-    """Lose everything."""
+    """Drop all frames."""
     return []
 
 
@@ -87,7 +87,7 @@ def _wrong_mux(frame: CanFrame) -> list[tuple[int, CanFrame]]:
 
 
 def _toggled(frame: CanFrame) -> list[tuple[int, CanFrame]]:
-    """Turn the toggle bit of segment answers, 0x and 1x (upload) and 2x and 3x (download)."""
+    """Invert the toggle bit of segment answers, 0x and 1x (upload) and 2x and 3x (download)."""
     if frame.data[0] >> 5 in (0, 1):
         return _data(frame, bytes((frame.data[0] ^ 0x10,)) + frame.data[1:])
     return [(0, frame)]
@@ -98,7 +98,7 @@ def _lost_segment(frame: CanFrame) -> list[tuple[int, CanFrame]]:
 
 
 def _one_byte(frame: CanFrame) -> list[tuple[int, CanFrame]]:
-    """Claim that an expedited upload of 2 or 4 bytes has one."""
+    """Reduce the size in an expedited upload of 2 or 4 bytes to one."""
     if frame.data[0] in (0x43, 0x47, 0x4B):
         return _data(frame, b"\x4f" + frame.data[1:5] + b"\0\0\0")
     return [(0, frame)]
@@ -113,7 +113,7 @@ def _twice(frame: CanFrame) -> list[tuple[int, CanFrame]]:
 
 
 def jittered(node: VirtualNode, frame: CanFrame, now: int) -> list[tuple[int, CanFrame]]:
-    """Send heartbeats up to 60 % of their period late, each by another amount."""
+    """Delay heartbeats by up to 60 % of their period, each by another amount."""
     if not is_heartbeat(node, frame) or frame.data == b"\0":
         return [(0, frame)]
     period = node.heartbeat.period_ns
@@ -138,27 +138,27 @@ sdo_one_byte: Outgoing = _on(is_sdo_answer, _one_byte)
 
 
 def deaf(_node: VirtualNode, _frame: CanFrame, _now: int) -> CanFrame | None:
-    """Hear nothing."""
+    """Drop all received frames."""
     return None
 
 
 def deaf_to_sdo(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
-    """Hear no SDO request."""
+    """Drop SDO requests."""
     return None if is_sdo_request(node, frame) else frame
 
 
 def deaf_to_start(_node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
-    """Hear no NMT start."""
+    """Drop NMT start."""
     return None if frame.can_id == 0 and frame.data[:1] == bytes((NmtCommand.START,)) else frame
 
 
 def deaf_to_sync(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
-    """Hear no SYNC."""
+    """Drop SYNC."""
     return None if frame.can_id == node.sync.cob_id else frame
 
 
 def refusing(code: AbortCode, concerns: Callable[[int, int], bool]) -> Incoming:
-    """Answer SDO initiates that `concerns` (command, index) with an abort, before the server sees them."""
+    """Answer SDO initiates selected by `concerns` (command, index) with an abort, before the server receives them."""
 
     def incoming(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
         if not is_sdo_request(node, frame):

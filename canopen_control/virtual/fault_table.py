@@ -1,4 +1,4 @@
-"""The faults that can be switched on in a virtual node: one table.
+"""Table of the faults of virtual nodes.
 
 A row says its number in the catalogue of real drives' behaviour, its name, where it acts, what it does, and what a good
 master makes of it; how it acts is one or more of three hooks, on frames that leave the node, on frames that reach it,
@@ -71,7 +71,7 @@ class Fault:
     quirk: str = ""
 
     def fits(self, node: VirtualNode) -> bool:
-        """Whether a node can show it."""
+        """Whether a node supports the fault."""
         function = node.function
         if self.acts == "output":
             return function is not None and any(signal.output for signal in function.describe())
@@ -214,7 +214,7 @@ _DEVICES = {"axis": "a drive", "program": "one whose program can be loaded (0x1F
 
 
 class FaultSwitches:
-    """Switches faults of `node` on and off; `active` are the names of the active ones."""
+    """Switches for the faults of `node`; `active` are the names of the active ones."""
 
     def __init__(self, node: VirtualNode) -> None:
         self._node = node
@@ -233,7 +233,7 @@ class FaultSwitches:
 
     @property
     def active(self) -> list[str]:
-        """The names of the faults that are on."""
+        """Names of the active faults."""
         return [*self._on, *self._quirks]
 
     def schedule(self, text: str) -> None:
@@ -244,7 +244,7 @@ class FaultSwitches:
         self._node.filter = self
 
     def _require(self, fault: Fault) -> None:
-        """Raise ConfigError for a fault that this kind of node cannot show."""
+        """Raise ConfigError for a fault that this kind of node does not support."""
         node = self._node
         if not fault.fits(node):
             which = _DEVICES.get(fault.acts) or f"no drive, of a profile with {fault.acts}s"
@@ -261,7 +261,7 @@ class FaultSwitches:
             self._retire()
 
     def set(self, name: str, on: bool, now: int) -> None:
-        """Switch a fault; no-op if unchanged. ConfigError for a name this node does not have."""
+        """Switch a fault; no-op if unchanged. ConfigError for an unknown name."""
         fault = find_fault(name)
         if on == (name in self.active):
             return
@@ -296,7 +296,7 @@ class FaultSwitches:
         self._retire()
 
     def incoming(self, frame: CanFrame, now: int) -> CanFrame | None:
-        """Return the frames as the node receives them."""
+        """Return the frames as received by the node."""
         heard: CanFrame | None = frame
         if self._second is not None:
             self._second.receive(frame, now)
@@ -310,7 +310,7 @@ class FaultSwitches:
         return heard
 
     def outgoing(self, frames: list[CanFrame], now: int) -> list[CanFrame]:
-        """Return what leaves the node now."""
+        """Return the frames that leave the node now."""
         leaving, self._due = self._due, []
         if self._second is not None:
             self._second.events()  # nobody is told what happens to it
@@ -325,7 +325,7 @@ class FaultSwitches:
         return leaving
 
     def tick(self, now: int) -> None:
-        """Switch what was planned, send what was held."""
+        """Switch scheduled faults, send delayed frames."""
         if not self._started:
             self._started = True
             self._planned = [(now + delay, name) for delay, name in self._planned]
@@ -341,7 +341,7 @@ class FaultSwitches:
             self._flood_at = max(self._flood_at + _FLOOD_NS, now - 20 * _FLOOD_NS)
 
     def next_deadline(self) -> int | None:
-        """Return when something is due."""
+        """Return the time of the next `tick`."""
         if not self._started or self._due:
             return 0
         deadlines = [due for due, _ in self._planned] + [due for due, _, _ in self._held[:1]]
@@ -364,7 +364,7 @@ class FaultSwitches:
             self._node.outbox.publish(FaultSwitched(name, on=False))
 
     def _retire(self) -> None:
-        """Get out of the way when nothing is on, planned or held."""
+        """Remove the filter while no fault is active or scheduled and no frame is delayed."""
         quirks = self._outgoing or self._incoming or self._quirks
         if not (self._on or self._planned or self._held or self._due or quirks) and self._started:
             self._node.filter = None

@@ -1,4 +1,4 @@
-"""Injection points: values of a service that only a fault or a quirk changes, and a filter between node and wire.
+"""Injection points: service values that only a fault or a quirk changes, and a filter between node and wire.
 
 A node depends on these alone; `fault_table` has the faults, `quirks` the quirks.
 """
@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 
 class InjectionPoint(Generic[T]):
-    """A `value` that is `healthy` until a fault is injected; the service that declares it defines the values."""
+    """Point with a `value` that is `healthy` without a fault; the service that declares it defines the values."""
 
     __slots__ = ("healthy", "value")
 
@@ -36,14 +36,14 @@ class InjectionPoint(Generic[T]):
 
 
 class NodeQuirks(Protocol):
-    """Quirks of a node: differences from the standards of a healthy drive of its manufacturer."""
+    """Quirks of a node: deviations of a manufacturer's healthy drive from the standards."""
 
     @property
     def active(self) -> list[str]:
-        """The active quirks as they are written, ``NAME``, ``NAME=VALUE`` or ``NAME=VALUE@AXIS``."""
+        """Active quirks as text: ``NAME``, ``NAME=VALUE`` or ``NAME=VALUE@AXIS``."""
 
     def set(self, text: str, on: bool, now: int) -> None:
-        """Switch a quirk; ConfigError for one that the node cannot have."""
+        """Switch a quirk; ConfigError if the node cannot have it."""
 
 
 class FaultFilter(Protocol):
@@ -57,10 +57,10 @@ class FaultFilter(Protocol):
         """Switch a fault; ConfigError for an unknown name."""
 
     def set_quirks(self, outgoing: tuple[Any, ...], incoming: tuple[Any, ...]) -> None:
-        """Let these functions of quirks, and no others, change the frames of the node."""
+        """Set the functions of quirks that change the node's frames, replacing earlier ones."""
 
     def incoming(self, frame: CanFrame, now: int) -> CanFrame | None:
-        """Return the frame that the node receives; None: it is lost."""
+        """Return the frame received by the node; None: it is lost."""
 
     def outgoing(self, frames: list[CanFrame], now: int) -> list[CanFrame]:
         """Return the frames that leave the node now."""

@@ -1,4 +1,4 @@
-"""A virtual I/O module (CiA 401): lines that are set from outside, outputs that fall to their error values.
+"""Virtual devices other than drives (CiA 401 to 419): lines set from outside, outputs with error values.
 
 Digital inputs are an event where the masks 0x6006 (any change), 0x6007 (rising) and 0x6008 (falling) say so and 0x6005
 allows it; analogue ones once 0x6423 is set, by what 0x6421 chooses: above the upper limit (0x6424), below the lower one
@@ -40,7 +40,7 @@ _INPUT_STEPS: Final = 101  # of the course of the noise, which is the same each 
 
 
 class InputFaults:
-    """Which faults of the inputs are on, and what they make of a value."""
+    """Active faults of the inputs, and their effect on values."""
 
     def __init__(self) -> None:
         self._on: set[str] = set()
@@ -49,7 +49,7 @@ class InputFaults:
         self._step = 0
 
     def switch(self, kind: str, *, on: bool, now: int) -> None:
-        """Switch a fault; ConfigError for one that there is not."""
+        """Switch a fault; ConfigError if it does not exist."""
         if kind not in KINDS:
             raise ConfigError(f"no fault of inputs {kind!r}; there are: {', '.join(KINDS)}")
         if on:
@@ -60,11 +60,11 @@ class InputFaults:
         self._noise_at = now + _NOISE_NS
 
     def line(self, name: str, value: float) -> float:
-        """Return the level of a line whose outside value is `value`."""
+        """Return the level of an input line with the outside level `value`."""
         return value if "stuck" not in self._on else self._frozen.setdefault(name, value)
 
     def value(self, name: str, value: float, full_scale: float, now: int) -> float:
-        """Return what an input shows that is `value` outside."""
+        """Return the value of an input with the outside value `value`."""
         del now
         if "stuck" in self._on:
             value = self._frozen.setdefault(name, value)
@@ -96,7 +96,7 @@ _CHANNELS = 32  # of one subindex of 0x6422
 
 
 class IoDevice:
-    """The lines of one module; see `DeviceFunction`."""
+    """Lines of one I/O module; see `DeviceFunction`."""
 
     def __init__(self, store: VirtualStore, outbox: NodeOutbox, clock: NodeClock, signals: Iterable[Signal]) -> None:
         self._store, self._outbox, self._clock = store, outbox, clock
@@ -172,13 +172,13 @@ class IoDevice:
         return value if isinstance(value, int | float) else 0
 
     def _bits(self, signal: Signal, before: float, line: float) -> int:
-        """Return the bits of an object with one line updated, polarity applied."""
+        """Return the bits of an object with one line updated, with its polarity."""
         mask = 1 << (signal.bit or 0)
         shown = bool(line) != bool(self._store.number(_IN_POLARITY, signal.subindex) & mask)
         return int(before) | mask if shown else int(before) & ~mask
 
     def _held(self, signal: Signal, value: float) -> float:
-        """Return what an analogue object can hold of a value."""
+        """Return the value limited to the range of an analogue object."""
         kind = self._store.od[signal.address].data_type
         return min(max(round(value), kind.minimum), kind.maximum) if kind.is_integer else value
 
@@ -221,7 +221,7 @@ class IoDevice:
         return True
 
     def _take_source(self, sub: int) -> int:
-        """Return which inputs had an event, and forget it."""
+        """Return which inputs had an event, and clear them."""
         return self._sources.pop(sub, 0)
 
     def starts(self, mapped: Collection[Address]) -> bool:
@@ -274,7 +274,7 @@ _DIGITAL_OUTPUTS: Final = frozenset((0x6200, 0x6300, 0x6320))
 
 
 def take_error_values(store: VirtualStore, outputs: Iterable[Address]) -> None:
-    """Set outputs with error mode 1 to their error values; others keep theirs."""
+    """Set outputs with error mode 1 to their error values; others are unchanged."""
     for address in dict.fromkeys(outputs):
         mode_index, value_index = ERROR_OBJECTS[address[0]]
         mode = store.number(mode_index, address[1], 0)
@@ -298,7 +298,7 @@ _NS: Final = 1e9
 
 
 class SensorDevice:
-    """The signals of one sensor; see `DeviceFunction`. `moving` are further inputs that change others by time."""
+    """Signals of one sensor; see `DeviceFunction`. `moving` are inputs that change other signals over time."""
 
     moving: Mapping[str, str] = {}  # name to unit
     begins_with: Mapping[str, float] = {}
@@ -363,11 +363,11 @@ class SensorDevice:
         return signal.gain(self.store.values)
 
     def raw_of(self, signal: Signal, value: float, gain: float) -> float:
-        """Return the raw number of a value, before it is rounded to what its object holds."""
+        """Return the raw number of a value, before rounding to the type of its object."""
         return (value - signal.offset) / gain
 
     def full_scale(self, signal: Signal) -> float:
-        """Return of how much noise and jumps are a share."""
+        """Return the full scale, of which noise and jumps are a fraction."""
         kind = self.store.od[signal.address].data_type
         return abs(self.gain(signal)) * (float(kind.maximum) if kind.is_integer else 100.0)
 
@@ -398,7 +398,7 @@ class SensorDevice:
                 self._outbox.values_changed()
 
     def cut_off(self, signal: Signal, by: float) -> None:
-        """Mark a value as clamped at its maximum or minimum, by an excess of `by`."""
+        """Mark a value as limited to its maximum or minimum, by an excess of `by`."""
 
     def _scale_written(self, _entry: Entry, _value: Value) -> None:
         self.show_all(self.clock.now)
@@ -448,7 +448,7 @@ class SensorDevice:
         return False
 
     def move(self, seconds: float) -> None:
-        """Change what changes by time."""
+        """Update the signals that change over time."""
 
     # -- the gate of its TPDOs
 
@@ -501,7 +501,7 @@ class BatteryDevice(SensorDevice):
         return super().raw_of(signal, value, gain)
 
     def move(self, seconds: float) -> None:
-        """Count the charge that has flowed."""
+        """Integrate the charge."""
         capacity = self.outside.get("battery_capacity", 0.0) or 100.0
         flowed = self.outside["battery_current"] * seconds / 3600.0 / capacity * 100.0
         present = self.outside.get("battery_percentage", 0.0)
@@ -509,10 +509,10 @@ class BatteryDevice(SensorDevice):
 
 
 class Charger(SensorDevice):
-    """Battery charger (CiA 419), controlled by battery data it receives."""
+    """Battery charger (CiA 419), controlled by received battery data."""
 
     def _fail(self, _now: int) -> None:
-        """Request no current, because the battery may be gone."""
+        """Set the requested current to zero, because the battery may be gone."""
         requested = self.signals.get("charge_current_requested")
         if requested is not None and requested.output:
             self.store.set(*requested.address, 0)
@@ -601,7 +601,7 @@ class Encoder(SensorDevice):
         return super()._moves_at() if self._shaft is None else (self._moved_at or 0) + self.step_ns
 
     def move(self, seconds: float) -> None:
-        """Turn."""
+        """Advance the position by the velocity."""
         if self._shaft is not None:
             place = self._shaft()
             if place is not None:
@@ -610,13 +610,13 @@ class Encoder(SensorDevice):
         self.outside["position"] += self.outside["velocity"] * seconds
 
     def passes(self, changed: Collection[Address]) -> bool:
-        """Suppress changes of a value that is sent by a timer; see `DeviceFunction`."""
+        """Suppress changes of a value with its own timer; see `DeviceFunction`."""
         timed = self.number((_TIMER, 0)) or self.number(_EVENT_TIMER)
         return any(address[0] != _POSITION or not timed for address in changed)
 
 
 class Inclinometer(SensorDevice):
-    """Two angles."""
+    """Inclinometer with two angles."""
 
     same_values: Mapping[int, tuple[int, ...]] = {
         0x6010: (0x6110,),

@@ -1,4 +1,4 @@
-"""Starts the process of virtual drives quickly: the bus is asked first, everything else is imported while it answers.
+"""Fast start of the process of virtual drives: the bus is queried first, and imports run while it answers.
 
 A node id that answers on the bus already is refused.
 """
@@ -82,7 +82,7 @@ def run_drives(
 
 
 def reopen(channel: str, label: str) -> Port | None:
-    """Reopen a channel that was lost, None if it is not back. A local bus is not started for it.
+    """Reopen a lost channel, None if it is still missing. A local bus is not started for it.
 
     It joins, for a hub that dies is still there to who looks whether it is, and gone to who then opens.
     """

@@ -80,13 +80,13 @@ class _Sums:
         return math.sqrt(variance) if variance > _MILLI * _MILLI * self.squares / self.count else 0.0
 
     def spread(self, unit: float) -> Spread:
-        """Return extremes and mean, times `unit`, which may turn them round."""
+        """Return extremes and mean, times `unit`, whose sign may exchange the extremes."""
         ends = self.low * unit, self.high * unit
         return Spread(min(ends), self.mean * unit, max(ends))
 
 
 class SetpointStatistics:
-    """Counts and measures; `used`: there was something to. `missed` and `overwritten` are counted by others."""
+    """Statistics of set-points; `used` once there were any. The caller counts `missed` and `overwritten`."""
 
     __slots__ = (
         "_accelerations",
@@ -114,7 +114,7 @@ class SetpointStatistics:
         self.restart()
 
     def restart(self) -> None:
-        """Forget everything."""
+        """Reset the statistics."""
         self.taken = self.missed = self.doubled = self.overwritten = 0
         for sums in (self._velocities, self._accelerations, self._phases):
             sums.clear()
@@ -126,7 +126,7 @@ class SetpointStatistics:
     # -- set-points
 
     def received(self, after_sync_ns: int) -> None:
-        """Note when after a SYNC the RPDO with a set-point arrived."""
+        """Record the delay between a SYNC and the RPDO with a set-point."""
         self._phases.add(after_sync_ns * 1e-3)
 
     def take(self, set_point: float | None, now: int) -> None:
@@ -153,7 +153,7 @@ class SetpointStatistics:
         self._position = self._way = 0.0
 
     def follow(self, demand: DemandCurve, now: int) -> None:
-        """Walk over `demand`, which was in force until now."""
+        """Sample `demand`, which was active until now."""
         grid = self._grid
         if not grid or now - grid > _GAP_NS:
             self.pause()
@@ -233,7 +233,7 @@ NEW_SET_POINT = 1 << 4  # of the controlword; HM and IP use the bit as well
 
 
 class AxisParts:
-    """The parts of one axis that a mode works with."""
+    """Parts of one axis that a mode uses."""
 
     __slots__ = ("clock", "limits", "meter", "mover", "objects", "outbox", "power")
 
@@ -266,11 +266,11 @@ class Mode:
         self.reset()
 
     def set_model(self, model: DeviceModel) -> None:
-        """Behave as another device model does."""
+        """Apply another device model."""
         self.model = model
 
     def reset(self) -> None:
-        """Forget everything: the axis is not in operation, or in another mode."""
+        """Reset the mode: the axis is not enabled, or in another mode."""
 
     def start(self, now: int) -> None:
         """Start in operation from the present motion; also after a halt."""
@@ -290,7 +290,7 @@ class Mode:
         """Apply set-points that may have changed."""
 
     def take(self, now: int) -> None:
-        """Apply the set-point of an RPDO, also if it is unchanged."""
+        """Apply the set-point of an RPDO, even if it is unchanged."""
         self.update(now)
 
     def missed(self) -> None:
@@ -306,7 +306,7 @@ class Mode:
         """Continue after the end of a demand."""
 
     def bits(self) -> int:
-        """Return the mode's own bits of the statusword; without a mode bit 10 at standstill."""
+        """Return the mode's bits of the statusword; without a mode bit 10 at standstill."""
         return REACHED if self.mover.at_standstill else 0
 
     def unpowered_bits(self) -> int:
@@ -314,7 +314,7 @@ class Mode:
         return 0
 
     def measured_velocity(self) -> float:
-        """Return the velocity that the drive measures, in counts/s."""
+        """Return the velocity measured by the drive, in counts/s."""
         return self.mover.plant.velocity
 
     def deceleration(self) -> float:
@@ -326,7 +326,7 @@ class Mode:
         return self.objects.ramp(o.QUICK_STOP_DECELERATION)
 
     def can_halt(self) -> bool:
-        """Whether controlword bit 8 does anything."""
+        """Whether controlword bit 8 has an effect."""
         return True
 
 
@@ -353,16 +353,16 @@ class GatedMode(Mode):
         self.outbox, self.clock, self.meter = inner.outbox, inner.clock, inner.meter
 
     def set_model(self, model: DeviceModel) -> None:
-        """Behave as another device model does."""
+        """Apply another device model."""
         self.model = model
         self.inner.set_model(model)
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Reset the statistics."""
         self.inner.reset()
 
     def start(self, now: int) -> None:
-        """Start, or stand still while the gate is closed."""
+        """Start, or hold while the gate is closed."""
         if self.gate.closed_by:
             super().start(now)
         else:
@@ -408,7 +408,7 @@ class GatedMode(Mode):
         return self.inner.unpowered_bits()
 
     def measured_velocity(self) -> float:
-        """Return the velocity that the drive measures."""
+        """Return the velocity measured by the drive."""
         return self.inner.measured_velocity()
 
     def deceleration(self) -> float:
@@ -420,7 +420,7 @@ class GatedMode(Mode):
         return self.inner.quick_stop_deceleration()
 
     def can_halt(self) -> bool:
-        """Whether controlword bit 8 does anything."""
+        """Whether controlword bit 8 has an effect."""
         return self.inner.can_halt()
 
 
@@ -428,7 +428,7 @@ class FollowingMode(Mode):
     """Mode that follows its target without a handshake: `update` acts on changed inputs."""
 
     def reset(self) -> None:
-        """Forget the last target."""
+        """Reset the last target."""
         self._inputs: object = None
         self._looked: tuple[int, float] | None = None  # at which version of the values, and with which zero
 
@@ -445,6 +445,6 @@ class FollowingMode(Mode):
         return looked is None or looked != before or self._inputs is None
 
     def changed(self, inputs: object) -> bool:
-        """Whether `inputs`, the target and what limits it, differ from the last ones; keeps them."""
+        """Whether `inputs`, the target and its limits, differ from the last ones; stores them."""
         differs, self._inputs = inputs != self._inputs, inputs
         return differs

@@ -42,7 +42,7 @@ def _word(change: Callable[[VirtualDrive, int], int]) -> AxisAct:
 
 
 def _flickers(period_ns: int, duty: int, bits: int) -> Callable[[VirtualDrive, int], int]:
-    """Return a change that turns bits round in one of `duty` periods."""
+    """Return a change that inverts bits in one of `duty` periods."""
     return lambda drive, word: word ^ bits if drive.mover.time // period_ns % duty == 0 else word
 
 

@@ -29,7 +29,7 @@ class DriveStateChanged:
 
 @dataclass(frozen=True, slots=True)
 class DriveFaulted:
-    """A fault occurred; `code` is its EMCY code."""
+    """Fault with its EMCY `code`."""
 
     axis: int
     code: int
@@ -37,7 +37,7 @@ class DriveFaulted:
 
 @dataclass(frozen=True, slots=True)
 class ControlwordIgnored:
-    """Controlword with a transition that the axis refuses, and the reason."""
+    """Controlword for a transition that the axis refuses, and the reason."""
 
     axis: int
     controlword: int
@@ -46,7 +46,7 @@ class ControlwordIgnored:
 
 @dataclass(frozen=True, slots=True)
 class ModeChanged:
-    """0x6061 shows another mode."""
+    """Change of the mode in 0x6061."""
 
     axis: int
     mode: int
@@ -62,7 +62,7 @@ class EmergencyRaised:
 
 @dataclass(frozen=True, slots=True)
 class HeartbeatMissed:
-    """Heartbeat of a node watched by 0x1016 (0: the guarding master) missing, or back."""
+    """Missing or returned heartbeat of a node in 0x1016 (0: of the guarding master)."""
 
     node_id: int
     missed: bool
@@ -86,14 +86,14 @@ class QuirkSwitched:
 
 @dataclass(frozen=True, slots=True)
 class NodeIdChanged:
-    """LSS gave the node another id."""
+    """Change of the node id by LSS."""
 
     node_id: int
 
 
 @dataclass(frozen=True, slots=True)
 class BitRateActivated:
-    """LSS switched the bit rate, in bit/s; 0: it is detected."""
+    """Change of the bit rate by LSS, in bit/s; 0: automatic detection."""
 
     bitrate: int
 
@@ -142,6 +142,6 @@ _WORDS: dict[type, Callable[..., str]] = {
 
 
 def in_words(event: object) -> str | None:
-    """Return the line of an event, None for one that has no words."""
+    """Return the line of an event, None for one without text."""
     words = _WORDS.get(type(event))
     return None if words is None else words(event)

@@ -33,7 +33,7 @@ def _ignore(*_arguments: object) -> None:
 
 
 class NodeHost:
-    """Runs `nodes` on `port`; they are powered on in the reactor's next turn. The port stays its owner's.
+    """Runs `nodes` on `port`; they are powered on in the reactor's next turn. The caller closes the port.
 
     `on_event(node, event)` hears what happens to a node, `on_bus_event` what happens to the channel, `on_closed` that
     the port is gone; `rejoin` gives another one.

@@ -1,4 +1,4 @@
-"""Asks on the bus whether node ids are free, before virtual drives take them.
+"""Check on the bus whether node ids are free, before virtual drives use them.
 
 The question is an upload of 0x1000, which every node has; whoever answers it, or is heard with a heartbeat, holds the
 id.
@@ -26,7 +26,7 @@ _DEVICE_TYPE = INITIATE.pack(UPLOAD, 0x1000, 0)
 
 
 class NodeIdTaken(BusError):
-    """Another node answers with the id."""
+    """Error: another node answers with the id."""
 
     def __init__(self, node_id: int, channel: str) -> None:
         self.node_id = node_id
@@ -34,7 +34,7 @@ class NodeIdTaken(BusError):
 
 
 class NodeIdCheck:
-    """Asks whether `node_ids` are free on `port`, from the moment it is made.
+    """Checks whether `node_ids` are free on `port`, from its creation on.
 
     A node without an id (255) holds none: CiA 305 lets any number of them wait for theirs on one bus.
     """
@@ -50,7 +50,7 @@ class NodeIdCheck:
         port.send(pack_records([CanFrame(REQUEST_BASE + node_id, _DEVICE_TYPE) for node_id in node_ids]))
 
     def finish(self) -> None:
-        """Wait for the remaining time; raise NodeIdTaken if another node was heard."""
+        """Wait for the remaining time; raise NodeIdTaken if another node answered."""
         self._reactor.add_reader(self._port, self._listen)
         self._reactor.run_until(lambda: self._taken is not None, max(0, self._until - self._reactor.now()))
         self._reactor.remove_reader(self._port)

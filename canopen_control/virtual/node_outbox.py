@@ -50,11 +50,11 @@ class SyncPll:
 
     @property
     def slack_ns(self) -> float:
-        """Maximum delay of the next SYNC that still counts for its period."""
+        """Maximum delay at which the next SYNC still belongs to its period."""
         return min(self._latest * _MARGIN, 0.5 * self.period_ns)
 
     def has_period(self, seconds: float) -> bool:
-        """Whether SYNC comes at the interpolation time period."""
+        """Whether the SYNC period equals the interpolation time period."""
         return self._count >= _LOCKED and abs(self.period_ns * 1e-9 - seconds) <= _SAME * seconds
 
     def heard(self, now: int) -> None:
@@ -90,7 +90,7 @@ _MOST_WAITING = 1000  # events, and frames of injected faults
 
 
 class NodeClock:
-    """Time of the node and of its last SYNC (None: none), in monotonic ns.
+    """Time of the node and of its last SYNC (None without one), in monotonic ns.
 
     `rhythm` is that of the SYNCs.
     Seam `drift_ppm`: how much faster than the master's it is.
@@ -106,7 +106,7 @@ class NodeClock:
 
 
 class NodeOutbox:
-    """Collects frames and events of a node's services; its size is bounded.
+    """Collects frames and events of a node's services, bounded in size.
 
     `happened` are the events that wait, for whoever only asks whether there are any.
     """
@@ -127,11 +127,11 @@ class NodeOutbox:
         self._events.put(event)
 
     def send(self, frame: CanFrame) -> None:
-        """Send a frame that is not of a service."""
+        """Send a frame that belongs to no service."""
         self.outgoing.put(frame)
 
     def events(self) -> list[object]:
-        """Drain what happened, in order."""
+        """Return and clear the events, in order."""
         return self._events.drain()
 
     # -- errors
@@ -155,7 +155,7 @@ class NodeOutbox:
             self.changed = True
 
     def clear_errors(self) -> None:
-        """Clear every error but that of a communication still lost (transition 15)."""
+        """Clear every error except that of a lost communication (transition 15)."""
         for code in self._emcy.active:
             if code != HEARTBEAT_ERROR:
                 self.clear_error(code)

@@ -1,4 +1,4 @@
-"""The process data of a node: its RPDOs and TPDOs, made from the records 0x1400 to 0x1BFF.
+"""Process data of a node: its RPDOs and TPDOs, created from the records 0x1400 to 0x1BFF.
 
 The records are the truth; a write to one that the rules accept rebuilds its PDO at once. An RPDO is applied whole
 before anybody looks at its values, and of an axis the controlword last. At SYNC the TPDOs are sampled before the held
@@ -64,21 +64,21 @@ class AxisPorts(Protocol):
         """Advance the axis to `now`."""
 
     def refresh(self, now: int, *, controlword: bool = False, set_point: bool = False) -> None:
-        """Act on objects that were written."""
+        """Process written objects."""
 
     @property
     def set_point(self) -> int:
         """Object whose RPDOs are set-points of the active mode, 0 for none."""
 
     def set_point_received(self, now: int, *, overwrites: bool) -> None:
-        """Note that an RPDO with a set-point arrived, and whether it replaces one that waits."""
+        """Record that an RPDO with a set-point arrived, and whether it replaces a waiting one."""
 
     def set_point_missed(self) -> None:
         """Count a SYNC without a set-point."""
 
 
 class Concern(NamedTuple):
-    """An axis that an RPDO writes to: whether its controlword, and which other objects as those of axis 0."""
+    """Axis to which an RPDO writes: whether its controlword, and its other objects as those of axis 0."""
 
     axis: AxisPorts
     controlword: bool
@@ -86,7 +86,7 @@ class Concern(NamedTuple):
 
 
 class MappedRpdo:
-    """RPDO: its mapped entries and the axes they concern."""
+    """RPDO: its mapped entries and the affected axes."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -104,7 +104,7 @@ class MappedRpdo:
 
 
 class MappedTpdo:
-    """TPDO: the sources of its values, and the bytes last sampled."""
+    """TPDO: the sources of its values, and the last sampled bytes."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -132,7 +132,7 @@ class MappedTpdo:
 
 
 def concerns_of(entries: Iterable[Entry | None], axes: Mapping[int, AxisPorts]) -> tuple[Concern, ...]:
-    """Return the axes that an RPDO writes to, in the order of its objects; none where others hear of an object too."""
+    """Return the axes to which an RPDO writes, in the order of its objects; none if an object has other watchers."""
     bases: dict[int, set[int]] = {}
     for entry in entries:
         if entry is None:  # a gap
@@ -156,7 +156,7 @@ _SYNC, _EMCY = 0x1005, 0x1014
 
 
 def mapping_of(communication: int) -> int:
-    """Return the index of the mapping record that belongs to a communication record."""
+    """Return the index of the mapping record for a communication record."""
     return communication + 0x200
 
 
@@ -173,7 +173,7 @@ class PdoRecords:
         self._communication = [base + number for base in (RPDO, TPDO) for number in self.numbers(base)]
 
     def numbers(self, base: int) -> list[int]:
-        """Return the numbers, from 0, of the RPDOs (`base` 0x1400) or TPDOs (0x1800) that the dictionary has."""
+        """Return the numbers, from 0, of the existing RPDOs (`base` 0x1400) or TPDOs (0x1800)."""
         return sorted({entry.index - base for entry in self._store.od if base <= entry.index < base + 512})
 
     def guard(self, base: int, communication: int) -> None:
@@ -228,7 +228,7 @@ class PdoRecords:
         return judge
 
     def _users(self) -> dict[int, int]:
-        """Return which record has an 11-bit identifier, by its index: 0x1005 and 0x1014, else the first PDO."""
+        """Return the record that uses an 11-bit identifier, by its index: 0x1005 and 0x1014, else the first PDO."""
         store = self._store
         users: dict[int, int] = {}
         for index, default in ((_SYNC, 0x80), (_EMCY, INVALID_BIT)):
@@ -242,7 +242,7 @@ class PdoRecords:
         return users
 
     def is_valid(self, communication: int) -> bool:
-        """Whether a communication record has a valid PDO (bit 31 clear)."""
+        """Whether the PDO of a communication record is valid (bit 31 clear)."""
         return not self._store.number(communication, 1, INVALID_BIT) & INVALID_BIT
 
     def parameters(self, communication: int) -> PdoParameters:
@@ -259,7 +259,7 @@ class PdoRecords:
         return replace(params, enabled=False) if is_free else params
 
     def _mapping(self, record: int) -> list[tuple[MappedObject, Entry | None]]:
-        """Return the mapped objects; a record that names what does not exist maps nothing."""
+        """Return the mapped objects; a record with a missing object maps nothing."""
         objects: list[tuple[MappedObject, Entry | None]] = []
         for sub in range(1, min(64, self._store.number(record)) + 1):
             index, subindex, bits = parse_mapping_entry(self._store.number(record, sub))
@@ -299,7 +299,7 @@ class PdoRecords:
 
 
 class RpdoInput:
-    """Hands RPDO frames on. Seams: `delay_ns`, how late; `lost`, one of how many never is, 0: none is lost.
+    """Passes RPDO frames on. Injection points: `delay_ns`; `lost`: one of this many RPDOs is lost, 0: none.
 
     `delayed` are those that wait to be handed on, with the time of that; `received` counts what came.
     """
@@ -311,7 +311,7 @@ class RpdoInput:
         self.delayed: deque[tuple[int, Receive, CanFrame]] = deque()
 
     def receiver(self, receive: Receive) -> Receive:
-        """Return what takes a frame from the wire for `receive`."""
+        """Return the handler of frames from the wire, which calls `receive`."""
 
         def take(frame: CanFrame, now: int) -> None:
             self.received += 1
@@ -326,14 +326,14 @@ class RpdoInput:
         return take
 
     def tick(self, now: int) -> None:
-        """Hand on what was kept until now."""
+        """Pass delayed frames on."""
         delayed = self.delayed
         while delayed and delayed[0][0] <= now:
             _, receive, frame = delayed.popleft()
             receive(frame, now)
 
     def next_deadline(self) -> int | None:
-        """Return when `tick` hands on the next one."""
+        """Return the time of the next delayed frame."""
         return self.delayed[0][0] if self.delayed else None
 
 
@@ -343,20 +343,20 @@ _NO_EVENTS = frozenset((o.STATUSWORD, o.MODES_OF_OPERATION_DISPLAY, o.ERROR_CODE
 
 
 class EventGate(Protocol):
-    """Interface of a device that decides itself which changes are events."""
+    """Interface of a device that decides which changes are events."""
 
     def starts(self, mapped: Collection[Address]) -> bool:
         """Whether a TPDO with these objects is sent when the node becomes OPERATIONAL."""
 
     def passes(self, changed: Collection[Address]) -> bool:
-        """Whether changes of these objects are an event that is to be sent."""
+        """Whether changes of these objects are an event that triggers a TPDO."""
 
     def told(self) -> None:
         """Process the end of a check of all TPDOs."""
 
 
 class PdoExchange:
-    """PDOs of a node. `refused` counts RPDO values that the node refused.
+    """PDOs of a node; `refused` counts refused RPDO values.
 
     `rebuilt` is called when a record was written: identifiers may be others. `input` is what faults do to RPDOs.
     `outgoing` are the TPDOs that wait to be sent, those of each for whoever sends them to take.
@@ -506,7 +506,7 @@ class PdoExchange:
             tpdo.producer.stop()
 
     def routes(self) -> list[tuple[int, Callable[[CanFrame, int], None]]]:
-        """Return the identifiers, with linux/can.h's flags, that the valid PDOs listen to."""
+        """Return the identifiers received by the valid PDOs, with the flags of linux/can.h."""
         receivers = [(rpdo.consumer.parameters, self._receiver(rpdo)) for rpdo in self.rpdos.values()]
         handlers = [(_can_id(parameters), receive) for parameters, receive in receivers if parameters.enabled]
         for producer in (tpdo.producer for tpdo in self.tpdos.values()):
@@ -515,7 +515,7 @@ class PdoExchange:
         return handlers
 
     def sync_rpdo_handlers(self) -> list[tuple[int, Callable[[CanFrame, int], bool]]]:
-        """Return the handlers of RPDOs that only wait for SYNC, by identifier; False: `routes` must process it."""
+        """Return the handlers of RPDOs that wait for SYNC, by identifier; False: `routes` must process it."""
         parameters = [(rpdo, rpdo.consumer.parameters) for rpdo in self.rpdos.values()]
         return [(_can_id(params), self._holder(rpdo)) for rpdo, params in parameters if params.enabled]
 
@@ -567,7 +567,7 @@ class PdoExchange:
                 self._judge(rpdo, rpdo.wrong - {RpdoEventKind.TIMEOUT})
 
     def _judge(self, rpdo: MappedRpdo, wrong: set[RpdoEventKind]) -> None:
-        """Raise what is wrong with an RPDO, and clear what is wrong with none any more."""
+        """Raise an RPDO's error, and clear an error that no RPDO has any more."""
         cleared, rpdo.wrong = rpdo.wrong - wrong, wrong
         for kind in wrong:
             self._outbox.emergency(EMCY_OF[kind], ErrorRegister.COMMUNICATION)
@@ -609,7 +609,7 @@ class PdoExchange:
             axis.refresh(now, controlword=controlword, set_point=axis.set_point in objects)
 
     def _act_on(self, applied: list[tuple[Entry, Value]], now: int) -> None:
-        """Act on the values of one RPDO, which are all in place: each axis once, its controlword last."""
+        """Process the complete values of one RPDO: each axis once, its controlword last."""
         axes: dict[int, int] = {}
         for entry, value in applied:
             base, axis = o.axis_of(entry.index)
@@ -623,7 +623,7 @@ class PdoExchange:
             self._axes[axis].refresh(now, controlword=bool(brings & _CONTROLWORD), set_point=bool(brings & _SET_POINT))
 
     def _tell_refusal(self, rpdo: MappedRpdo, refused: bool) -> None:
-        """Raise an error for a refused value, if the device does, until all values are accepted."""
+        """Raise an error for a refused value, if the device reports it, until all values are accepted."""
         error = self._model.rpdo_error
         if refused:
             self._refusing.add(rpdo.number)
@@ -673,7 +673,7 @@ class PdoExchange:
             self._serve(rpdo, now)
 
     def next_deadline(self) -> int | None:
-        """Return when `tick` has something to do."""
+        """Return the time of the next `tick`."""
         first = self.input.next_deadline() if self.input.delayed else None
         for part in self._timed:
             deadline = part.next_deadline()

@@ -1,4 +1,4 @@
-"""The values behind a node's object dictionary, and the rules of reading and writing them (CiA 301, 7.2.4 and 7.4).
+"""Values of a node's object dictionary, and rules for reading and writing them (CiA 301, 7.2.4 and 7.4).
 
 The dictionary says what exists, which access it allows, how long a value is and between which limits; every breach is
 an abort code and changes nothing. What the device itself does with an object is hooked on:
@@ -45,13 +45,13 @@ def check_limits(entry: Entry, value: Value) -> None:
 
 
 def refuse(code: int | None) -> None:
-    """Raise the abort code that a rule found; None: it found nothing."""
+    """Raise the abort code of a rule; None: no violation."""
     if code is not None:
         raise SdoServerAbort(code)
 
 
 class VirtualStore:
-    """Typed values of all entries of `od`, served to an SDO server through `upload` and `download`.
+    """Typed values of all entries of `od`; an SDO server uses `upload` and `download`.
 
     `power_on` holds what differs from the file's defaults after a reset: identity, and what 0x1010 stored. Seam
     `ceilings`: by index the most that is taken, silently. `version` grows when a value becomes another one, or a rule.
@@ -116,7 +116,7 @@ class VirtualStore:
         self._initial = {entry.address: default_of(entry) for entry in od}
 
     def saved(self) -> dict[Address, Value]:
-        """Return the power-on values that are neither the file's nor `preset`: what 0x1010 stored."""
+        """Return the stored power-on values (0x1010), without those of the file and of `preset`."""
         nothing = object()
         return {
             address: value
@@ -155,7 +155,7 @@ class VirtualStore:
         self.version += 1
 
     def guard_of(self, index: int) -> tuple[Guard | None, bool]:
-        """Return what judges writes to an index, None: nothing, and whether it judges by values alone."""
+        """Return the guard of writes to an index (None without one), and whether it depends on values alone."""
         return self._guards.get(index), index not in self._moody
 
     def set_guard(self, index: int, guard: Guard | None, *, by_values: bool = False) -> None:

@@ -33,20 +33,20 @@ class Plant(Protocol):
     stiff: bool  # whether it is always where the demand is, so that nobody needs to look in between
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Move as the position and velocity loops of a drive make it move."""
+        """Move by the position and velocity loops of a drive."""
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Advance under a torque in per mille, whose course over time is `torque`."""
+        """Advance with a torque in per mille, whose curve over time is `torque`."""
 
     def release(self, start_ns: int, end_ns: int) -> None:
-        """Move without power; what was fed forward is forgotten."""
+        """Move without power; the feed-forward is cleared."""
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Set what is added to the demand of the loops: 0x60B1 in counts/s and 0x60B2 in per mille."""
+        """Set the feed-forward of the loops: 0x60B1 in counts/s and 0x60B2 in per mille."""
 
 
 class ServoGains(NamedTuple):
-    """`velocity_p` in per mille s/count, `velocity_i` in per mille/count, `position_p` in 1/s, a share fed forward."""
+    """`velocity_p` in per mille s/count, `velocity_i` in per mille/count, `position_p` in 1/s, a feed-forward share."""
 
     velocity_p: float
     velocity_i: float
@@ -55,7 +55,7 @@ class ServoGains(NamedTuple):
 
 
 class AxisOwner(Protocol):
-    """Axis of a drive as seen by a coupled plant: its present demand and its timers."""
+    """Axis of a drive for a coupled plant: its present demand and its timers."""
 
     powered: bool
     torque: DemandCurve | None  # set: pushed, in per mille; else led along `demand`
@@ -79,11 +79,11 @@ class CoupledPlant(Plant, Protocol):
     follow_ns: int  # how often its drive judges position and load; it need not be woken for that
 
     def set_owner(self, owner: AxisOwner) -> None:
-        """Set the axis whose demand it follows; called once."""
+        """Set the axis with the demand to follow; called once."""
 
 
 def _lag(velocity: float, piece: Piece, time_constant: float) -> tuple[float, float]:
-    """Return way and velocity after a piece, of a first-order lag behind the piece's velocity."""
+    """Return distance and velocity after a piece, with a first-order lag behind the piece's velocity."""
     seconds, demand, slope = piece
     decay = math.exp(-seconds / time_constant)
     offset = velocity - demand + slope * time_constant
@@ -92,7 +92,7 @@ def _lag(velocity: float, piece: Piece, time_constant: float) -> tuple[float, fl
 
 
 def _push(plant: IdealPlant | LagPlant, torque: DemandCurve, start_ns: int, end_ns: int, time_constant: float) -> None:
-    """Move a plant towards the velocity that belongs to the torque."""
+    """Move a plant towards the velocity that corresponds to the torque."""
     gain = plant.rated_velocity / 1000.0
     for piece in torque.slices(start_ns, end_ns):
         scaled = piece._replace(velocity=piece.velocity * gain, acceleration=piece.acceleration * gain)
@@ -103,7 +103,7 @@ def _push(plant: IdealPlant | LagPlant, torque: DemandCurve, start_ns: int, end_
 
 @dataclass(slots=True)
 class IdealPlant:
-    """Ideal plant at the demanded position; it stands still without power, as a small stepper does.
+    """Ideal plant at the demanded position; it stands still without power, like a small stepper.
 
     In the torque modes it is a mass with viscous friction: `rated_velocity` is its final velocity at rated torque,
     `torque_time_constant` how long it takes to get there.
@@ -122,7 +122,7 @@ class IdealPlant:
         self.torque = 0.0
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Approach the velocity that belongs to the torque."""
+        """Approach the velocity that corresponds to the torque."""
         _push(self, torque, start_ns, end_ns, self.torque_time_constant)
 
     def release(self, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # it stands, however long
@@ -158,7 +158,7 @@ class LagPlant:
         self.torque = 0.0
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Approach the velocity that belongs to the torque."""
+        """Approach the velocity that corresponds to the torque."""
         _push(self, torque, start_ns, end_ns, self.coast_time_constant)
 
     def release(self, start_ns: int, end_ns: int) -> None:
@@ -169,14 +169,14 @@ class LagPlant:
         self.torque = self.fed_velocity = 0.0
 
     def feed_forward(self, velocity: float, torque: float) -> None:  # noqa: ARG002 # a torque does not lessen the lag
-        """Change the velocity at once by what is fed forward; the loop takes away what is too much."""
+        """Change the velocity immediately by the feed-forward; the loop corrects the excess."""
         self.velocity += velocity - self.fed_velocity
         self.fed_velocity = velocity
 
 
 @dataclass(slots=True)
 class LoadedPlant:
-    """A motor with a torque limit, an inertia, friction, an external torque, backlash and a stall, in fixed steps.
+    """Motor with torque limit, inertia, friction, external torque, backlash and stall, in fixed steps.
 
     Torques are per mille of the rated one. The rated torque alone accelerates the unloaded motor by `acceleration`
     counts/s^2; a load of `inertia` divides that by 1 + inertia. `external` pulls in the positive direction (gravity on
@@ -217,27 +217,27 @@ class LoadedPlant:
             self._step(max(-self.torque_limit, min(self.torque_limit, need)))
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Move under the torque alone."""
+        """Move by the torque alone."""
         for clock in self._steps(start_ns, end_ns):
             self._step(max(-self.torque_limit, min(self.torque_limit, torque.at(clock)[1])))
 
     def release(self, start_ns: int, end_ns: int) -> None:
-        """Coast under load, friction and the external torque."""
+        """Coast with load, friction and external torque."""
         self.feed_forward(0.0, 0.0)
         for _ in self._steps(start_ns, end_ns):
             self._step(0.0)
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Set what is added to the velocity and the torque loop."""
+        """Set the feed-forward of the velocity and the torque loop."""
         self.fed_velocity, self.fed_torque = velocity, torque
 
     def _steps(self, start_ns: int, end_ns: int) -> range:
-        """Return the ends of the steps within a time: a fixed grid, independent of the times of the calls."""
+        """Return the ends of the steps within a time: a fixed grid, independent of the calls."""
         step = self._STEP_NS
         return range((start_ns // step + 1) * step, end_ns + 1, step)
 
     def _correction(self, error: float) -> float:
-        """Return the velocity that takes a position error away, no more than the torque limit can stop in time.
+        """Return the velocity that corrects a position error, limited by the stopping ability of the torque limit.
 
         Without that bound a motor that is weak for its load swings between both torque limits for ever.
         """
@@ -245,7 +245,7 @@ class LoadedPlant:
         return max(-braked, min(braked, self.position_gain * error))
 
     def _mass(self) -> float:
-        """Torque in per mille for each count/s^2."""
+        """Torque in per mille per count/s^2."""
         return 1000.0 * (1.0 + self.inertia) / self.acceleration
 
     def _step(self, torque: float) -> None:
@@ -266,19 +266,19 @@ class LoadedPlant:
 
 
 class World(Protocol):
-    """World: creates the plant of each axis and has their common state."""
+    """Common simulation: creates the plant of each axis and holds their common state."""
 
     period_ns: int | None
     """How often every axis is advanced although nothing happens; None: never."""
 
     def plant(self, node_id: int, axis: int) -> Plant:
-        """Return the plant of an axis; asked once for each."""
+        """Return the plant of an axis; called once per axis."""
 
     def describe(self) -> WorldState:
-        """Return what there is beyond the axes: the true pose of the base, as far as all of its axes have come."""
+        """Return the state beyond the axes: the true pose of the base at the time reached by all of its axes."""
 
     def close(self) -> None:
-        """End it."""
+        """Close the world."""
 
 
 @runtime_checkable
@@ -297,15 +297,15 @@ class HasScenery(World, Protocol):
 
 
 class SharedWorld(ReportsAssumptions, Protocol):
-    """World that several buses share, of one robot or of several."""
+    """World shared by several buses, of one robot or of several."""
 
     def side(self, robot: str, bus: str = "") -> World:
-        """Return the world as the drives of a robot on one of its buses see it; KeyError for no such robot."""
+        """Return the world for the drives of a robot on one of its buses; KeyError for an unknown robot."""
 
 
 @runtime_checkable
 class AcceptsEvents(World, Protocol):
-    """World that accepts events which no drive causes."""
+    """World that accepts events other than those of drives."""
 
     def act(self, world_act: WorldAct) -> None:
         """Apply an event now; ConfigError for an unknown link or joint."""

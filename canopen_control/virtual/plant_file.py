@@ -75,7 +75,7 @@ _STATE = frozenset(
 
 
 class WorldError(ConfigError):
-    """A plant file holds mistakes."""
+    """Error in a plant file."""
 
 
 @dataclass(frozen=True)
@@ -101,12 +101,12 @@ class AxisFile:
     here: Node = position()  # noqa: RUF009 - makes a field
 
     def parameters(self) -> dict[str, float]:
-        """Return the plant's numbers that the file gives."""
+        """Return the plant's numbers in the file."""
         names = [field.name for field in dataclasses.fields(self) if field.name not in ("kind", "here")]
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
     def check(self) -> None:
-        """Report parameters that this kind of plant does not have."""
+        """Report parameters that this kind of plant lacks."""
         fields = {field.name for field in dataclasses.fields(_KINDS[self.kind])} - _STATE  # type: ignore[arg-type] # all are dataclasses
         for name in self.parameters().keys() - fields:
             self.here.error(f"a plant of kind {self.kind} has no {name}; it has: {', '.join(sorted(fields))}")
@@ -140,7 +140,7 @@ class BaseFile:
 
 @dataclass(frozen=True)
 class EncoderFile:
-    """Encoder of the file, with its axis."""
+    """Encoder in the file, with its axis."""
 
     axis: str = setting()
     counts_per_revolution: float = setting(low=1e-6)
@@ -158,7 +158,7 @@ class EncoderFile:
 
 @dataclass(frozen=True)
 class WorldFile:
-    """The file as a whole."""
+    """Contents of the file."""
 
     seed: int = 0
     default: AxisFile = dataclasses.field(default_factory=lambda: AxisFile(kind="ideal"))
@@ -249,7 +249,7 @@ def _address(name: str) -> tuple[int, int]:
 
 
 def read_world(path: Path) -> World:
-    """Return the engine that a file describes; WorldError with every mistake and its line."""
+    """Return the world of a file; WorldError with every error and its line."""
     engine = _engine(path)
     if engine is not None:
         return engine
@@ -276,7 +276,7 @@ def _check(file: WorldFile, _problems: Problems) -> None:
 
 
 def _engine(path: Path) -> World | None:
-    """Return the engine that is named in the file, None: it is ours."""
+    """Return the engine named in the file, None for the default."""
     root = tree(path, error=WorldError)
     entry = root.get("engine") if root.kind == "mapping" else None
     if entry is None:

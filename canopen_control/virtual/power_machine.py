@@ -1,4 +1,4 @@
-"""The power state machine of one axis: states, transitions, and how each stops the motor (CiA 402-2, 6.3).
+"""Power state machine of one axis: states, transitions, and stops of the motor (CiA 402-2, 6.3).
 
 A command is what the table of `cia402.state` makes of the controlword in the present state. What a transition does is a
 case of `_act`; how a stop is made is what the option code says. The motor has power in OPERATION_ENABLED,
@@ -59,14 +59,14 @@ class MotorMode(Protocol):
         """Stop the motor by the reaction."""
 
     def can_halt(self) -> bool:
-        """Whether controlword bit 8 does anything."""
+        """Whether controlword bit 8 has an effect."""
 
     def released(self) -> None:
-        """Forget everything: the motor has no power."""
+        """Reset the mode: the motor has no power."""
 
 
 class PowerMachine:
-    """The state of one drive's power stage.
+    """State of one drive's power stage.
 
     `bits` are those of the statusword that are the state, `controlword` is the one last acted on, `stop_target` the
     state that a ramp under way ends in, `halted` whether the halt bit holds the motor, `causes` those of faults that
@@ -101,18 +101,18 @@ class PowerMachine:
 
     @property
     def running(self) -> bool:
-        """Whether operation is enabled and not on its way out."""
+        """Whether operation is enabled and no stop is in progress."""
         return self.state is State.OPERATION_ENABLED and self.stop_target is None
 
     @property
     def operational(self) -> bool:
-        """Whether set-points can come: the node is NMT OPERATIONAL, or serves SDO for it in PRE-OPERATIONAL."""
+        """Whether set-points can arrive: the node is OPERATIONAL, or serves SDO for them in PRE-OPERATIONAL."""
         state = self._nmt.state
         return state is NmtState.OPERATIONAL or (self.serves_preop.value and state is NmtState.PRE_OPERATIONAL)
 
     @property
     def live(self) -> bool:
-        """Whether set-points move the motor: enabled, OPERATIONAL, not halted and not on a way out."""
+        """Whether set-points move the motor: enabled, OPERATIONAL, not halted and not stopping."""
         return self.running and not self.halted and self.operational
 
     def _option(self, index: int) -> Option:
@@ -121,7 +121,7 @@ class PowerMachine:
         return codes.get(self._objects.number(index, default=DEFAULTS[index])) or codes[DEFAULTS[index]]
 
     def obey(self, command: Command, now: int) -> None:
-        """Execute a command in the present state; nothing if the table has no transition."""
+        """Execute a command in the present state; no-op if the table has no transition."""
         if command is Command.ENABLE_OPERATION and self.running:
             return  # as in every cycle
         if "transition" in self._mover.timers and command is not Command.DISABLE_VOLTAGE:
@@ -144,7 +144,7 @@ class PowerMachine:
             self._begin(transition, now)
 
     def _resume(self, now: int) -> None:
-        """Resume the mode: enabled again during the ramp of transition 5 or 8."""
+        """Resume the mode after an enable during the ramp of transition 5 or 8."""
         if self.state is State.OPERATION_ENABLED:
             self.stop_target = None
             self._motor.start(now)
@@ -169,7 +169,7 @@ class PowerMachine:
             self.obey(command, now)
 
     def act_of(self, number: int) -> Callable[[Transition, int], None]:
-        """Return what does a transition: a quirk, or `_act`."""
+        """Return the action of a transition: a quirk's, or `_act`."""
         return self.acts.get(number, self._act)
 
     def _act(self, transition: Transition, now: int) -> None:
@@ -206,25 +206,25 @@ class PowerMachine:
                 self.fault(self.fault_on_enable.value, now)
 
     def _enable_again(self, transition: Transition, now: int) -> None:
-        """Transition 16: from a quick stop that stays, 0x605A = 5 to 8."""
+        """Transition 16: from a quick stop with 0x605A = 5 to 8."""
         # CiA 402-2, table 22: transition 16 is possible only where 0x605A stays in QUICK STOP ACTIVE
         if self._option(o.QUICK_STOP_OPTION).final_state is State.QUICK_STOP_ACTIVE:
             self._enable(transition, now)
 
     def _leave(self, transition: Transition, now: int) -> None:
-        """Transitions 5 and 8: stop by the option code, then the new state."""
+        """Transitions 5 and 8: stop by the option code, then enter the new state."""
         if self.stop_target is not transition.target:
             index = o.DISABLE_OPERATION_OPTION if transition.number == 5 else o.SHUTDOWN_OPTION
             self._stop_as(self._option(index).reaction, transition.target, now)
 
     def _quick_stop(self, _transition: Transition, now: int) -> None:
-        """Transition 11: show the state at once, stop by the option code."""
+        """Transition 11: enter the state at once, stop by the option code."""
         option = self._option(o.QUICK_STOP_OPTION)
         self.enter(State.QUICK_STOP_ACTIVE, now)
         self._stop_as(option.reaction, option.final_state, now)
 
     def _reset_fault(self, transition: Transition, now: int) -> None:
-        """Transition 15: only when every cause is gone."""
+        """Transition 15: only if every cause is gone."""
         # CiA 402-2, table 22: transition 15 is made only when no fault condition is present
         if self.causes:
             codes = ", ".join(f"0x{code:04X}" for code in sorted(self.causes))
@@ -259,7 +259,7 @@ class PowerMachine:
             self.enter(end, now)
 
     def enter(self, state: State, now: int) -> None:
-        """Be in `state`; what leaves the powered ones takes the power away."""
+        """Enter `state`; leaving the powered states removes the power."""
         previous, self.state, self.bits = self.state, state, state.value
         if previous in POWERED_STATES and state not in POWERED_STATES:
             self.power_off(now)
@@ -276,7 +276,7 @@ class PowerMachine:
         self._motor.released()
 
     def halt(self, on: bool, now: int) -> None:
-        """Controlword bit 8: stop by 0x605D; the mode continues when it is cleared."""
+        """Controlword bit 8: stop by 0x605D; the mode continues once it is cleared."""
         if on == self.halted or (on and not self._motor.can_halt()):
             return
         self.halted = on
@@ -291,7 +291,7 @@ class PowerMachine:
         self.enter_fault(code, now)
 
     def hold_cause(self, code: int, *, until_communication_reset: bool = False) -> None:
-        """Keep a fault from being reset; a reset of communication may end that."""
+        """Prevent a fault reset until the cause is gone; a reset of communication may end that."""
         self.causes.add(code)
         if until_communication_reset:
             self._communication_causes.add(code)
@@ -302,7 +302,7 @@ class PowerMachine:
         self._communication_causes.discard(code)
 
     def communication_reset(self) -> None:
-        """Forget the causes that a reset of communication ends."""
+        """Clear the causes that end with a reset of communication."""
         self.causes -= self._communication_causes
 
     def enter_fault(self, code: int, now: int) -> None:
@@ -320,7 +320,7 @@ class PowerMachine:
             self.finish(State.FAULT, now)
 
     def lose_voltage(self, now: int) -> None:
-        """Lose the supply of the power stage: every state above falls to SWITCH_ON_DISABLED, without a fault."""
+        """Process the loss of the power stage's supply: higher states fall to SWITCH_ON_DISABLED without a fault."""
         self._mover.advance(now)
         self.voltage.inject(False)
         self._mover.cancel("transition")
@@ -351,7 +351,7 @@ FOLLOWING_ERROR = 0x8611
 
 
 class DriveLimits:
-    """The limits of one axis; `active` is bit 11 of its statusword."""
+    """Limits of one axis; `active` is bit 11 of its statusword."""
 
     def __init__(self, objects: AxisObjects, mover: AxisMotion, outbox: NodeOutbox, power: PowerMachine) -> None:
         self._objects, self._mover, self._outbox, self._power = objects, mover, outbox, power
@@ -363,7 +363,7 @@ class DriveLimits:
         self._most = 0.0
 
     def reset(self) -> None:
-        """Forget what was hit: the power is off."""
+        """Clear the active limits, because the power is off."""
         self.active = False
         self.following_error = 0.0
         self._bound = None
@@ -434,7 +434,7 @@ class DriveLimits:
             mover.run(ramp_to(now, position, velocity, 0.0, up, down), now)
 
     def arrived(self, now: int) -> None:
-        """Report the bound at which a demand ended."""
+        """Report the limit at which a demand ended."""
         demand = self._mover.demand
         if self._bound is not None and demand.end_ns <= now and demand.final_position == self._bound:
             self.active = True
@@ -453,7 +453,7 @@ class DriveLimits:
     # -- following error
 
     def judge_following_error(self, error: float, now: int) -> None:
-        """Note a following error; outside its window (0x6065) for its time (0x6066) it is fault 0x8611."""
+        """Check a following error; outside its window (0x6065) for its time (0x6066) it is fault 0x8611."""
         self.following_error = error
         mover = self._mover
         if not self.exceeded:

@@ -260,7 +260,7 @@ def _link_empty_after_fault(hooks: QuirkHooks, drive: VirtualDrive, seconds: flo
 
 
 def _ends_in(state: State, end: State | None) -> AxisAct:
-    """Return an act that ends the stop of a state in another state than in CiA 402."""
+    """Return an act that ends the stop of a state in a different state than in CiA 402."""
     return lambda hooks, drive, _strength: hooks.entry(drive.power.ends, state, end)
 
 

@@ -52,7 +52,7 @@ def _never() -> None:
 
 @dataclass(frozen=True)
 class BusNodes:
-    """Nodes for an opened port; `reopen` opens its channel again where it is back, else it returns None.
+    """Nodes for an opened port; `reopen` reopens its channel, or returns None while it is missing.
 
     `timeline` is played from the ready line on; `world` is what hangs on the axes.
     """
@@ -65,7 +65,7 @@ class BusNodes:
 
 
 class ServedBus:
-    """Serves the nodes of one bus from `open` to `close`; `log` takes lines, `on_lost` is called when it is given up.
+    """Service of one bus's nodes from `open` to `close`; `log` receives lines, `on_lost` is called at its end.
 
     `error` is why the bus is gone, None while it is there.
     """
@@ -128,7 +128,7 @@ class ServedBus:
 
     @property
     def ready_line(self) -> str:
-        """Nodes and buses in one line."""
+        """Return nodes and buses in one line."""
         ids = [node.node_id for node in self.nodes]
         kind = "drive" if self.nodes[0].drives else "node"
         which = f"{kind} {ids[0]}" if len(ids) == 1 else f"{kind}s {', '.join(map(str, ids))}"
@@ -160,7 +160,7 @@ class ServedBus:
             self._log(f"node {node.node_id}: another virtual drive has this id; this one has no control socket")
 
     def _on_bus_event(self, event: BusEvent) -> None:
-        """Report bus events: the first of a kind at once, those of the next seconds as a sum."""
+        """Report bus events: the first of a kind at once, those of the next seconds as a summary."""
         self._folded.report(event.kind, event.text, 1)
 
     def _on_closed(self, error: BusClosed) -> None:
@@ -186,7 +186,7 @@ class ServedBus:
 
 
 class FoldedLog:
-    """A log without floods: of one `kind` the first `at_most` in 10 s, then the newest with how many there were."""
+    """Rate-limited log: of one `kind` the first `at_most` in 10 s, then the newest with a count."""
 
     def __init__(self, reactor: Reactor, write: Callable[[str], object]) -> None:
         self._reactor, self._write = reactor, write
@@ -194,7 +194,7 @@ class FoldedLog:
         self._left_out: dict[Hashable, tuple[str, int]] = {}
 
     def report(self, kind: Hashable, text: str, at_most: int) -> None:
-        """Write a line, or count it where its kind has had as many as it may."""
+        """Write a line, or count it if the limit of its kind is reached."""
         if not self._counts:
             self._reactor.call_later(WINDOW_NS, self._end_window)
         count = self._counts[kind] = self._counts.get(kind, 0) + 1
@@ -215,7 +215,7 @@ _LOOK_NS = 20 * _MS
 
 
 class DriveProcess:
-    """Nodes of one process on the opened ports of their buses; `report` gets the lines of the log."""
+    """Nodes of one process on the opened ports of their buses; `report` receives the lines of the log."""
 
     def __init__(self, reactor: Reactor, buses: Sequence[BusNodes], report: Callable[[str], None]) -> None:
         self._reactor, self._say = reactor, report

@@ -1,4 +1,4 @@
-"""The modes of operation with a profile of their own, each a small object (CiA 402-2, 7, 8 and 16).
+"""Modes of operation with a motion profile (CiA 402-2, 7, 8 and 16).
 
 Set-points are user units, demands are the plant's counts. A set-point makes a new demand only where it, or a ramp or
 limit that matters to it, changed.
@@ -34,7 +34,7 @@ FAST, SLOW = 1, 2  # subindices of 0x6099
 
 
 class HomingMethod(NamedTuple):
-    """`edge`: a field of `Switches`, empty: none is sought. `direction` of the last pass. `pulse`: seek the index."""
+    """Homing method: `edge` is a field of `Switches` ("": none), `direction` of the last pass, `pulse`: index pulse."""
 
     edge: str
     direction: int
@@ -76,7 +76,7 @@ class _Leg(NamedTuple):
 
 
 class HomingMode(Mode):
-    """HM of one axis: bit 4 of the controlword starts it, and interrupts it by falling. Seam: `fails`."""
+    """HM of one axis: bit 4 of the controlword starts it, its falling edge interrupts it. Injection point: `fails`."""
 
     def __init__(self, axis: AxisParts) -> None:
         super().__init__(axis)
@@ -208,7 +208,7 @@ class HomingMode(Mode):
 
 
 def _legs_to(position: float, edge: float, direction: int, *, is_limit: bool) -> list[_Leg]:
-    """Return the passes over an edge: fast towards it, then slow until one has `direction`.
+    """Return the passes over an edge: fast towards it, then slow until one has the required `direction`.
 
     A motor that stands exactly on the edge leaves it first. Beyond a limit switch nothing is fast.
     """
@@ -231,7 +231,7 @@ class ProfileVelocity(FollowingMode):
     """PV: a ramp to 0x60FF, 0x6083 up and 0x6084 down. Bit 12: the speed is below 0x606F."""
 
     def reset(self) -> None:
-        """Forget the target."""
+        """Reset the target."""
         super().reset()
         self._target = 0.0
         self._windows_of = -1  # which version of the values they are from
@@ -263,13 +263,13 @@ class ProfileVelocity(FollowingMode):
         self._slow_within = max(self.objects.speed(o.VELOCITY_THRESHOLD), 0.5)
 
     def deceleration(self) -> float:
-        """Return 0x6084, or 0x6083 on drives that have one ramp for both."""
+        """Return 0x6084, or 0x6083 on drives with one ramp for both."""
         both = self.model.velocity_ramp_both_ways or not self.objects.has(o.PROFILE_DECELERATION)
         return self.objects.ramp(o.PROFILE_ACCELERATION if both else o.PROFILE_DECELERATION)
 
 
 class VelocityMode(FollowingMode):
-    """VL, the frequency converter's: 0x6042 in rpm, ramps 0x6048 and 0x6049, bits 4, 5 and 6 enable it."""
+    """VL, for frequency converters: 0x6042 in rpm, ramps 0x6048 and 0x6049, enabled by bits 4, 5 and 6."""
 
     _RUN = 0x70  # bits 4 (enable ramp), 5 (unlock ramp), 6 (reference ramp)
 
@@ -295,7 +295,7 @@ class VelocityMode(FollowingMode):
             self.mover.run(ramp_to(now, position, velocity, velocity, 0.0, 0.0), now)
 
     def bits(self) -> int:
-        """Return none."""
+        """Return no bits."""
         return 0
 
     def deceleration(self) -> float:
@@ -303,7 +303,7 @@ class VelocityMode(FollowingMode):
         return self._slope(o.VL_DECELERATION)
 
     def quick_stop_deceleration(self) -> float:
-        """Return 0x604A, or 0x6085 if that is absent or zero."""
+        """Return 0x604A, or 0x6085 if the former is absent or zero."""
         has_own = self.objects.number(o.VL_QUICK_STOP, 1) and self.objects.number(o.VL_QUICK_STOP, 2)
         return self._slope(o.VL_QUICK_STOP) if has_own else super().quick_stop_deceleration()
 
@@ -313,13 +313,13 @@ class VelocityMode(FollowingMode):
 
 
 class ProfilePosition(Mode):
-    """PP: set-points at the rising edge of bit 4, one active and one waiting (bit 12 until there is room).
+    """PP: set-points at the rising edge of bit 4, one active and one waiting (bit 12 while the buffer is full).
 
     Bit 10 needs the demand at its end and the position within 0x6067 for 0x6068 ms: it is never early.
     """
 
     def reset(self) -> None:
-        """Forget all set-points."""
+        """Reset all set-points."""
         self._target: float | None = None  # the one under way or reached, in plant counts
         self._next: float | None = None
         self._busy = False  # on its way
@@ -335,7 +335,7 @@ class ProfilePosition(Mode):
             self._go(self._target, now)
 
     def control(self, word: int, previous: int, now: int) -> None:
-        """Serve the handshake of bits 4 and 12."""
+        """Execute the handshake of bits 4 and 12."""
         single = self.model.single_set_point
         if word & ~previous & NEW_SET_POINT:
             at_once = single or bool(word & IMMEDIATELY) or not self._busy
@@ -401,7 +401,7 @@ class ProfilePosition(Mode):
             self._settle(now, None)
 
     def _arrive(self) -> None:
-        """Be at the target."""
+        """Process the arrival at the target."""
         self._busy, self._reached = False, True
         if not self.power.controlword & NEW_SET_POINT:
             self._acknowledged = False
@@ -421,7 +421,7 @@ class ProfilePosition(Mode):
         self.mover.at("window", due, lambda then: self._settle(then, since))
 
     def bits(self) -> int:
-        """Return bit 10 for the last set-point, bit 12 while one is acknowledged, bit 13 for following error."""
+        """Return bit 10 at the last set-point, bit 12 while one is acknowledged, bit 13 for a following error."""
         reached = self._reached and (self._target is not None or self.mover.at_standstill)
         return (
             (REACHED if reached else 0)

@@ -1,4 +1,4 @@
-"""The program area of a virtual device and its boot-loader: program download of CiA 302-3 (0x1F50, 51, 52, 56, 57).
+"""Program area and boot-loader of a virtual device: program download of CiA 302-3 (0x1F50, 51, 52, 56, 57).
 
 A device whose EDS has 0x1F51 can be given a new program. The law:
 
@@ -64,7 +64,7 @@ class FlashError(enum.IntEnum):
 
 
 def whole_program(content: bytes, *, days: int = 0, milliseconds: int = 0) -> bytes:
-    """Return a program for the device: the content, an optional date for 0x1F52, and the CRC-32."""
+    """Return a valid program for the device: the content, an optional date for 0x1F52, and the CRC-32."""
     program = content + _DATE.pack(_DATE_MARK, days, milliseconds) if days else content
     return program + zlib.crc32(program).to_bytes(_CRC_BYTES, "little")
 
@@ -104,12 +104,12 @@ class ProgramArea:
 
     @property
     def runs(self) -> bool:
-        """Whether the program runs, and not the boot-loader."""
+        """Whether the program runs instead of the boot-loader."""
         return self.state is ProgramState.RUNNING
 
     @property
     def is_whole(self) -> bool:
-        """Whether the flash holds a program with the right sum."""
+        """Whether the flash contains a program with a valid checksum."""
         content, crc = self.image[:-_CRC_BYTES], self.image[-_CRC_BYTES:]
         return len(self.image) > _CRC_BYTES and zlib.crc32(content).to_bytes(_CRC_BYTES, "little") == crc
 
@@ -135,16 +135,16 @@ class ProgramArea:
         self.image, self.error = b"", FlashError.NO_PROGRAM
 
     def mend(self) -> None:
-        """Restore the manufacturer's program if none is complete; it runs from the next reset on."""
+        """Restore the manufacturer's program unless one is complete; it runs from the next reset on."""
         if not self.is_whole:
             self.image, self.error = FACTORY_PROGRAM, FlashError.NONE
 
     def next_deadline(self) -> int | None:
-        """Return when the node has to reset itself."""
+        """Return the time at which the node must reset itself."""
         return self.reset_at
 
     def reset(self) -> None:
-        """Process a reset: a complete program runs, unless the reset is to stop it."""
+        """Process a reset: a complete program runs, unless the reset must stop it."""
         requested, self._next, self.reset_at, self._busy_until = self._next, None, None, 0
         stopped = requested is ProgramState.STOPPED
         self.state = ProgramState.RUNNING if self.is_whole and not stopped else ProgramState.STOPPED
@@ -183,7 +183,7 @@ class ProgramArea:
         self._busy_until = self._clock.now + self.erase_ns.value
 
     def _take(self, entry: Entry, value: Value) -> Value:
-        """Write the flash; a failed write stays in part, and 0x1F57 shows the error."""
+        """Write the flash; a failed write leaves partial data, and 0x1F57 shows the error."""
         if entry.subindex != self.number:
             raise SdoServerAbort(AbortCode.INVALID_VALUE)
         self._admit()
@@ -200,7 +200,7 @@ class ProgramArea:
         return b""  # it cannot be read, and is in the flash
 
     def _admit(self) -> None:
-        """Refuse data for a flash that was not cleared, before the transfer."""
+        """Refuse data before the transfer if the flash was not cleared."""
         if self.state is not ProgramState.CLEARED:
             self.error = FlashError.NOT_CLEARED
         self._require(self.state is ProgramState.CLEARED and not self._busy)

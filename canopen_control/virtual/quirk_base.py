@@ -82,7 +82,7 @@ class Quirk:
     group: str = ""
 
     def listing(self, on: Sequence[str] = ()) -> QuirkListing:
-        """Return the row as a message; `on`: how the quirk is active."""
+        """Return the row as a message; `on` is the text of the active quirk."""
         strength = self.strength
         return QuirkListing(
             name=self.name,
@@ -99,7 +99,7 @@ class Quirk:
 
 
 class QuirkHooks:
-    """Changes of `node` that can be undone, in reverse order; `outgoing` and `incoming` change its frames."""
+    """Changes of `node` that are undone in reverse order; `outgoing` and `incoming` change its frames."""
 
     def __init__(self, node: VirtualNode) -> None:
         self.node = node
@@ -173,7 +173,7 @@ class QuirkHooks:
         store.preset(index, subindex, value)
 
     def absent(self, *indices: int) -> None:
-        """Answer SDO requests as if objects were not there, and map none of them."""
+        """Answer SDO requests as if objects did not exist, and do not map them."""
         self.incoming.append(refusing(AbortCode.NO_OBJECT, lambda _command, index: index in indices))
         self.guard(pdo_mappings(self.node), partial(_not_mapped, indices))
 

@@ -46,7 +46,7 @@ class QuirkSetting:
         return f"{self.quirk.name}{strength}{'' if self.axis is None else f'@{self.axis}'}"
 
     def meets(self, other: QuirkSetting) -> bool:
-        """Whether both are about one axis."""
+        """Whether both apply to the same axis."""
         return self.axis is None or other.axis is None or self.axis == other.axis
 
 
@@ -87,7 +87,7 @@ def _strength(quirk: Quirk, text: str, number: str | None) -> float:
 
 
 def check_quirks(settings: Sequence[QuirkSetting]) -> None:
-    """Raise ConfigError for quirks that an axis cannot have together."""
+    """Raise ConfigError for quirks that exclude each other on an axis."""
     for place, setting in enumerate(settings):
         for earlier in settings[:place]:
             if setting.quirk is earlier.quirk and setting.meets(earlier):
@@ -114,7 +114,7 @@ def quirks_of(personality: Personality) -> list[str]:
 
 
 class QuirkSwitches:
-    """Quirks of `node`; `active` lists those that are on, as text.
+    """Quirks of `node`; `active` lists the active ones, as text.
 
     Each switching undoes all hooks, then hooks those that are active, in the order of the table.
     """
@@ -130,17 +130,17 @@ class QuirkSwitches:
         return [setting.text for setting in self._on]
 
     def settings(self, name: str) -> list[str]:
-        """Return how a quirk is on."""
+        """Return the text of an active quirk."""
         return [setting.text for setting in self._on if setting.quirk.name == name]
 
     def start_with(self, texts: Iterable[str]) -> None:
-        """Switch quirks on at power-on; ConfigError for one that the node cannot have."""
+        """Enable quirks at power-on; ConfigError for one that the node cannot have."""
         settings = [self._fitting(parse_quirk(text)) for text in texts]
         check_quirks(settings)
         self._hook(settings)
 
     def set(self, text: str, on: bool, now: int) -> None:
-        """Switch a quirk; on replaces the same one of that axis, off without an axis applies to all."""
+        """Enable or disable a quirk; a new strength replaces the old one, disabling without an axis applies to all."""
         setting = self._fitting(parse_quirk(text))
         remaining = [
             setting_on

@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Payload:
-    """See `AddPayload`."""
+    """Payload on a link, see `AddPayload`."""
 
     mass: float
     on: str = ""
@@ -69,7 +69,7 @@ class Payload:
 
 @dataclass(frozen=True)
 class Push:
-    """See `PushRobot`."""
+    """Push of a link, see `PushRobot`."""
 
     force: tuple[float, float, float]
     on: str = ""
@@ -77,7 +77,7 @@ class Push:
 
 
 def world_words(act: WorldAct) -> list[tuple[str, str]]:
-    """Return what happens as the keys of a step have it, with the text of their values."""
+    """Return a disturbance as keys of a step with the text of their values."""
     if isinstance(act, BlockJoint):
         return [("block", act.joint)]
     if isinstance(act, SetGrip):
@@ -99,7 +99,7 @@ def _list(numbers: Iterable[float]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class WorldEvent:
-    """Keys of a step that change the world; a blocked joint may be unblocked after a time."""
+    """Keys of a step that change the world; a joint may be blocked for a limited time."""
 
     payload: Payload | None = None
     push: Push | None = None
@@ -127,7 +127,7 @@ _LONGEST_S: Final = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Switching:
-    """Event `at_ns` after the start: a fault or quirk is switched, a plant changed, or the world disturbed."""
+    """Event `at_ns` after the start: a switched fault or quirk, a changed plant, or a disturbance of the world."""
 
     at_ns: int
     node_id: int
@@ -140,7 +140,7 @@ class Switching:
 
 
 class ScenarioError(ConfigError):
-    """A scenario file holds mistakes."""
+    """Error in a scenario file."""
 
 
 def seconds_of(value: float | str) -> float:
@@ -152,7 +152,7 @@ def seconds_of(value: float | str) -> float:
 
 
 def nanoseconds_of(value: float | str) -> int:
-    """Return the same in ns."""
+    """Return the nanoseconds of such a text; ValueError for other texts."""
     return round(seconds_of(value) * 1e9)
 
 
@@ -197,7 +197,7 @@ class ScenarioStep(WorldEvent):
 
 @dataclass(frozen=True)
 class ScenarioFile:
-    """The file as a whole; `for` and `seed` are of a robot in virtual time."""
+    """Contents of the file; `for` and `seed` are for a robot in virtual time."""
 
     steps: list[ScenarioStep]
     length: float | str | None = setting(None, key="for")
@@ -206,7 +206,7 @@ class ScenarioFile:
 
 
 def nanoseconds_at(here: Node, value: float | str) -> int:
-    """Return the ns of a time; a mistake is reported and returns 1."""
+    """Return a time in ns; an error is reported and returns 1."""
     try:
         return nanoseconds_of(value)
     except ValueError as error:
@@ -215,7 +215,7 @@ def nanoseconds_at(here: Node, value: float | str) -> int:
 
 
 def read_scenario(path: Path, node_ids: Sequence[int]) -> list[Switching]:
-    """Return the file's timeline of drives in order; ScenarioError with every mistake and its line."""
+    """Return the file's timeline of drives in order; ScenarioError with every error and its line."""
     switchings: list[Switching] = []
 
     def check(file: ScenarioFile, _problems: Problems) -> None:
@@ -250,7 +250,7 @@ def _switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switching]:
 
 
 def _world_switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switching]:
-    """Return the events of the shared world; a blocked joint may be unblocked after a time."""
+    """Return the events of the shared world; a joint may be blocked for a limited time."""
     acts, at_ns, for_ns = step.acts(), step.at_ns, step.for_ns
     if len(acts) > 1 or step.fault or step.quirk or step.plant or step.node is not None:
         step.here.error("a step has one of payload, push, block and friction, and no node, fault, quirk or plant then")
@@ -263,7 +263,7 @@ def _world_switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switc
 
 
 class Timeline:
-    """Plays switchings on the nodes of one process through their control; starts when it is made.
+    """Player of events on the nodes of one process through their control; it starts at its creation.
 
     `controls` is looked at when a step is due; `say` takes what could not be done, in a sentence.
     """

@@ -1,4 +1,4 @@
-"""The shaft that a virtual encoder (CiA 406) sits on: the motor of a virtual drive turns it, behind a gear.
+"""Shaft of a virtual encoder (CiA 406), turned by the motor of a virtual drive through a gear.
 
 A drive in the same process is looked at; one in another process keeps the places of its shafts in a file that both
 name, brought up to date at the world's period. What is measured is the load's side: the backlash of a loaded plant is
@@ -46,7 +46,7 @@ Point = tuple[int, float]
 
 
 class _Record(TypedDict):
-    """Everything of a base, as its file holds it."""
+    """Complete state of a base, as in its file."""
 
     x: float
     y: float
@@ -122,7 +122,7 @@ class DiffBase:
     # -- as plain values, for a file
 
     def dump(self) -> _Record:
-        """Return everything, JSON-able."""
+        """Return the complete state as JSON-compatible data."""
         return {
             "x": self.x,
             "y": self.y,
@@ -142,7 +142,7 @@ class DiffBase:
 
 
 class SharedBase:
-    """A `DiffBase` that several processes keep in the file at `path`, one after the other under its lock.
+    """`DiffBase` shared by several processes in the file at `path`, each under its lock.
 
     The file holds the pose as JSON for whoever wants to know it. ConfigError where it cannot be opened.
     """
@@ -166,7 +166,7 @@ class SharedBase:
             fcntl.flock(fd, fcntl.LOCK_UN)
 
     def pose(self) -> BasePose:
-        """Return the pose that all processes together have made."""
+        """Return the pose that results from all processes."""
         fd = self._open()
         fcntl.flock(fd, fcntl.LOCK_SH)
         try:
@@ -197,14 +197,14 @@ class SharedBase:
 
 
 def shared_path(text: str) -> Path:
-    """Return the file that a `share:` means: a name alone is one in this user's private folder."""
+    """Return the file of a `share:` value; a bare name is a file in this user's private folder."""
     if "/" in text:
         return Path(text).expanduser()
     return runtime_dir() / f"share-{text}"
 
 
 def open_shared(path: Path) -> int:
-    """Open a file that several processes keep something in, made if it is not there; ConfigError if it cannot be.
+    """Open a file shared by several processes, created if missing; ConfigError on failure.
 
     A link, another user's file and one that others may write to are refused: in a folder of everybody, such as /tmp,
     somebody else may have put it there.
@@ -232,7 +232,7 @@ _SHARE: Final = "write a name without / after share: for a file in your own priv
 
 
 def slipped(way: float, slip: float, seed: int, wheel: int, step: int) -> float:
-    """Return the way of one step of a wheel that slips by `slip` (a standard deviation, relative)."""
+    """Return the distance of one step of a wheel with `slip` (a standard deviation, relative)."""
     number = (seed * 0x9E3779B97F4A7C15 + wheel * 0xD1B54A32D192ED03 + step * 0xBF58476D1CE4E5B9) & _MASK
     number = ((number ^ number >> 30) * 0xBF58476D1CE4E5B9) & _MASK  # splitmix64
     number = ((number ^ number >> 27) * 0x94D049BB133111EB) & _MASK
@@ -272,7 +272,7 @@ class WheelPlant:
 
     @property
     def position(self) -> float:
-        """Counts of the motor."""
+        """Position of the motor in counts."""
         return self.inner.position
 
     @position.setter
@@ -283,7 +283,7 @@ class WheelPlant:
 
     @property
     def velocity(self) -> float:
-        """Counts/s."""
+        """Velocity in counts/s."""
         return self.inner.velocity
 
     @velocity.setter
@@ -293,7 +293,7 @@ class WheelPlant:
 
     @property
     def torque(self) -> float:
-        """Per mille of the rated torque."""
+        """Torque in per mille of the rated torque."""
         return self.inner.torque
 
     @torque.setter
@@ -303,22 +303,22 @@ class WheelPlant:
 
     @property
     def stiff(self) -> bool:
-        """Whether the inner plant is."""
+        """Whether the inner plant is stiff."""
         return self.inner.stiff
 
     @stiff.setter
     def stiff(self, value: bool) -> None:
-        """Change it."""
+        """Set the property of the inner plant."""
         self.inner.stiff = value
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Move as the inner plant follows."""
+        """Move with the inner plant."""
         standing = demand.end_ns <= start_ns and not demand.final_velocity and demand.final_position == self.position
         quiet = standing and self.stiff and not self.velocity
         self._move(lambda start, end: self.inner.follow(demand, start, end), start_ns, end_ns, quiet=quiet)
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Move as the torque does."""
+        """Move by the torque."""
         self._move(lambda start, end: self.inner.apply_torque(torque, start, end), start_ns, end_ns, quiet=False)
 
     def release(self, start_ns: int, end_ns: int) -> None:
@@ -327,7 +327,7 @@ class WheelPlant:
         self._move(self.inner.release, start_ns, end_ns, quiet=quiet)
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Feed the inner plant's loops."""
+        """Set the feed-forward of the inner plant's loops."""
         self.inner.feed_forward(velocity, torque)
 
     def _move(self, move: Callable[[int, int], None], start_ns: int, end_ns: int, *, quiet: bool) -> None:
@@ -352,7 +352,7 @@ class WheelPlant:
         self._points.append((now, self._way))
 
     def publish(self) -> None:
-        """Hand the points over."""
+        """Pass the points on."""
         if self._points:
             self._floor.report(self._side, self._points)
             self._points = []
@@ -364,7 +364,7 @@ _AXES: Final = 8
 
 @runtime_checkable
 class ShaftWorld(World, Protocol):
-    """World that knows the shafts of encoders."""
+    """World with shafts for encoders."""
 
     def shaft(self, node_id: int) -> Callable[[], float | None] | None:
         """Return a function for a node's shaft position in rad (m), None if unknown; None without a shaft."""

@@ -30,12 +30,12 @@ class Piece(NamedTuple):
     acceleration: float
 
     def distance(self, seconds: float) -> float:
-        """Return the way after `seconds` of the piece."""
+        """Return the distance after `seconds` of the piece."""
         return (self.velocity + 0.5 * self.acceleration * seconds) * seconds
 
 
 class DemandCurve:
-    """Pieces from `position` at `start_ns` on, then `final_velocity` for ever.
+    """Pieces from `position` at `start_ns` on, then `final_velocity` without end.
 
     `final_position` is where the pieces end. It may be given where it is known exactly (a target), so that no rounding
     of the pieces shows.
@@ -59,7 +59,7 @@ class DemandCurve:
         self.final_position = position + way if final_position is None else final_position
 
     def shifted(self, way: float) -> DemandCurve:
-        """Return the same motion, `way` further."""
+        """Return the same motion, shifted by `way`."""
         position, final = self.position + way, self.final_position + way
         return DemandCurve(self.start_ns, position, self._pieces, self.final_velocity, final)
 
@@ -77,7 +77,7 @@ class DemandCurve:
         return self.final_position, self.final_velocity
 
     def steady_until(self, now: int) -> int | None:
-        """Return the time until which the velocity stays as at `now`, None for ever; `now` while it changes."""
+        """Return the time until which the velocity is constant, None without end; `now` while it changes."""
         if now >= self.end_ns:
             return None
         seconds = (now - self.start_ns) * _NS
@@ -94,7 +94,7 @@ class DemandCurve:
         return 0.0
 
     def slices(self, start_ns: int, end_ns: int) -> Iterator[Piece]:
-        """Yield the pieces between two times, cut to fit, with the endless last one."""
+        """Yield the pieces between two times, cut to fit, including the endless last one."""
         begin, end = (start_ns - self.start_ns) * _NS, (end_ns - self.start_ns) * _NS
         for piece in self._pieces:
             first, last = max(begin, 0.0), min(end, piece.seconds)
@@ -106,7 +106,7 @@ class DemandCurve:
             yield Piece(end - max(begin, 0.0), self.final_velocity, 0.0)
 
     def time_of(self, position: float, after_ns: int) -> int | None:
-        """Return the first time from `after_ns` on at which it is at or has just crossed `position`, or None."""
+        """Return the first time from `after_ns` on at which it reaches or crosses `position`, or None."""
         here, clock = self.at(after_ns)[0], after_ns
         for piece in self.slices(after_ns, max(self.end_ns, after_ns)):
             seconds = _first_crossing(piece, position - here)
@@ -148,7 +148,7 @@ def cruise(now: int, position: float, velocity: float) -> DemandCurve:
 def ramp_to(
     now: int, position: float, velocity: float, target: float, acceleration: float, deceleration: float
 ) -> DemandCurve:
-    """Change the velocity to `target` along ramps, through standstill for a reversal."""
+    """Change the velocity to `target` along ramps; a reversal passes through standstill."""
     pieces: list[Piece] = []
     if velocity and (velocity * target < 0.0 or abs(target) < abs(velocity)):
         inner = 0.0 if velocity * target < 0.0 else target
@@ -163,7 +163,7 @@ def ramp_to(
 
 
 def _add_ramp(pieces: list[Piece], velocity: float, target: float, rate: float) -> None:
-    """Append the piece from `velocity` to `target`; a rate of 0 or infinity is a step and needs none."""
+    """Append the piece from `velocity` to `target`; a rate of 0 or infinity is a step and needs no piece."""
     if 0.0 < rate < INFINITE and target != velocity:
         pieces.append(Piece(abs(target - velocity) / rate, velocity, math.copysign(rate, target - velocity)))
 

@@ -63,7 +63,7 @@ def clamp(value: float, bits: int = 32) -> int:
 
 
 class Statusword:
-    """0x6041 of one axis.
+    """Statusword (0x6041) of one axis.
 
     Seams: `remote` (bit 9), `warning` (bit 7), the bits `forced` and `suppressed`; `changes` are made to the word.
     """
@@ -103,7 +103,7 @@ class Statusword:
 
 
 class AxisReadings:
-    """The values that one axis shows; `inputs` are further bits of 0x60FD. Seam `inverted`: the sign is wrong."""
+    """Actual values of one axis; `inputs` are further bits of 0x60FD. Injection point: `inverted`, the sign."""
 
     def __init__(self, axis: AxisParts, modes: DriveModes) -> None:
         self.mover, self.limits, self.modes = axis.mover, axis.limits, modes
@@ -114,7 +114,7 @@ class AxisReadings:
 
     @property
     def sign(self) -> float:
-        """-1 where position and velocity are shown with the wrong sign."""
+        """Sign of the shown position and velocity: -1 with the fault `inverted`."""
         return -1.0 if self.inverted.value else 1.0
 
     def demand(self) -> tuple[float, float]:
@@ -220,14 +220,14 @@ _POSITIONS = (
 
 
 class TouchProbes:
-    """The probes of one axis."""
+    """Touch probes of one axis."""
 
     def __init__(self, objects: AxisObjects, mover: AxisMotion, outbox: NodeOutbox) -> None:
         self._objects, self._mover, self._outbox = objects, mover, outbox
         self._armed = 0
 
     def reset(self) -> None:
-        """Forget everything: power-on."""
+        """Reset the probes at power-on."""
         self._armed = 0
 
     def update(self, now: int) -> None:
@@ -429,12 +429,12 @@ class VirtualDrive:
         self.modes.select(now)
 
     def set_model(self, model: DeviceModel) -> None:
-        """Behave as another device model does, from now on."""
+        """Apply another device model from now on."""
         self.objects.model = model
         self.modes.set_model(model)
 
     def refresh(self, now: int, *, controlword: bool = False, set_point: bool = False) -> None:
-        """Act on objects that were written: mode, then controlword, then set-points.
+        """Process written objects: mode, then controlword, then set-points.
 
         `set_point`: an RPDO brought that of the active mode.
         """
@@ -466,7 +466,7 @@ class VirtualDrive:
             self.modes.active.missed()
 
     def _limit_torque(self) -> None:
-        """Limit the torque of the loops by 0x6072 and 0x6073; 0 is no limit."""
+        """Limit the torque of the loops by 0x6072 and 0x6073; 0 means no limit."""
         limits = [float(limit) for index in TORQUE_LIMITS if (limit := self.objects.number(index)) > 0]
         self.mover.torque_limit = min(limits, default=math.inf)
 
@@ -526,7 +526,7 @@ class VirtualDrive:
             self.power.abort_connection(0x8130, now)
 
     def communication_stopped(self, now: int) -> None:
-        """React to NMT STOPPED or a reset of communication; without 0x6007 that is a fault of operation."""
+        """React to NMT STOPPED or a reset of communication; without 0x6007 an enabled drive faults."""
         self.power.abort_connection(0x8100, now)
 
     # -- time
@@ -536,7 +536,7 @@ class VirtualDrive:
         self.mover.advance(now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next event of its own, None without one."""
+        """Return the time of its next event, None without one."""
         return self.mover.next_deadline()
 
     # -- the motor of the power state machine
@@ -550,11 +550,11 @@ class VirtualDrive:
         self.modes.active.stop(now, reaction)
 
     def can_halt(self) -> bool:
-        """Whether controlword bit 8 does anything in the active mode."""
+        """Whether controlword bit 8 has an effect in the active mode."""
         return self.modes.active.can_halt()
 
     def released(self) -> None:
-        """Forget limits and set-points: the motor has no power."""
+        """Clear limits and set-points, because the motor has no power."""
         self.limits.reset()
         self.modes.reset()
 
@@ -577,7 +577,7 @@ class VirtualDrive:
             self.stop(now, Reaction.QUICK_STOP_RAMP)
 
     def judge_following_error(self, error: float, now: int) -> None:
-        """Judge a following error."""
+        """Check a following error."""
         self.limits.judge_following_error(error, now)
 
     def judge_load(self, torque: float, now: int) -> None:

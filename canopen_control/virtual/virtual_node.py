@@ -1,4 +1,4 @@
-"""The device's side of CiA 301 on one object dictionary: a virtual node that any master can talk to.
+"""Device side of CiA 301 for one object dictionary: a virtual node for any master.
 
 A node is services on an object store, each of which knows what it needs: the store, the outbox for what it says, the
 clock. This file makes them, hands frames to them and carries out NMT state changes and resets. It
@@ -65,7 +65,7 @@ SYNC_LENGTH_ERROR = 0x8240
 
 
 class FrameRoutes:
-    """Receivers of one node by identifier, with linux/can.h's flags; `version` grows when the identifiers change.
+    """Receivers of one node by identifier, with linux/can.h's flags; `version` increases when identifiers change.
 
     `sync_rpdo_handlers` receive the RPDOs that have no effect before SYNC and whose identifier has no other receiver.
     """
@@ -179,7 +179,7 @@ def _both(first: Receiver, second: Receiver) -> Receiver:
 
 
 class NodeLss:
-    """The LSS slave of a node; `stored_node_id` and `stored_bitrate` (bit/s, None: none) outlast the power.
+    """LSS slave of a node; `stored_node_id` and `stored_bitrate` (bit/s, None: none) survive power-off.
 
     `assigned` is called with the first id of a node that had none; `stored` when what outlasts the power changed, it
     returns whether that is kept.
@@ -232,10 +232,10 @@ PROTOCOL_ERRORS = 0x82  # the high byte of what is wrong with PDOs and SYNC
 
 
 class Timed(Protocol):
-    """A service that time moves."""
+    """Service with timers."""
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next act, None without one."""
+        """Return the time of the next action, None without one."""
 
     def tick(self, now: int) -> None:
         """Advance to a time."""
@@ -254,7 +254,7 @@ _SERVO_DRIVE = 0x0002_0192  # device type of a servo drive (CiA 402-2, object 0x
 
 
 def _with_device_type(od: ObjectDictionary) -> ObjectDictionary:
-    """Return `od` with 0x1000: every device has it (CiA 301, 7.5.1), although its file may lack it."""
+    """Return `od` with 0x1000, which is mandatory (CiA 301, 7.5.1), although a file may lack it."""
     if (0x1000, 0) in od:
         return od
     complete = replace(od, entries=od.entries.copy(), objects=od.objects.copy())
@@ -386,7 +386,7 @@ class VirtualNode:
     # -- the sans-IO verbs
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Process a frame: the entrance for every frame; one that no service of the node receives is ignored.
+        """Process a frame, the entry point for every frame; one that no service receives is ignored.
 
         `receive_sync_rpdo` and `receive_records` do the same for two kinds of frames with less work, and refuse any
         frame that needs more; a caller may leave them out.
@@ -446,7 +446,7 @@ class VirtualNode:
         return first
 
     def frames(self) -> list[CanFrame]:
-        """Drain what to send."""
+        """Return and clear the frames to send."""
         if self.pdos.outgoing is not self._process_data:
             self._process_data = self.pdos.outgoing
             self._before_answers = self._first + self._process_data
@@ -463,11 +463,11 @@ class VirtualNode:
         return frames if self.filter is None else self.filter.outgoing(frames, self.clock.now)
 
     def events(self) -> list[object]:
-        """Drain what happened, in order."""
+        """Return and clear the events, in order."""
         return self.outbox.events()
 
     def routes(self) -> Iterable[int]:
-        """Return the identifiers, with linux/can.h's flags, that the node listens to."""
+        """Return the identifiers that the node receives, with linux/can.h's flags."""
         return self.routing.table.keys()
 
     # -- what others ask
@@ -503,7 +503,7 @@ class VirtualNode:
             drive.mover.advance(now)
 
     def _parts(self) -> Iterable[VirtualDrive | DeviceFunction]:
-        """Return what lives and stops with the node: its axes, or the function of a device that is no drive."""
+        """Return the parts that start and stop with the node: its axes, or the function of another device."""
         return self.drives.values() if self.function is None else (self.function,)
 
     def follow(self, now: int) -> None:
@@ -512,20 +512,20 @@ class VirtualNode:
             self.tick(now)
 
     def bus_event(self, kind: BusEventKind, now: int) -> None:
-        """React to what happened to the node's CAN controller."""
+        """React to an event of the node's CAN controller."""
         self._advance(now)
         self.advance_drives(now)
         self.error_control.bus_event(kind, now)
         self._settle(now)
 
     def command(self, command: NmtCommand, now: int) -> None:
-        """Obey an NMT command of the node's own."""
+        """Execute an NMT command from the node itself."""
         self._advance(now)
         self.nmt.command(command)
         self._settle(now)
 
     def power_on(self, now: int) -> None:
-        """Switch on, or off and on again (brown-out); values that are not stored are lost."""
+        """Switch on, or off and on again (brown-out); unsaved values are lost."""
         self._advance(now)
         if self.lss is not None:
             self.lss.reset(power=True)
@@ -535,7 +535,7 @@ class VirtualNode:
         self._settle(now)
 
     def set_reset_delay(self, delay_ns: int | None, now: int) -> None:
-        """Change the time from a reset to the boot-up (None: never), also of a boot under way."""
+        """Change the time from a reset to the boot-up (None: never), also of a boot in progress."""
         self._reset_delay_ns = delay_ns
         if self.nmt.state is NmtState.INITIALISING:
             self._boot_at = None if delay_ns is None else now + delay_ns
@@ -645,7 +645,7 @@ class VirtualNode:
         self._reset(NmtCommand.RESET_NODE, now)
 
     def _assign(self, node_id: int) -> None:
-        """Be another node from the next boot-up on; $NODEID of the dictionary follows."""
+        """Use another node id from the next boot-up on; $NODEID of the dictionary follows."""
         if node_id == self.node_id:
             return
         self.node_id, self.od = node_id, self.od.for_node(node_id)

@@ -42,7 +42,7 @@ _KINDS: Final[dict[Any, str]] = {
 
 
 class _Invalid(enum.Enum):
-    """Result of a conversion with a mistake; it was reported, and any structure with it is invalid too."""
+    """Result of a conversion with an error that was reported; any structure with it is invalid too."""
 
     INVALID = 0
 
@@ -91,7 +91,7 @@ def position() -> Any:
 
 
 def part() -> Any:
-    """Return a field of a dataclass type whose keys are in the same mapping as those of the class that contains it."""
+    """Return a field of a dataclass type whose keys are in the mapping of the containing class."""
     return dataclasses.field(metadata={"part": True})
 
 
@@ -126,7 +126,7 @@ def key_of(entry: dataclasses.Field[Any]) -> str:
 
 
 def help_of(cls: type[Any], entry: dataclasses.Field[Any]) -> str:
-    """Return the help text of a field of `cls`, or that of a base class that it overrides; "" for none."""
+    """Return the help text of a field of `cls`, or of the base class field that it overrides; "" for none."""
     fields = (base.__dict__.get("__dataclass_fields__", {}).get(entry.name) for base in cls.__mro__)
     return next((text for field in fields if field and (text := field.metadata.get("help"))), "")
 
@@ -159,7 +159,7 @@ def _converted(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
 
 
 def _found(node: Node) -> str:
-    """Return the content of the node, as described in messages."""
+    """Return a description of the node's content for messages."""
     if node.kind != "scalar":
         return {"mapping": "a mapping", "sequence": f"a list of {len(node.elements())}", "null": "nothing"}[node.kind]
     value = node.value
@@ -185,7 +185,7 @@ def _plain(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
 
 
 def _as_float(node: Node, value: Any) -> Any:
-    """Convert an integer, or `1e3`, which is text in YAML 1.1 and a number for rcl, to a float."""
+    """Convert an integer or `1e3` to a float; `1e3` is text in YAML 1.1 and a number for rcl."""
     plain_text = type(value) is str and not node.quoted and _NUMBER.fullmatch(value)
     try:
         return float(value) if type(value) is int or plain_text else value
@@ -351,7 +351,7 @@ def _required(entry: dataclasses.Field[Any]) -> bool:
 
 
 def _made(node: Node, cls: type[Any], values: _Values) -> Any:
-    """Create the dataclass; a ValueError of its `__post_init__` is reported as a mistake in the file."""
+    """Create the dataclass; a ValueError of its `__post_init__` is reported as an error in the file."""
     try:
         return cls(**values)
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""Mistakes found in a YAML file, with their places.
+"""Errors in a YAML file, with their places.
 
 Mistakes are collected instead of raised one by one, so that a user sees all of them at once. Each is reported as
 `path:line:column: where: what`, with its line of the file and a caret.
@@ -33,7 +33,7 @@ class Place(Protocol):
 
 @dataclass(frozen=True, slots=True, order=True)
 class Problem:
-    """One mistake: `where` is the dotted path in the file, `source` the text of its line; lines count from 1."""
+    """Error or warning: `where` is the dotted path in the file, `source` the text of its line; lines count from 1."""
 
     line: int
     column: int
@@ -52,7 +52,7 @@ class Problem:
 
 
 class Problems:
-    """Collected mistakes of one file.
+    """Collected problems of one file.
 
     An `error` makes a file unusable, a `warning` does not. With `strict` false, a repeated or unknown key is a warning.
     """

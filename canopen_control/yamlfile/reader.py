@@ -1,4 +1,4 @@
-"""Reader from YAML text to frozen dataclasses, or to one error with all mistakes (file, line, column and caret).
+"""Reader from YAML text to frozen dataclasses, or one error with all problems (file, line, column and caret).
 
 Only this module imports `yaml`. Any text gives either a value or the error class of the caller, never another
 exception. Nothing is dropped silently: repeated keys, unknown keys and values of another type are reported. Scalars are
@@ -158,7 +158,7 @@ def _check_merge(here: Node, value: yaml.Node) -> None:
 
 
 def _root(text: str) -> yaml.Node | None:
-    """Return the root node, by libyaml in a tenth of the time if its result is the same; errors are those of PyYAML."""
+    """Return the root node, by libyaml in a tenth of the time if the result is equal; errors are those of PyYAML."""
     if _FAST_LOADER is not None and text.endswith("\n") and not _NOT_ALIKE.search(text):
         try:
             return yaml.compose(text, Loader=_FAST_LOADER)
@@ -209,7 +209,7 @@ def parse(
     warnings: list[Problem] | None = None,
     strict: bool = True,
 ) -> T:
-    """Return the text as `cls`, or raise `error` with all mistakes.
+    """Parse the text as `cls`, or raise `error` with all problems.
 
     `check` receives the value and may add mistakes across fields before they are raised; `warnings` receives warnings.
     With `strict` false, repeated (the last one counts) and unknown keys are warnings.

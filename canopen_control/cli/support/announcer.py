@@ -13,7 +13,7 @@ _CLOSE_S: Final = 1.0  # for lines that wait when an announcer is closed
 
 
 class Announcer:
-    """Prints lines to `stream` on a thread of its own: a terminal that is stopped must not stop the robot.
+    """Printer of lines on a separate thread, so that a stopped terminal cannot stop the robot.
 
     It begins with `start`, or at the latest with `close`; lines wait until then. What a stalled reader cannot take is
     dropped and counted in `dropped`.
@@ -30,7 +30,7 @@ class Announcer:
         self._thread.start()
 
     def say(self, line: str, *, token: bool = False) -> None:
-        """Hand over a line, which is printed `with_token` if it names a page; never waits."""
+        """Queue a line, printed `with_token` if it contains a page's address; never waits."""
         try:
             self._lines.put_nowait((line, token))
         except queue.Full:

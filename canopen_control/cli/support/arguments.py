@@ -1,4 +1,4 @@
-"""Types of arguments on the command line: numbers within bounds, refused in a sentence; and options of many verbs."""
+"""Types of command-line arguments: numbers within bounds, with an error sentence; and options of many verbs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LONGEST_S: Final = 1e9  # some thirty years
 
 
 def number(title: str, accept: Callable[[float], bool]) -> Callable[[str], float]:
-    """Return a parser of a number; others are refused as "is no WHAT"."""
+    """Return a parser of a number; other text is refused as "is not WHAT"."""
 
     def read(text: str) -> float:
         try:
@@ -30,7 +30,7 @@ def number(title: str, accept: Callable[[float], bool]) -> Callable[[str], float
 
 
 def whole_number(title: str, numbers: range) -> Callable[[str], int]:
-    """Return a parser of an integer, decimal or 0x; those not in `numbers` are refused as "is no WHAT"."""
+    """Return a parser of an integer, decimal or 0x; those not in `numbers` are refused as "is not WHAT"."""
 
     def read(text: str) -> int:
         try:
@@ -64,13 +64,13 @@ def add_duration(
 
 
 def add_new_name(parser: argparse.ArgumentParser, meaning: str) -> None:
-    """Declare --as NAME, the name of a robot that is about to run; --name is still understood."""
+    """Declare --as NAME, the name for a new robot; --name is still understood."""
     parser.add_argument("--as", dest="name", metavar="NAME", help=meaning)
     parser.add_argument("--name", action=_Renamed, new="--as", dest="name")
 
 
 class _Renamed(argparse.Action):
-    """Former name of an option: it is understood and hidden, and standard error names the new one."""
+    """Former name of an option: accepted but hidden; standard error names the new one."""
 
     def __init__(self, option_strings: Sequence[str], dest: str, new: str, **options: Any) -> None:  # noqa: ANN401 - argparse.Action takes them
         super().__init__(option_strings, dest, default=argparse.SUPPRESS, help=argparse.SUPPRESS, **options)
@@ -93,7 +93,7 @@ def whole(text: str) -> int:
 
 
 def finite(text: str) -> float:
-    """Read a number that can be commanded: neither nan nor infinite."""
+    """Parse a number that can be commanded: neither nan nor infinite."""
     try:
         value = float(text)
     except ValueError:

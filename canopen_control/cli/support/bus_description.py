@@ -89,7 +89,7 @@ def watched_bus(args: argparse.Namespace, channel: str | None) -> WatchedBus:
 
 
 def _refuse_channel(config: str | None) -> None:
-    """Raise ConfigError for a bus in place of ROBOT: elsewhere a channel is written without an option."""
+    """Raise ConfigError for a channel in place of ROBOT: verbs that take a bare channel are named."""
     if config is None or Path(config).is_dir():
         return
     try:
@@ -100,7 +100,7 @@ def _refuse_channel(config: str | None) -> None:
 
 
 def described(args: argparse.Namespace, *, units: bool = False) -> NetworkDescription:
-    """Return the description for a file: by ROBOT, --eds, --name, or nothing but the predefined connection set.
+    """Return the description for a file: of ROBOT, --eds or --name, else the predefined connection set.
 
     With `units` it says what numbers mean, which costs reading the robot's description.
     """
@@ -135,7 +135,7 @@ def config_layout(config: str, bus: str | None = None, *, units: bool = False) -
 
 
 def _linear_axes(config: str, bus: BusConfig) -> LinearAxes:
-    """Return the prismatic joints of a robot's files; none for a bus alone or an unreadable description."""
+    """Return the prismatic joints of a robot's files; none without a readable description."""
     from canopen_control.runtime.robot_files import find_robot
     from canopen_control.runtime.sync_choice import linear_axes
     from canopen_control.urdf.description import DescriptionReader
@@ -164,7 +164,7 @@ def _chosen(buses: Mapping[str, T], name: str | None, whose: str) -> T:
 
 
 def _robot_there(channel: str) -> tuple[str, BusLayout | None]:
-    """Return name and layout of the robot on `channel`; an empty name and None without one."""
+    """Return name and layout of the robot on `channel`; empty name and None without a robot."""
     if not find_robots() or (found := robot_on(channel)) is None:
         return "", None
     with RobotClient.connect(found[0]) as robot:
@@ -184,7 +184,7 @@ def _report(network: NetworkDescription) -> None:
 
 
 class FlightSource:
-    """Frames of one bus of a flight recording, with the interface of `Recording`; `network` describes it."""
+    """Frames of one bus of a flight recording, with the interface of `Recording`; `network` describes the bus."""
 
     def __init__(self, path: str, bus: str | None) -> None:
         from canopen_control.trace.flight_file import read_flight
@@ -206,12 +206,12 @@ Source: TypeAlias = Recording | FlightSource
 
 
 def open_frames(path: str, bus: str | None = None) -> Source:
-    """Open FILE, of several buses `bus`; ConfigError if it cannot be read."""
+    """Open FILE; `bus` selects one of several buses; ConfigError if it cannot be read."""
     return FlightSource(path, bus) if is_flight_file(Path(path)) else Recording(path)
 
 
 def report_gaps(source: Source) -> None:
-    """Print on standard error the gaps of a source after reading, and the reason of an early end."""
+    """Print the gaps of a source on standard error after reading, and the reason of an early end."""
     if source.skipped:
         lines = "1 line is no frame" if source.skipped == 1 else f"{source.skipped} lines are no frames"
         print(f"canopen-control: {source.path}: {lines} of classic CAN, left out", file=sys.stderr)
@@ -227,7 +227,7 @@ def network_for(args: argparse.Namespace, source: Source) -> NetworkDescription:
 
 
 def _chosen_channel(path: str, file: FlightFile, name: str | None) -> str:
-    """Return the bus that is meant."""
+    """Return the selected bus."""
     buses = list(file.meta.buses)
     if name is None and len(buses) == 1:
         return buses[0]

@@ -1,4 +1,4 @@
-"""Commands from a shell, repeated until Ctrl-C or for a time, then zeros.
+"""Commands from a shell, repeated until Ctrl-C or for a time, followed by zeros.
 
 What is repeated ends with this process, whatever ends that; `--once` lives out its time. Drives
 that are being enabled are waited for; where nothing can move the robot's sentence is the end, with exit code 1. A
@@ -72,7 +72,7 @@ def send(args: argparse.Namespace, moving: Command, zeros: Command | None) -> in
 
 @contextlib.contextmanager
 def _where_nothing_moves() -> Iterator[None]:
-    """Pass over a refusal because the drives are off: there is nothing to end."""
+    """Ignore a refusal while the drives are disabled: there is no motion to end."""
     try:
         yield
     except RemoteError as error:
@@ -81,7 +81,7 @@ def _where_nothing_moves() -> Iterator[None]:
 
 
 def _begin(robot: RobotClient, moving: Command, stopped: threading.Event) -> None:
-    """Send it first, again while drives are being enabled."""
+    """Send the first command, again while drives are being enabled."""
     end = time.monotonic() + ENABLING_S
     while True:
         try:
@@ -94,7 +94,7 @@ def _begin(robot: RobotClient, moving: Command, stopped: threading.Event) -> Non
 
 
 def _repeat(robot: RobotClient, moving: Command, end: float | None, stopped: threading.Event) -> Iterator[int]:
-    """Yield how often it was sent, after each time."""
+    """Send repeatedly; yield the number of commands sent so far."""
     sent = 1
     while not stopped.is_set():
         delay = PERIOD_S if end is None else min(PERIOD_S, end - time.monotonic())
@@ -138,7 +138,7 @@ def target_interface(controllers: Iterable[ControllerReading], name: str) -> str
 
 
 def positions_of(controllers: Iterable[ControllerReading], name: str) -> list[bool]:
-    """Return for each value of a controller's command whether it is, or may be, a position; nothing for an unknown one.
+    """Return for each value of a controller's command whether it may be a position; empty for an unknown controller.
 
     What a target is depends on the mode that the drive is in then.
     """
@@ -152,7 +152,7 @@ def positions_of(controllers: Iterable[ControllerReading], name: str) -> list[bo
 
 
 def the_controller(robot: RobotClient, name: str | None, tells: str, title: str) -> ControllerReading:
-    """Return the controller that is meant: `name`, or the only active one with such samples; ConfigError else.
+    """Return the controller called `name`, or the only active one with such samples; ConfigError.
 
     `what` are its kind in words.
     """

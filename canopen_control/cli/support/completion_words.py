@@ -55,7 +55,7 @@ class KnownNode:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Words that select it."""
+        """Words that select the node."""
         return (self.name, str(self.node_id), *self.joints)
 
 
@@ -85,7 +85,7 @@ def _nodes_of(robot: str) -> list[KnownNode]:
 
 
 def find_node(word: str, nodes: Iterable[KnownNode]) -> KnownNode | None:
-    """Return the node that `word` names, None without one; ConfigError if several robots have one."""
+    """Return the node selected by `word`, None without one; ConfigError if several robots have one."""
     matching = [node for node in nodes if word in node.words]
     if len(matching) > 1:
         places = ", ".join(f"{node} of {node.robot} on {node.channel}" for node in matching)
@@ -140,7 +140,7 @@ def _attach_completers(parser: argparse.ArgumentParser, verb: str) -> None:
 
 
 class _Completer:
-    """Completer of one option or positional."""
+    """Completer for one option or positional."""
 
     def __init__(self, kind: Callable[[argparse.Namespace], Found]) -> None:
         self.kind = kind
@@ -148,7 +148,7 @@ class _Completer:
     def __call__(
         self, *, prefix: str, action: argparse.Action, parser: argparse.ArgumentParser, parsed_args: argparse.Namespace
     ) -> dict[str, str]:
-        """Return explanations by word, without waiting."""
+        """Return explanations by word, without waiting for a robot."""
         words: dict[str, str] = {}
         with contextlib.suppress(CanopenError, OSError, KeyError, ValueError):
             for word, text in self.kind(parsed_args):
@@ -193,7 +193,7 @@ def _nodes_or_all(line: argparse.Namespace) -> Found:
 
 
 def _drives(_line: argparse.Namespace) -> Found:
-    """Return the nodes of all running robots, as `fault` and `bus fault` take them."""
+    """Return the nodes of all running robots, in the form expected by `fault` and `bus fault`."""
     return [(node.name, f"node {node.node_id}") for node in known_nodes()]
 
 

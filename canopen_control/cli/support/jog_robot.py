@@ -1,4 +1,4 @@
-"""The robot that a jog moves: one drive on a bare bus, booted as every robot is, or a drive of a robot that runs.
+"""Robot for a jog: one drive on a bare bus, booted like every robot, or a drive of a running robot.
 
 There is no second bring-up. Of the EDS alone `init` chooses mode, PDOs and supervision; the
 runtime boots it as a bus without controllers, watches it and stops it. The drive notices the end of this process by
@@ -44,7 +44,7 @@ DEAD_MAN_S: Final = 5 * HEARTBEAT_MS / 1000  # five of them may be missing
 
 
 def choose_jog(device: Device, interface: str, *, allow_unsupervised: bool) -> NewRobot:
-    """Choose how a drive is moved by `interface`: velocity, position or effort; RobotConfigError."""
+    """Choose the command interface for a jog: velocity, position or effort; RobotConfigError."""
     name = f"jog_{device.node_id}"
     if name in find_robots():
         name = f"{name}_{os.getpid()}"
@@ -93,7 +93,7 @@ def own_robot(
 
 
 def _read(robot: NewRobot, path: Path, channel: str) -> RobotSetup:
-    """Read the robot; an error is reported as one of the EDS."""
+    """Read the robot; an error is reported as an error of the EDS."""
     try:
         return read_robot(find_robot(None, bus=str(path)), name=robot.name, can=[channel], real=True)
     except ConfigError as error:

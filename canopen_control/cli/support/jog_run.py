@@ -56,7 +56,7 @@ _ENDING: Final = (signal.SIGTERM, signal.SIGHUP)
 
 
 class Keyboard:
-    """Standard input as keys, as a context manager; ConfigError when it is no terminal.
+    """Standard input as keys, as a context manager; ConfigError if it is not a terminal.
 
     `ended` is True when nothing more will come: end of file, SIGTERM or SIGHUP.
     """
@@ -103,7 +103,7 @@ class Keyboard:
         self.ended = True
 
     def _say(self, sequence: str) -> None:
-        """Speak to the terminal itself, where standard output is one."""
+        """Print a control sequence if standard output is a terminal."""
         with contextlib.suppress(OSError, ValueError):
             if sys.stdout.isatty():
                 sys.stdout.write(sequence)
@@ -116,7 +116,7 @@ SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def reset_fault(drive: JogDrive) -> str:
-    """Reset the fault of a drive, enable nothing; return a sentence, or raise CanopenError while its cause is there."""
+    """Reset the fault of a drive without enabling it; return a sentence; CanopenError while the cause remains."""
     with RobotClient.connect(drive.robot) as client:
         client.ask(AxisRequest(action="fault-reset", node=drive.node, joint=drive.joint, source=_SOURCE), ENABLE_S)
     return f"{drive.joint}: the fault is reset; the drive stays disabled"
@@ -166,7 +166,7 @@ class JogRun:
         self._gone = True
 
     def _begin(self, client: RobotClient) -> JogMotion:
-        """Choose the mode, enable, and return the motion, which starts now."""
+        """Choose the mode, enable, and return the motion from now on."""
         node, joint = self._drive.node, self._drive.joint
         if self._drive.mode:
             choose_mode(

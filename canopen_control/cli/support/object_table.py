@@ -48,7 +48,7 @@ def _paced(entries: Sequence[Entry], session: NodeSession, progress: Progress) -
 
 
 def table_lines(rows: Sequence[ObjectRow], *, live: bool) -> list[str]:
-    """Return a table: `*` marks values other than the default; values only if they were read."""
+    """Return a table: `*` marks values other than the default; values are shown only if they were read."""
     headings = ["address", "name", "type", "access", "PDO", "default"]
     table = Table([*headings, *(["", "value", "unit", "meaning"] if live else ["unit"])])
     for row in rows:

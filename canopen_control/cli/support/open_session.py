@@ -1,4 +1,4 @@
-"""Opens a service session with one node: on a bare bus (--can CHANNEL, --eds FILE), or through the robot that runs.
+"""Opens a service session with one node: on a bare bus (--can CHANNEL, --eds FILE), or through a running robot.
 
 As in `target`, an SDO server has one client. A bus on which a robot runs is that robot's, and
 its nodes are reached through it, also where --can names the channel.
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 def add_session_arguments(parser: argparse.ArgumentParser, *, node: bool = True) -> None:
-    """Declare NODE, --eds, --timeout, and --can or --name; `node` False for a verb that names its nodes itself."""
+    """Declare NODE, --eds, --timeout, and --can or --name; `node` is False for a verb with its own node arguments."""
     if node:
         parser.add_argument("node", metavar="NODE", help="name or node id; on a bare bus the node id")
     parser.add_argument("--eds", metavar="FILE", help="EDS of the node: a path, or the name of a bundled file")
@@ -52,7 +52,7 @@ def add_session_arguments(parser: argparse.ArgumentParser, *, node: bool = True)
 
 @contextlib.contextmanager
 def open_session(args: argparse.Namespace, node: str | None = None) -> Iterator[NodeSession]:
-    """Open a session with `node`, else with that of the arguments; CanopenError without an answer.
+    """Open a session with `node`, else with the node of the arguments; CanopenError without an answer.
 
     Where --can names the channel of a running robot, its nodes are reached through that robot.
     """
@@ -65,7 +65,7 @@ def open_session(args: argparse.Namespace, node: str | None = None) -> Iterator[
 def open_sessions(
     args: argparse.Namespace, nodes: Iterable[str]
 ) -> Iterator[tuple[dict[str, NodeSession], RobotClient | None]]:
-    """Open a session with each of `nodes`, by the words given, and the robot that carries them, None on a bare bus."""
+    """Open a session with each of `nodes`; also return the robot that carries them, None on a bare bus."""
     with open_target(args, through_robot=True) as target:
         sessions = {word: target.session(word) for word in dict.fromkeys(nodes)}
         for session in sessions.values():
@@ -152,7 +152,7 @@ class WarningPrinter(RobotObserver):
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """Parameters, and those that a node refused."""
+    """Parameters of one side, and those that a node refused."""
 
     parameters: ParameterSet
     left_out: tuple[LeftOut, ...] = ()
@@ -170,7 +170,7 @@ def as_file(word: str) -> Path | None:
 
 
 def backup_file(word: str) -> ParameterSet:
-    """Read a DCF that has to be one."""
+    """Read a DCF file; ConfigError for any other file."""
     path = as_file(word)
     if path is None:
         raise ConfigError(f"{word}: no such file; `backup NODE -o {word}` makes one")
@@ -230,7 +230,7 @@ def add_restore_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def reached(args: argparse.Namespace) -> Reached:
-    """Return the options that reach the node of the arguments, for commands shown to the user."""
+    """Return the options that select the node of the arguments, for commands shown to the user."""
     include = bool(getattr(args, "include_protected", False))
     return Reached(getattr(args, "can", None) or "", getattr(args, "name", None) or "", include)
 

@@ -55,7 +55,7 @@ def json_alone(args: argparse.Namespace) -> Iterator[None]:
 
 
 def json_line(document: object) -> str:
-    """Return the same for a stream of many: compact, and made in a third of the time."""
+    """Return compact JSON on one line for a stream, in a third of the time."""
     from canopen_control.rpc.wire import plain, text_of
 
     line = text_of(document)
@@ -63,7 +63,7 @@ def json_line(document: object) -> str:
 
 
 class Progress:
-    """Progress of `what`: a rewritten line on a terminal, otherwise a line now and then.
+    """Progress of `what`: a rewritten line on a terminal, otherwise occasional lines.
 
     Use as a context manager, or call `end`; `quiet` says nothing at all, `rate` adds speed and remaining time.
     """
@@ -108,7 +108,7 @@ class Progress:
         self._say(f"{self._what}{_amount(done, total, self._unit)}, {now - self._begin:.0f} s{rate}")
 
     def end(self) -> None:
-        """Wipe the line; a second call does nothing."""
+        """Erase the line; a second call does nothing."""
         if self._shown and self._live:
             self._write("\r\x1b[K")
         self._shown = False
@@ -142,12 +142,12 @@ _CHATTER: Final = ("note", "mode", "state", "failed")  # a run ends with the las
 
 
 def is_printed(kind: str, *, notable: bool) -> bool:
-    """Whether the terminal of a run shows an event; `notable`: its level is one that is shown."""
+    """Whether the terminal of a run shows an event; `notable`: its level is shown."""
     return kind in _ALWAYS or (notable and kind not in _CHATTER)
 
 
 def with_token(text: str) -> str:
-    """Return the line of the event that a page is served, with the token, which events do not carry; reads files."""
+    """Return the event's line with the page's token, which events do not contain; reads files."""
     from canopen_control.view.page_address import page_addresses
 
     with contextlib.suppress(CanopenError):
@@ -187,7 +187,7 @@ def _coloured() -> re.Pattern[str]:
 
 @contextlib.contextmanager
 def watched(progress: Progress, sample: Callable[[], Sample]) -> Iterator[None]:
-    """Poll `sample` for progress on a thread while this one works."""
+    """Poll `sample` on a thread and show its progress while this thread works."""
     import threading
 
     over = threading.Event()
@@ -207,13 +207,13 @@ def watched(progress: Progress, sample: Callable[[], Sample]) -> Iterator[None]:
 
 
 class Table:
-    """Rows of text under headings: columns as wide as their widest cell, numbers to the right."""
+    """Rows of text under headings: columns as wide as their widest cell, numbers right-aligned."""
 
     def __init__(self, headings: Sequence[str]) -> None:
         self._rows: list[Sequence[str]] = [headings]
 
     def add(self, row: Sequence[str]) -> None:
-        """Append a row of as many cells as there are headings."""
+        """Append a row with one cell per heading."""
         self._rows.append(row)
 
     def lines(self, width: int | None = None, expendable: Sequence[str] = ()) -> list[str]:

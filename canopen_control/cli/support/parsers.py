@@ -22,7 +22,7 @@ _ARGUMENT = re.compile(r"[A-Za-z_]\w*:=")
 
 
 def parser_of(verb: str) -> argparse.ArgumentParser:
-    """Return the parser of one of VERBS; its module is imported for that."""
+    """Return the parser of one of VERBS; imports its module."""
     module = importlib.import_module(f"canopen_control.cli.{verb}")
     parser = _VerbParser(
         prog=f"canopen-control {verb}",
@@ -39,7 +39,7 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
 
 
 def actions_of(parser: argparse.ArgumentParser, path: str) -> Iterator[tuple[str, argparse.ArgumentParser]]:
-    """Yield the parsers that have no actions of their own, with their words, as in `ros topic list`."""
+    """Yield the parsers without actions of their own, with their words, as in `ros topic list`."""
     groups = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]  # noqa: SLF001 - no public way
     if not groups:
         yield path, parser
@@ -69,7 +69,7 @@ class _HelpFormatter(argparse.HelpFormatter):
 
 
 def _width() -> int:
-    """Return the width of help, as argparse has it, without shutil: every parser makes such a formatter."""
+    """Return the width of help like argparse, without importing shutil: every parser creates such a formatter."""
     try:
         return int(os.environ.get("COLUMNS", "")) - 2
     except ValueError:
@@ -117,7 +117,7 @@ def _describe_actions(parser: argparse.ArgumentParser, examples: Sequence[str]) 
 
 
 def _is_of(program: str, example: str) -> bool:
-    """Whether an example calls an action, `program` with its positionals in upper case."""
+    """Whether an example calls an action: `program` with its positionals in upper case."""
     words = zip(program.split(), example.split(), strict=False)
     return len(example.split()) >= len(program.split()) and all(word.isupper() or word == used for word, used in words)
 
@@ -136,7 +136,7 @@ def _build() -> str:
 
 
 def top_parser() -> argparse.ArgumentParser:
-    """Return the parser of what stands before a verb."""
+    """Return the parser of the arguments before a verb."""
     parser = _TopParser(prog="canopen-control", usage="canopen-control VERB [OPTIONS]")
     parser.add_argument("--version", action="version", version=f"canopen-control {__version__} ({_build()})")
     parser.add_argument("verb", nargs="?", choices=list(VERBS), metavar="VERB")

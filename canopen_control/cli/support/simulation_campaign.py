@@ -88,7 +88,7 @@ def run_campaign(setup: RobotSetup, order: CampaignOrder, folder: Path) -> int:
 
 
 def _run(campaign: Campaign, seeds: Sequence[int], order: CampaignOrder, totals: Totals) -> tuple[int, str]:
-    """Sum up the results of the seeds; return the exit code and the reason of an early end."""
+    """Print the results of the seeds; return the exit code and the reason of an early end."""
     with Progress("seeds", stream=sys.stderr) as progress:
         try:
             for result in _results(campaign, seeds, order, progress):
@@ -123,7 +123,7 @@ def _note(text: str, progress: Progress) -> None:
 def _shrink(
     campaign: Campaign, setup: RobotSetup, totals: Totals, order: CampaignOrder, folder: Path
 ) -> tuple[str, ...]:
-    """Write the smallest schedules of the first seeds that broke something, and return their files."""
+    """Write the smallest schedules of the first failing seeds, and return their files."""
     command = shlex.join(["canopen-control", "simulate", *order.words])
     written: list[str] = []
     with contextlib.suppress(KeyboardInterrupt), Progress("shrinking", "tries", stream=sys.stderr) as progress:

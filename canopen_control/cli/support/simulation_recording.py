@@ -47,7 +47,7 @@ _SAMPLE_NS: Final = 100_000_000
 
 
 def check_recording_name(path: Path) -> None:
-    """Raise ConfigError for a file that is no flight recording by its name, or that cannot be written."""
+    """Raise ConfigError for a name other than that of a flight recording, or a file that cannot be written."""
     if not is_flight_file(path):
         raise ConfigError(f"--record {path}: a recording of a simulation is a flight recording, as {path.stem}.zip")
     if path.is_dir():
@@ -57,7 +57,7 @@ def check_recording_name(path: Path) -> None:
 
 
 class SimulationRecorder(SimulationObserver):
-    """Records a simulation that has not begun; `write` when it has ended."""
+    """Recorder of a simulation from its beginning; call `write` at its end."""
 
     def __init__(self, simulation: SimulationRun) -> None:
         self._run, self._robot = simulation, simulation.robot

@@ -25,7 +25,7 @@ _OF_FILE: Final = ("can", "controller")
 
 
 class EventPrinter(SimulationObserver):
-    """Prints the events of a simulation with their time in s, after a `prefix`; the line of `progress` is ended."""
+    """Prints the events of a simulation with their time in s after a `prefix`; ends the line of `progress` first."""
 
     def __init__(self, progress: Progress, prefix: str = "") -> None:
         self._progress, self._prefix = progress, prefix
@@ -37,7 +37,7 @@ class EventPrinter(SimulationObserver):
 
 
 def simulate_world(args: argparse.Namespace, duration_ns: int, faults: Sequence[str]) -> int:
-    """Simulate the robots of a file; 0 good, 1 with a breach. Ctrl-C ends it and keeps what there is."""
+    """Simulate the robots of a file; 0 good, 1 with a breach. Ctrl-C ends it and keeps the results so far."""
     for option in _OF_ONE:
         if getattr(args, option) is not None:
             raise ConfigError(f"--{option} is of one robot; --world FILE alone simulates those that the file names")

@@ -1,4 +1,4 @@
-"""Whom a verb talks to: the nodes of a running robot through its API, or a bare bus.
+"""Target of a verb: the nodes of a running robot through its API, or a bare bus.
 
 An SDO server has one client. The nodes of a running robot are reached through the robot alone; a
 bare bus on which a robot runs is open for the other nodes only.
@@ -91,7 +91,7 @@ def find_eds(text: str) -> Path:
 
 
 def robot_on(channel: str) -> tuple[str, NodeListing] | None:
-    """Return name and node listing of the running robot whose bus is `channel`, or None."""
+    """Return name and node listing of the running robot on `channel`, or None."""
     address = str(parse_channel(channel))
     for name in find_robots():
         try:
@@ -174,7 +174,7 @@ class BusTarget(Target):
 
 
 class BusTransfers(Transfers):
-    """The transfers of one node of a bare bus."""
+    """SDO and NMT of one node of a bare bus."""
 
     def __init__(self, bus: DirectBus, node_id: int) -> None:
         self._bus, self._node_id = bus, node_id
@@ -218,7 +218,7 @@ class BusTransfers(Transfers):
         return bus.heard.get(node_id)
 
     def taken_out(self) -> bool:
-        """Return True: no robot runs on it."""
+        """Return True: no robot uses the node."""
         return True
 
     def close(self) -> None:

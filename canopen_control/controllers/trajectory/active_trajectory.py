@@ -71,7 +71,7 @@ class Segment:
             self._fit_cubic(a, b, time)
 
     def evaluate(self, t: int, out: Point) -> None:
-        """Write the point at `t`, in ns, into `out`; beyond its ends it stands there, with the slope of the line."""
+        """Write the point at `t`, in ns, into `out`; beyond the ends the end position, with the slope of the line."""
         joints = self._joints
         if len(out.positions) != joints or len(out.effort) != joints or len(out.velocities) != joints:
             _resize(out, joints)
@@ -191,7 +191,7 @@ class JointSetpoint(metaclass=ABCMeta):
         return None
 
     def begin(self, t: int) -> None:
-        """Begin at `t` with the first sample, unless a stamp says when."""
+        """Begin at `t` with the first sample, unless a stamp gives the start."""
         if not self.sampled:
             if self.start == 0:
                 self.start = t
@@ -203,12 +203,12 @@ class JointSetpoint(metaclass=ABCMeta):
 
     @property
     def is_over(self) -> bool:
-        """Whether the last sample was at or after its last point."""
+        """Whether the last sample was at or after the last point."""
         return self.following == self.size
 
 
 class ActiveTrajectory(JointSetpoint):
-    """Points that are followed, with `splines` between them, or without: then each is commanded until it is reached.
+    """Active points, interpolated by `splines`, or without interpolation each commanded until its time.
 
     With an `arrangement` it is applied to each point that is made. `shift` is what is added to the positions of each
     joint, in whole turns: what is sampled has it, the points have not.
@@ -234,7 +234,7 @@ class ActiveTrajectory(JointSetpoint):
         self._shifted = False
 
     def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
-        """Take where the joints are before the first point, and find the turns that lie between."""
+        """Set the state of the joints before the first point, and compute their whole turns."""
         self.before_time, self._fitted, self._seen = time, _NONE, None
         before = self.before
         before.take(point)
@@ -252,7 +252,7 @@ class ActiveTrajectory(JointSetpoint):
             self._wrap(wrap)
 
     def _wrap(self, wrap: Sequence[bool]) -> None:
-        """Shift joints that turn without end, so that the first point is within half a turn of where each is.
+        """Shift continuous joints by whole turns, to within half a turn of the first point.
 
         Until the first point that has positions they follow their velocities; that point counts then.
         """
@@ -266,7 +266,7 @@ class ActiveTrajectory(JointSetpoint):
         self._shifted = any(self.shift)
 
     def _first_place(self) -> tuple[Sequence[float], Sequence[float]]:
-        """Return the positions of the first point that has some, after those from which the way leads there."""
+        """Return the positions of the first point that has any, and those before it."""
         point, first = self.before, self.at(0)
         if first.positions:
             return point.positions, first.positions
@@ -280,7 +280,7 @@ class ActiveTrajectory(JointSetpoint):
         return point.positions, ()
 
     def at(self, index: int) -> Point:
-        """Return a point of it, for all joints in their order."""
+        """Return one point, for all joints in their order."""
         if self._packed and self._fitted == index - 1 >= 0:
             return self._to  # what was deduced of it stays
         point = self._points[index]
@@ -303,13 +303,13 @@ class ActiveTrajectory(JointSetpoint):
         return shifted
 
     def _last_point(self) -> Point | None:
-        """Return the last point as it was sent."""
+        """Return the last point as received."""
         if self._end is None and self.size:
             self._end = self.at(self.size - 1)
         return self._end
 
     def _shift(self, point: Point) -> None:
-        """Bring a point to the turns on which the joints are."""
+        """Shift a point to the present turns of the joints."""
         positions, shift = point.positions, self.shift
         for index in range(min(len(positions), len(shift))):
             positions[index] += shift[index]
@@ -340,7 +340,7 @@ class ActiveTrajectory(JointSetpoint):
         return self._last(out)
 
     def _segment_of(self, elapsed: int) -> int:
-        """Return the place, from that which is reached, whose point is past and whose next one is not."""
+        """Return the segment that contains a time, searched from the present one."""
         times, index, last = self._times, self.reached, self.size - 1
         steps = 0
         while index < last and not times[index] <= elapsed < times[index + 1]:
@@ -378,7 +378,7 @@ class ActiveTrajectory(JointSetpoint):
             self._seen, self._seen_at = out, t
 
     def _fit(self, index: int) -> None:
-        """Make the way from a point to the next one."""
+        """Compute the segment from a point to the next one."""
         a = self.before if index == _BEFORE else self.at(index)
         b = self.at(index + 1)
         self._from, self._to, self._fitted = a, b, index

@@ -61,7 +61,7 @@ _NOBODY = -1
 
 @dataclass(frozen=True)
 class ToleranceResult:
-    """How a goal ends, and the sentence that says why."""
+    """Result of a goal, with the reason as a sentence."""
 
     state: GoalState
     code: ResultCode
@@ -69,7 +69,7 @@ class ToleranceResult:
 
 
 class _Tolerated:
-    """Tolerances of all joints, laid out for a look in every cycle: positions first, which often are all there is."""
+    """Tolerances of all joints, prepared for a check in every cycle: positions first, often the only ones."""
 
     __slots__ = ("_all", "_more", "_positions")
 
@@ -88,7 +88,7 @@ class _Tolerated:
 
 
 class ToleranceMonitor:
-    """Check of one cycle: `left` is the joint off its path, `outside` the one off its goal."""
+    """Check of one cycle: `left` is the joint off its path, `outside` the joint off its goal."""
 
     def __init__(self, group: JointGroup) -> None:
         self._group = group
@@ -99,7 +99,7 @@ class ToleranceMonitor:
 
     @property
     def stops(self) -> bool:
-        """Whether nothing more is to be commanded of the trajectory."""
+        """Whether the trajectory must no longer be commanded."""
         return self.left >= 0 or self.late
 
     def check(
@@ -156,12 +156,12 @@ Block = list[list[float]]
 
 
 def positions_alone(message: JointTrajectory) -> bool:
-    """Whether the points say nothing but positions."""
+    """Whether the points contain positions only."""
     return not any(set(size) - {0} for size in survey_of(message).sizes[1:])
 
 
 def upsampled(message: JointTrajectory, frequency: float) -> UpsampledPoints | None:
-    """Return the points of a trajectory with the velocities of the spline through their positions, None for none.
+    """Return the points with the velocities of the spline through their positions, None if there is none.
 
     Without any time they have those of a policy that runs at `frequency` in Hz; 0 leaves them.
     """
@@ -176,7 +176,7 @@ def upsampled(message: JointTrajectory, frequency: float) -> UpsampledPoints | N
 
 
 class PolicyTimes(Sequence[int]):
-    """The times of a policy's points, in ns: each a period after the one before, the first after one."""
+    """Times of a policy's points in ns: each one period after the previous, the first one period after the start."""
 
     def __init__(self, count: int, frequency: float) -> None:
         self._count, self._frequency = count, frequency
@@ -198,7 +198,7 @@ class PolicyTimes(Sequence[int]):
 
 
 class UpsampledPoints(SurveyedPoints):
-    """Points of positions with the velocities of the spline; `source` has the positions, `times` are theirs."""
+    """Points of positions with the velocities of the spline; `source` has the positions, `times` their times."""
 
     def __init__(self, source: Sequence[Point] | Points, times: Sequence[int], survey: TrajectorySummary) -> None:
         self.times, self.survey = times, survey
@@ -206,7 +206,7 @@ class UpsampledPoints(SurveyedPoints):
         self._blocks: dict[int, Block] = {}  # the two that were asked for last, by their first points
 
     def __getitem__(self, index: int) -> Point:
-        """Return a point of its own."""
+        """Return a new point."""
         if index < 0:
             index += len(self)
         begin = index - index % _BLOCK
@@ -219,7 +219,7 @@ class UpsampledPoints(SurveyedPoints):
         return Point(self._source[index].positions, block[index - begin], time=self.times[index])
 
     def _worked_out(self, begin: int) -> Block:
-        """Return the velocities of a block, as if all rested beyond the reach of it."""
+        """Return the velocities of a block, with standstill assumed outside its margin."""
         last = len(self) - 1
         first, end = max(0, begin - _REACH), min(last, begin + _BLOCK - 1 + _REACH)
         if not last:
@@ -262,7 +262,7 @@ NS = 1_000_000_000
 
 
 class JointTrajectoryController(Controller):
-    """Follows trajectories of positions, velocities, accelerations or efforts of several joints.
+    """Controller of trajectories of positions, velocities, accelerations or efforts of several joints.
 
     `holding` says that it stays where it is; `goal` is the one that is being executed, `tolerances` those that count.
     `desired`, `output`, `actual` and `error` are those of the last cycle.
@@ -297,7 +297,7 @@ class JointTrajectoryController(Controller):
     # ------------------------------------------------------------------------------------------------- lifecycle
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters, see `params`; contradictions are errors."""
+        """Read and check the parameters, see `params`."""
         self.params = settings = read_params(params, self.name)
         self._changed = None
         self.update_rate = settings.update_rate
@@ -365,7 +365,7 @@ class JointTrajectoryController(Controller):
         self._follower.clear(holding=False)
 
     def forget(self, now: int) -> None:
-        """Clear the command: if a joint does not follow the goal ends, else the joints brake."""
+        """Clear the command: the goal ends if a joint does not follow, otherwise the joints brake."""
         del now
         self._waiting = self._group.waits_for()
         why = self.life.ended_by or "it was to stop"
@@ -413,12 +413,12 @@ class JointTrajectoryController(Controller):
         self._queue(goal.trajectory, now)
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Refuse numbers: it takes trajectories."""
+        """Refuse numbers: a trajectory controller accepts only trajectories."""
         del values, now, stamp
         raise self.refusal("takes trajectories and no numbers; send it one, or a goal")
 
     def cancel(self, goal: TrajectoryGoal, why: str | None = None) -> None:
-        """Cancel a goal: if it is executed, the joints brake and hold; `why` is in the event."""
+        """Cancel a goal; if it is active, the joints brake and hold; `why` is in the event."""
         if goal is self.goal:
             text = "the goal was cancelled" if why is None else f"the goal was cancelled: {why}"
             self._end(GoalState.CANCELED, ResultCode.SUCCESSFUL, text)
@@ -459,7 +459,7 @@ class JointTrajectoryController(Controller):
 
     @property
     def holding(self) -> bool:
-        """Whether the joints hold their position or come to rest."""
+        """Whether the joints hold their position or brake."""
         return self._follower.holding
 
     @property
@@ -564,7 +564,7 @@ class JointTrajectoryController(Controller):
         self._follower.set_gains(params)
 
     def _give_up(self, joint: str) -> None:
-        """Command nothing while a joint does not follow; the goal ends with its name."""
+        """Command nothing while a joint does not follow; the goal ends with its name as the reason."""
         self._waiting = joint
         if self.goal is not None:
             text = f"{self._why(joint)}, then send the goal again"

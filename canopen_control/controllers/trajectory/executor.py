@@ -1,4 +1,4 @@
-"""Command of the joints from cycle to cycle: a trajectory, a hold, or the ramp to rest.
+"""Command of the joints from cycle to cycle: a trajectory, a hold, or a ramp to standstill.
 
 Rules (ros2_controllers jazzy): what is queued begins in the next cycle; the command is what it says one
 period ahead. Ours, and safer: a stop is computed as it is sampled, and a hold is one point.
@@ -39,7 +39,7 @@ MOST_WAITING: Final = 8
 
 
 class _Track:
-    """Motion and the joints that follow it; `said` is its last sample."""
+    """Motion and its joints; `said` is its last sample."""
 
     __slots__ = ("joints", "motion", "said")
 
@@ -48,7 +48,7 @@ class _Track:
 
 
 class _Waiting:
-    """A trajectory that takes over some joints at `handoff`, in ns of the follower's time."""
+    """Trajectory that takes over some joints at `handoff`, in ns of the follower's time."""
 
     __slots__ = ("handoff", "joints", "trajectory")
 
@@ -57,7 +57,7 @@ class _Waiting:
 
 
 class Blend(JointSetpoint):
-    """Joints that follow one trajectory or several, each its own, and those that are to take over."""
+    """Joints that follow one or several trajectories, and the waiting ones that will take over joints."""
 
     def __init__(self, old: JointSetpoint, wrap: Sequence[bool]) -> None:
         super().__init__(old.start, 1)
@@ -69,7 +69,7 @@ class Blend(JointSetpoint):
         self._end = 0
 
     def take(self, trajectory: ActiveTrajectory, handoff: int, joints: Sequence[int]) -> None:
-        """Set the trajectory that takes over these joints at `handoff`; one queued for later is dropped."""
+        """Queue a trajectory that takes over these joints at `handoff`; one queued for later is dropped."""
         kept = [queued for queued in self._waiting if queued.handoff < handoff][: MOST_WAITING - 1]
         self._waiting = [*kept, _Waiting(trajectory, handoff, list(joints))]
         self.start = trajectory.start or handoff
@@ -79,7 +79,7 @@ class Blend(JointSetpoint):
         """Do nothing: the trajectory continues from its own state."""
 
     def time_of(self, index: int) -> int:
-        """Return when all are over, from start in ns."""
+        """Return the time of the end of all trajectories, from the start in ns."""
         del index
         motions = [part.motion for part in self._tracks] + [part.trajectory for part in self._waiting]
         return max(motion.start + motion.time_of(motion.size - 1) for motion in motions) - self.start
@@ -91,7 +91,7 @@ class Blend(JointSetpoint):
         return point
 
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
-        """Write the point at `t` to `out`, see `JointSetpoint`; queued trajectories take over by then."""
+        """Write the point at `t` to `out`, see `JointSetpoint`; queued trajectories have taken over by then."""
         while self._waiting and self._waiting[0].handoff <= t:
             self._hand_over(self._waiting.pop(0))
         result = self._mix(t, out, ahead=ahead)
@@ -102,7 +102,7 @@ class Blend(JointSetpoint):
         return result
 
     def query(self, t: int, out: Point) -> bool:
-        """Write the state at any time to `out`; before the first point of a queued trajectory it is the old one's."""
+        """Write the state at any time to `out`; before the first point of a queued trajectory that of the old one."""
         later = [queued for queued in self._waiting if queued.trajectory.start + queued.trajectory.time_of(0) <= t]
         result = self._mix(t, out, ahead=True, query=True)
         for queued in later:
@@ -129,7 +129,7 @@ class Blend(JointSetpoint):
         coming.trajectory.set_before(coming.handoff, before, self._wrap)
 
     def _mix(self, t: int, out: Point, *, ahead: bool, query: bool = False) -> bool:
-        """Write each joint's state at `t`; joints without one are unchanged."""
+        """Write each joint's state at `t`; joints without a trajectory are unchanged."""
         joints = len(self._wrap)
         if len(out.positions) != joints or len(out.effort) != joints or len(out.velocities) != joints:
             out.positions[:] = out.velocities[:] = out.accelerations[:] = out.effort[:] = [0.0] * joints
@@ -167,7 +167,7 @@ _AT_REST: Final = 2.0**-23
 
 
 class StopMotion(JointSetpoint):
-    """Motion of all joints to rest from the state in `set_before`; `decelerations` in rad/s2, above 0.
+    """Motion of all joints to standstill from the state in `set_before`; `decelerations` in rad/s2, above 0.
 
     Its time is real, however slowly trajectories run; `pace` is by how much they did, where it begins from what was
     commanded and not from what is measured.
@@ -195,7 +195,7 @@ class StopMotion(JointSetpoint):
         self.duration = int(max(self._times, default=0.0) * 1e9)
 
     def time_of(self, index: int) -> int:
-        """Return when all are at rest, from start in ns."""
+        """Return the time at which all joints stand, from the start in ns."""
         del index
         return self.duration
 
@@ -230,7 +230,7 @@ class StopMotion(JointSetpoint):
 
 
 def scaled(time: int, factor: float) -> int:
-    """Return a time in ns at a speed, cut to whole ns: 10 ms at 0.3 are 2,999,999 ns, since 0.3 is a bit less.
+    """Return a time in ns at a speed, truncated to ns: 10 ms at 0.3 are 2,999,999 ns, because 0.3 is slightly less.
 
     The product is exact, as upstream's is in extended precision: rounded to a double it would be 1 ns more.
     """
@@ -254,7 +254,7 @@ class SpeedScaling:
         self._command: CommandInterface | None = None
 
     def take(self, state: StateInterface | None, command: CommandInterface | None) -> None:
-        """Store the interfaces, if there are any."""
+        """Store the interfaces if they exist."""
         self._state, self._command = state, command
 
     def mistake(self, factor: float) -> str | None:
@@ -280,7 +280,7 @@ NS: Final = 1_000_000_000
 
 
 class TrajectoryExecutor:
-    """Moves a group of joints; `holding` while it holds or comes to rest.
+    """Executor of a group of joints; `holding` while it holds or brakes.
 
     `desired` is what was to be in the last cycle, `output` what was commanded for the next one; `limiter` keeps that
     within limits, None for none, and `limited` is the joint that it has held back first. `motion` is what is
@@ -309,7 +309,7 @@ class TrajectoryExecutor:
     # ------------------------------------------------------------------------------------------- what is followed
 
     def begin(self) -> None:
-        """Start from the state that was read; `hold` keeps the group there."""
+        """Begin with the measured state; `hold` keeps the group there."""
         group = self._group
         self.motion = self._queued = self._taken = None
         self._last_time = 0
@@ -319,7 +319,7 @@ class TrajectoryExecutor:
             self._loops.reset()
 
     def resume_at_rest(self) -> None:
-        """Hold the joints after all of them follow again."""
+        """Hold the joints once all of them follow commands."""
         self._group.read()
         self._last.take(self._group.actual)
         if self._loops is not None:
@@ -359,7 +359,7 @@ class TrajectoryExecutor:
             self._hold_at(end)
 
     def brake(self, decelerations: Sequence[float]) -> None:
-        """Come to rest with these decelerations, in rad/s2 or m/s2."""
+        """Brake with these decelerations, in rad/s2 or m/s2."""
         self._queued, self.holding = StopMotion(decelerations), True
 
     def _hold_at(self, point: Point) -> None:
@@ -370,7 +370,7 @@ class TrajectoryExecutor:
     # ----------------------------------------------------------------------------------------------------- cycle
 
     def take_queued(self) -> None:
-        """Start the queued trajectory; joints it does not contain hold, or continue if it is blended in."""
+        """Start the queued trajectory; joints outside it hold, or continue if it is blended in."""
         message, group = self._queued, self._group
         if message is self._taken:
             return
@@ -405,7 +405,7 @@ class TrajectoryExecutor:
         )
 
     def where_it_begins(self, stamp: int) -> Sequence[float]:
-        """Return the positions from which a trajectory with this stamp would lead on."""
+        """Return the positions from which a trajectory with this stamp would continue."""
         follows, out = self.follows, Point()
         if follows is not None and follows.query(max(self._start_of(stamp), self._commanded_until), out):
             return out.positions
@@ -417,7 +417,7 @@ class TrajectoryExecutor:
 
     @property
     def _commanded_until(self) -> int:
-        """Time up to which drives have their positions; the next trajectory starts from there."""
+        """Time until which drives have received positions; the next trajectory starts there."""
         return self._time + self._period_ns
 
     def sample(self, now: int, period: float, scaling: float) -> bool:
@@ -464,7 +464,7 @@ class TrajectoryExecutor:
 
     @property
     def time_since_end(self) -> float:
-        """Time since the last point in s, after the end since the end."""
+        """Time since the last point in s; after the trajectory's end, time since that end."""
         motion = self.motion
         return 0.0 if motion is None else self._time / 1e9 - (motion.start + motion.time_of(motion.first)) / 1e9
 
@@ -498,7 +498,7 @@ class TrajectoryExecutor:
         )
 
     def _begin(self, motion: JointSetpoint, now: int, scaling: float) -> None:
-        """Set the state before the first point: the desired one, or the actual one of a hold."""
+        """Set the state before the first point: the desired one, or after a hold the actual one."""
         wrap = () if self._taken is self._hold else self._group.wrap
         if self._params.from_desired and self._last.positions:
             self._last_time = self._last_time or now

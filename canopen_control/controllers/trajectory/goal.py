@@ -26,7 +26,7 @@ class ResultCode(enum.IntEnum):
 
 
 class TrajectoryGoal:
-    """A trajectory with tolerances of its own; `code` and `text` are the result once it has ended.
+    """Trajectory with its own tolerances; `code` and `text` are the result after its end.
 
     `ended_now` is called then, in the cycle: whoever has more to do than to take note does it later. `feedback_rate` in
     Hz and `outlives_client` are the parameters of the controller that has accepted it.
@@ -49,7 +49,7 @@ class TrajectoryGoal:
 
     @property
     def ended(self) -> bool:
-        """Whether it has its result."""
+        """Whether the goal has a result."""
         return self.code is not None
 
     def end(self, state: GoalState, code: ResultCode, text: str) -> None:

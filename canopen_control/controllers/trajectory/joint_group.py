@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class JointGroup:
-    """Joints and their interfaces by quantity; the names are in the order in which ros2_control's controller claims.
+    """Joints and their interfaces by quantity, in the order in which joint_trajectory_controller claims them.
 
     `actual` is what was read last, `error` what was asked for last less that.
     """
@@ -65,7 +65,7 @@ class JointGroup:
         self._targets = self.commands.get(POSITION, [])
 
     def read(self) -> None:
-        """Read the states into `actual`; the commanded effort stands for the measured one."""
+        """Read the states into `actual`; the commanded effort is used as the measured one."""
         actual = self.actual
         _copy(self._positions, actual.positions)
         _copy(self._velocities, actual.velocities)
@@ -77,7 +77,7 @@ class JointGroup:
                 actual.effort[index] = self._efforts[index].value
 
     def begin_with_commands(self) -> None:
-        """Set the commanded state to the measured one, by quantity, where it is known."""
+        """Set the commanded state to the measured one, by quantity, as far as it is known."""
         if not self._all:
             return
         for kind, values in (
@@ -91,7 +91,7 @@ class JointGroup:
                 values[:] = commanded
 
     def waits_for(self) -> str | None:
-        """Return a joint that cannot follow: not enabled, or with an unknown position; else None."""
+        """Return a joint that cannot follow: disabled, or with an unknown position; else None."""
         for state in self._positions:
             value = state.value
             if value - value != 0.0:  # is not finite
@@ -115,7 +115,7 @@ class JointGroup:
                 error.accelerations[i] = desired.accelerations[i] - actual.accelerations[i]
 
     def write(self, kind: str, values: Sequence[float]) -> None:
-        """Command a quantity of all joints; without values it is unchanged."""
+        """Command a quantity of all joints; without values the command is unchanged."""
         commands, places = self.commands[kind], self.places
         if not values:
             return
@@ -123,7 +123,7 @@ class JointGroup:
             commands[index].value = values[places[index]]
 
     def release(self) -> None:
-        """Command nothing: positions are held by the hardware, all else is 0."""
+        """Release the command: the hardware holds positions, other targets are 0."""
         for kind in self._kinds:
             for command in self.commands[kind]:
                 command.value = math.nan if kind == POSITION else 0.0
@@ -137,7 +137,7 @@ class JointGroup:
 
 
 class Loops:
-    """A PID for each commanded joint; `joints` are their places among the joints of the trajectory."""
+    """PID loop for each commanded joint; `joints` are their indices among the joints of the trajectory."""
 
     def __init__(self, gains: Sequence[JointGains], joints: Sequence[int], *, with_effort: bool) -> None:
         self._joints, self._with_effort = list(joints), with_effort
@@ -151,7 +151,7 @@ class Loops:
             self._forward[index] = gains[joint].ff_velocity_scale
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Reset the loops."""
         for pid in self._pids:
             pid.reset()
 

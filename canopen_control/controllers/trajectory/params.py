@@ -56,7 +56,7 @@ def wrong_states(names: Sequence[str]) -> str | None:
 
 
 def wrong_together(commands: Collection[str], states: Collection[str]) -> str | None:
-    """Return the states that the loops over these commands lack, None without any."""
+    """Return the states required by the loops of these commands but missing, None without any."""
     looped = set(commands) in ({VELOCITY}, {EFFORT}, {POSITION, EFFORT})
     if looped and not {POSITION, VELOCITY}.issubset(states):
         return (
@@ -102,7 +102,7 @@ _FLOAT_EPSILON: Final = 2.0**-23
 
 @dataclass(frozen=True)
 class StateTolerance:
-    """Maximum errors of a joint: rad, rad/s, rad/s2 (m); 0 and less disable them."""
+    """Maximum errors of a joint: rad, rad/s, rad/s2 (m); values of 0 or less disable the check."""
 
     position: float = 0.0
     velocity: float = 0.0
@@ -127,7 +127,7 @@ class GoalTolerances:
 
 @dataclass(frozen=True)
 class SegmentTolerances:
-    """The tolerances of all joints on the way and at the end; at `goal_time` s after it the end is late, 0 never."""
+    """Tolerances of all joints during and after a trajectory; `goal_time` s after its end the goal fails, 0 never."""
 
     path: tuple[StateTolerance, ...]
     goal: tuple[StateTolerance, ...]
@@ -135,7 +135,7 @@ class SegmentTolerances:
 
 
 def within(tolerance: StateTolerance, error: Point, joint: int) -> bool:
-    """Whether the errors of a joint are within; unknown ones (nan) are."""
+    """Whether the errors of a joint are within tolerance; unknown errors (nan) are."""
     if tolerance.position > 0.0 and abs(error.positions[joint]) > tolerance.position:
         return False
     speeds = error.velocities
@@ -148,7 +148,7 @@ def within(tolerance: StateTolerance, error: Point, joint: int) -> bool:
 def resolve(
     goal: GoalTolerances, joints: Sequence[str], default: SegmentTolerances
 ) -> tuple[SegmentTolerances, str | None]:
-    """Return the tolerances of a goal; with invalid ones those of the parameters and the reason."""
+    """Return the tolerances of a goal; if invalid, those of the parameters and the reason."""
     try:
         time = _resolved(goal.goal_time, default.goal_time, "goal_time_tolerance")
         path = _of_joints(goal.path, joints, default.path, "path_tolerance")
@@ -190,7 +190,7 @@ POINT_LIMITER: Final = "joint_limits/JointTrajectoryPointSaturationLimiter"
 
 @dataclass(frozen=True)
 class JointGains(LoopGains):
-    """The gains of the loop over one joint, where velocity or effort alone is commanded; `i_clamp` is deprecated."""
+    """Gains of the loop of one joint with velocity or effort commands only; `i_clamp` is deprecated."""
 
     p: float = setting(0.0, help="proportional gain of the loop over a velocity or effort")
     ff_velocity_scale: float = setting(0.0, help="factor of the trajectory's velocity that is added")
@@ -214,7 +214,7 @@ class JointConstraints:
 
 @dataclass(frozen=True)
 class LimitParams:
-    """The limits of a joint for the point limiter: rad, rad/s, rad/s2 (m); nan is the description's or none."""
+    """Limits of a joint for the point limiter: rad, rad/s, rad/s2 (m); nan uses the description's, if any."""
 
     has_position_limits: bool = setting(True, help="false: positions are not limited")
     min_position: float = setting(math.nan, nan=True, help="rad or m; nan: that of the description")
@@ -340,7 +340,7 @@ class TrajectoryParams(CommonParams):
 
     @property
     def commanded(self) -> tuple[str, ...]:
-        """The joints that are commanded."""
+        """Commanded joints."""
         return self.command_joints or self.joints
 
     @property

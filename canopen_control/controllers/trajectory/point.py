@@ -21,7 +21,7 @@ _HALF_TURN: Final = 1e-9
 
 
 class Point:
-    """A point of trajectory_msgs/JointTrajectoryPoint: one value for each joint, or none; `time` from start in ns.
+    """Point of trajectory_msgs/JointTrajectoryPoint: one value per joint, or none; `time` from the start in ns.
 
     Positions in rad (m), velocities in rad/s, accelerations in rad/s2, effort in Nm (N).
     """
@@ -48,13 +48,13 @@ class Point:
         self.time = other.time
 
     def copy(self) -> Point:
-        """Return a point of its own with the same values."""
+        """Return an independent copy."""
         return Point(self.positions, self.velocities, self.accelerations, self.effort, self.time)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)  # those of a message are packed, in a file that is not compiled
 class Points:
-    """Points that are made when they are needed: each `[]` makes one; `times` are theirs from start in ns."""
+    """Points created on access; `times` are from the start in ns."""
 
     times: Sequence[int]
 

@@ -1,4 +1,4 @@
-"""Trajectory point limiter: clamps a point of several joints to their limits, and brakes all before one hits its end.
+"""Trajectory point limiter: clamps points to the limits of their joints, and brakes all joints before an end position.
 
 Rules (joint_limits of ros2_control, JointTrajectoryPointSaturationLimiter): positions, then velocities,
 then accelerations are clamped, and what was clamped makes the others anew; a joint that could not stop any more before
@@ -21,7 +21,7 @@ _ZERO: Final = 1e-10  # what is not larger is not given
 
 
 class PointLimiter:
-    """Clamps points to the `limits` of their joints in place; `joint` is the first clamped one."""
+    """Limiter of points to the `limits` of their joints, in place; `joint` is the first limited one."""
 
     def __init__(self, limits: Sequence[HardLimits]) -> None:
         self.limits = list(limits)

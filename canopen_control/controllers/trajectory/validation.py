@@ -142,7 +142,7 @@ class TrajectorySummary:
             self._look_at_ways(begin, columns[0], before, times)
 
     def _look_at_ways(self, begin: int, positions: list[list[float]], before: int, times: Sequence[int]) -> None:
-        """Compute the mean velocities up to the next points."""
+        """Compute the mean velocities between the points."""
         last, self._place = self._place, positions[-1]
         instants = [time * 1e-9 for time in ((before, *times) if last else times)]
         seconds = list(map(operator.sub, instants[1:], instants))
@@ -155,7 +155,7 @@ class TrajectorySummary:
             )
 
     def sized(self, quantity: int, allowed: tuple[int, ...]) -> int:
-        """Return the first point that has another number of values of a quantity than these, NONE if none has."""
+        """Return the first point with a wrong number of values of a quantity, NONE without one."""
         return min((at for size, at in self.sizes[quantity].items() if size not in allowed), default=NONE)
 
     def _look_at_times(self, times: Sequence[int]) -> None:
@@ -205,7 +205,7 @@ class TimedValues(Values, Protocol):
 
 
 class _Column:
-    """Column of one quantity in a piece of points."""
+    """Column of one quantity in a batch of points."""
 
     __slots__ = ("_odd", "_values", "_width")
 
@@ -271,7 +271,7 @@ class PointBuffer(SurveyedPoints):
         return result
 
     def __getitem__(self, index: int) -> Point:
-        """Return a point of its own."""
+        """Return a new point."""
         if index < 0:
             index += len(self)
         time = self.times[index]
@@ -292,7 +292,7 @@ _DAY: Final = 86_400_000_000_000
 
 
 class Rule(enum.Enum):
-    """The rules of upstream, in their order."""
+    """Rules of joint_trajectory_controller, in their order."""
 
     JOINT_COUNT = enum.auto()
     NO_JOINT_NAMES = enum.auto()
@@ -309,7 +309,7 @@ class Rule(enum.Enum):
 
     @property
     def code(self) -> ResultCode:
-        """The code that a goal which breaks it is refused with."""
+        """Error code of a goal refused by the rule."""
         return _CODES.get(self, ResultCode.INVALID_GOAL)
 
 
@@ -323,14 +323,14 @@ _CODES: Final = {
 
 @dataclass(frozen=True)
 class Refused:
-    """Reason of a refusal: the rule of upstream, None for an additional one, and the sentence."""
+    """Refusal: the rule of joint_trajectory_controller, None for an additional rule, and the sentence."""
 
     rule: Rule | None
     text: str
 
     @property
     def code(self) -> ResultCode:
-        """The code that a goal is refused with."""
+        """Error code of the refused goal."""
         return ResultCode.INVALID_GOAL if self.rule is None else self.rule.code
 
 
@@ -368,7 +368,7 @@ def survey_of(message: JointTrajectory) -> TrajectorySummary:
 
 
 def broken_rule(message: JointTrajectory, survey: TrajectorySummary, rules: Rules, now: int) -> Refused | None:
-    """Return the first rule of upstream that a trajectory breaks, None if none; `now` in ns."""
+    """Return the first rule of joint_trajectory_controller that a trajectory breaks, None if none; `now` in ns."""
     refused = _wrong_joints(message, rules) or _wrong_end(message, rules, now)
     if refused is not None:
         return refused
@@ -384,7 +384,7 @@ def broken_rule(message: JointTrajectory, survey: TrajectorySummary, rules: Rule
 
 
 def _first_wrong(survey: TrajectorySummary, joints: int, rules: Rules) -> int:
-    """Return the first point that breaks a rule about points, NONE if none does."""
+    """Return the first point that breaks a rule about points, NONE without one."""
     wrong = (
         survey.not_increasing,
         survey.empty if rules.integration else NONE,
@@ -427,7 +427,7 @@ def _wrong_end(message: JointTrajectory, rules: Rules, now: int) -> Refused | No
 
 
 def _long(time: int) -> str:
-    """Return a time in ns as text; beyond a day its stamp is of another clock."""
+    """Return a time in ns as text; above a day it is a stamp of another clock."""
     return f"{time / 1e9:g} s" if time < _DAY else f"{time / _DAY:.0f} days (by another clock?)"
 
 
@@ -451,7 +451,7 @@ def _wrong_sizes(index: int, point: Point, joints: int, rules: Rules) -> Refused
 
 
 def beyond(message: JointTrajectory, survey: TrajectorySummary, limits: dict[str, JointLimits]) -> str | None:
-    """Return the first value that is not finite or beyond its joint's limits, None without one."""
+    """Return the first value that is not finite or exceeds its joint's limits, None without one."""
     names = message.joint_names
     for name in names:
         if names.count(name) > 1:
@@ -586,7 +586,7 @@ class Acceptance:
 
     @property
     def continuous(self) -> list[bool]:
-        """Which joints turn without end."""
+        """Flags of the continuous joints."""
         return [self.limits[joint].continuous for joint in self._params.joints]
 
     def take_params(self, params: TrajectoryParams) -> None:
@@ -594,7 +594,7 @@ class Acceptance:
         self._params = params
 
     def cannot_brake(self) -> str | None:
-        """Say why `decelerate_on_cancel` has no effect, None if it has, or is not wanted."""
+        """Return why `decelerate_on_cancel` has no effect; None if it has, or is not configured."""
         params = self._params
         if not params.decelerate_on_cancel:
             return None
@@ -686,7 +686,7 @@ class Acceptance:
 
 
 def _joint_of(name: str, description: Mapping[str, Joint]) -> Joint | None:
-    """Return a joint of the description, also by the name that a controller exports it under: "loops/joint_1"."""
+    """Return a joint of the description, also by the name under which a controller exports it: "loops/joint_1"."""
     return description.get(name) or description.get(name.rpartition("/")[2])
 
 

@@ -1,4 +1,4 @@
-"""Interfaces that the installed ROS lacks (tf2_msgs, controller_manager_msgs ...), made at run time without a compiler.
+"""Interfaces missing in the installed ROS (tf2_msgs, controller_manager_msgs ...), created at run time.
 
 A package that is installed is used, never replaced. What is made here has upstream's type hashes,
 so that it talks to upstream's own; before the first one is used, a message that ROS's compiled code knows as well is
@@ -37,7 +37,7 @@ _PROBED: Final = "std_msgs/msg/Header"
 
 
 def provide(packages: Iterable[str] = PACKAGES) -> list[str]:
-    """Provide the missing packages for `import`, in any program with rclpy; return their names.
+    """Make the missing packages importable, in any program with rclpy; return their names.
 
     Call it before they are imported. `packages` are by default all of `PACKAGES`. CanopenError when this ROS is not
     known, before anything is made; a package that is neither installed nor one of `PACKAGES` is a CanopenError too.
@@ -56,7 +56,7 @@ def provide(packages: Iterable[str] = PACKAGES) -> list[str]:
 
 
 class MissingInterface(CanopenError):
-    """Interface that ROS lacks, `name`: its package has another version."""
+    """Interface `name` that ROS lacks, because its package has another version."""
 
     def __init__(self, name: str) -> None:
         super().__init__(f"this ROS has no {name}")
@@ -64,7 +64,7 @@ class MissingInterface(CanopenError):
 
 
 def interface(name: str) -> Any:  # noqa: ANN401 - a class made by somebody's generator, or by us
-    """Return the class of "package/msg/Name", made if need be.
+    """Return the class of "package/msg/Name", created if necessary.
 
     MissingInterface when this ROS does not have it; any other CanopenError when this ROS is not known.
     """
@@ -78,13 +78,13 @@ def interface(name: str) -> Any:  # noqa: ANN401 - a class made by somebody's ge
 
 
 def made(kind: Any, **values: object) -> Any:  # noqa: ANN401 - as above
-    """Return a message with the values for which its type has a field on this host."""
+    """Return a message with those values for which its type has a field on this host."""
     field_types = kind.get_fields_and_field_types()
     return kind(**{name: value for name, value in values.items() if name in field_types})
 
 
 def put(message: Any, **values: object) -> None:  # noqa: ANN401 - as above
-    """Set the values of a message for which its type has a field on this host."""
+    """Set those values of a message for which its type has a field on this host."""
     field_types = message.get_fields_and_field_types()
     for name, value in values.items():
         if name in field_types:
@@ -92,7 +92,7 @@ def put(message: Any, **values: object) -> None:  # noqa: ANN401 - as above
 
 
 class _Factory:
-    """Factory of classes from definitions; one for the process, since C keeps pointers to them."""
+    """Factory of classes from definitions, one per process, because C keeps pointers to them."""
 
     def __init__(self) -> None:
         self.registry = Registry(_shares())
@@ -102,7 +102,7 @@ class _Factory:
         self._supports: Supports | None = None
 
     def supports(self) -> Supports:
-        """Return what makes type supports; loads ROS's libraries."""
+        """Return the factory of type supports; loads ROS's libraries."""
         if self._supports is None:
             from canopen_control.ros.interfaces.support import Libraries, Supports
 
@@ -110,7 +110,7 @@ class _Factory:
         return self._supports
 
     def class_of(self, name: str) -> type:
-        """Return the class of a message, an installed one or one of ours."""
+        """Return the class of a message, installed or created."""
         package, kind, short = parts_of(name)
         if name not in self._classes and (owner_of(name) in DEFINITIONS or name == _PROBE):
             self._classes[name] = message_class(self.registry.get(name), self.class_of, self.supports)
@@ -120,14 +120,14 @@ class _Factory:
         return interface_class
 
     def service_of(self, name: str) -> type:
-        """Return the class of a service, made once; also of the two services of an action."""
+        """Return the class of a service, created once; also for the two services of an action."""
         if name not in self._classes:
             parts = {part: self.class_of(f"{name}_{part}") for part in ("Request", "Response", "Event")}
             self._classes[name] = service_class(name, parts, self.supports)
         return self._classes[name]
 
     def action_of(self, name: str) -> type:
-        """Return the class of an action, made once."""
+        """Return the class of an action, created once."""
         if name not in self._classes:
             self._classes[name] = action_class(name, self.class_of, self.service_of, self.supports)
         return self._classes[name]
@@ -171,7 +171,7 @@ def _factory() -> _Factory:
 
 
 def _check(factory: _Factory) -> None:
-    """Send a message through our code and through ROS's own, in both directions; raises what differs."""
+    """Convert a message with our code and with ROS's own, in both directions; raise an error for a difference."""
     serialization = importlib.import_module("rclpy.serialization")
     theirs_of, ours_of = factory.class_of(_PROBED), factory.class_of(_PROBE)
     stamp = factory.class_of("builtin_interfaces/msg/Time")(sec=-12345, nanosec=67890)
@@ -188,7 +188,7 @@ def _check(factory: _Factory) -> None:
 
 
 def _shares() -> list[Path]:
-    """Return where installed packages describe themselves."""
+    """Return the folders in which installed packages describe themselves."""
     prefixes = [field for field in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if field]
     return [Path(prefix, "share") for prefix in (*prefixes, sys.prefix)]
 

@@ -1,4 +1,4 @@
-"""The C structures that rosidl's type supports are made of, as ctypes sees them.
+"""C structures of rosidl's type supports for ctypes.
 
 Rules (rosidl_runtime_c, rosidl_typesupport_introspection_c, rosidl_typesupport_fastrtps_cpp of Jazzy):
 order and sizes are those of the headers; what is made here lives as long as the process, C keeps pointers to it. Behind
@@ -116,7 +116,7 @@ class ServiceSupport(Structure):
 
 
 class ActionSupport(Structure):
-    """rosidl_action_type_support_t: rcl_action reads it as it is, so it has neither identifier nor handle."""
+    """rosidl_action_type_support_t: rcl_action reads it directly, so it has neither identifier nor handle."""
 
     _fields_ = (*_pointers("send_goal", "get_result", "cancel", "feedback", "status"), *_HASHED)
 
@@ -227,7 +227,7 @@ REMOVE_EVENT = CFUNCTYPE(c_bool, c_void_p, c_void_p)
 
 
 def string(text: str) -> Bytes:
-    """Return a text as C holds it."""
+    """Return a text as a C string."""
     buffer = ctypes.create_string_buffer(text.encode())
     return Bytes(address(buffer), len(buffer) - 1, len(buffer))
 

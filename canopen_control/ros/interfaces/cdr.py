@@ -1,4 +1,4 @@
-"""Messages to bytes and back: the body of a CDR message in little endian, without its four bytes of header.
+"""Messages to bytes and back: the body of a CDR message in little endian, without its header of four bytes.
 
 Rules (OMG CDR, XCDR version 1, as Fast CDR writes it): a number is aligned to its own size, at most
 eight, counted from the beginning of the body; a string is its length with the final zero byte, the text, the zero; a
@@ -39,7 +39,7 @@ class Codecs:
         self._made: dict[str, Codec] = {}
 
     def encode(self, name: str, message: object) -> bytes:
-        """Return the body of a message; ValueError when a field holds something else."""
+        """Return the body of a message; ValueError for a field with an unsuitable value."""
         body = bytearray()
         try:
             self.codec(name)[0](message, body)
@@ -100,7 +100,7 @@ class Codecs:
 
 
 def size_of(base: int) -> int:
-    """Return the bytes of a number, a bool or a byte, by its type id."""
+    """Return the size of a number, a bool or a byte in bytes, by its type id."""
     return struct.calcsize(f"<{NUMBERS[base]}") if base in NUMBERS else 1
 
 

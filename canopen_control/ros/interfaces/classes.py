@@ -40,7 +40,7 @@ _EMPTY: Final[dict[int, object]] = {10: 0.0, 11: 0.0, 15: False, 16: b"\0", 17: 
 
 
 class _SlotTypes:
-    """`SLOT_TYPES` of a class, made when it is first asked for: ROS's parser is loaded for it."""
+    """`SLOT_TYPES` of a class, created on first use, because it needs ROS's parser."""
 
     def __get__(self, _message: object, owner: type[MadeMessage]) -> tuple[object, ...]:
         types = tuple(_rosidl_type(kind) for kind in owner.__field_types__)
@@ -66,7 +66,7 @@ class MadeMessage:
 
     @classmethod
     def get_fields_and_field_types(cls) -> dict[str, str]:
-        """Return the names of the fields with their types in IDL's words."""
+        """Return the names of the fields with their types in IDL notation."""
         return dict(cls._fields_and_field_types)
 
     def __eq__(self, other: object) -> bool:
@@ -82,7 +82,7 @@ class MadeMessage:
 
 
 def message_class(structure: Structure, class_of: Callable[[str], type], supports: Callable[[], Supports]) -> type:
-    """Return the class of a structure; `class_of` gives those of nested ones, `supports` makes type supports."""
+    """Return the class of a structure; `class_of` returns those of nested ones, `supports` creates type supports."""
     package, kind, short = parts_of(structure.name)
     fields = [field for field in structure.fields if field.name != DUMMY]
 
@@ -124,7 +124,7 @@ def service_class(name: str, parts: dict[str, type], supports: Callable[[], Supp
 def action_class(
     name: str, class_of: Callable[[str], type], service_of: Callable[[str], type], supports: Callable[[], Supports]
 ) -> type:
-    """Return the class of an action; `class_of` gives its messages, `service_of` the two services that are its own.
+    """Return the class of an action; `class_of` returns its messages, `service_of` its own two services.
 
     Cancelling and the status are the same for all actions, and installed.
     """
@@ -192,7 +192,7 @@ def _text_of(kind: FieldType) -> str:
 
 
 def _rosidl_type(kind: FieldType) -> object:
-    """Return a type as rosidl_parser has it."""
+    """Return a type as defined by rosidl_parser."""
     parser = importlib.import_module("rosidl_parser.definition")
     if kind.shape is not Shape.SCALAR:
         element = _rosidl_type(FieldType(kind.base, string_capacity=kind.string_capacity, nested=kind.nested))

@@ -1,4 +1,4 @@
-"""The text of .msg, .srv and .action files, as structures: the first step of making an interface at run time.
+"""Parser of .msg, .srv and .action files into structures, for interfaces created at run time.
 
 Rules (rosidl): a line is `type name [default]` or `type NAME=value`; `---` parts a service and an action;
 `Header` is std_msgs', a name without a package is of the same one. An empty structure has one byte on the wire. A
@@ -48,7 +48,7 @@ class Shape(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class FieldType:
-    """The type of a field: `base` is the id of the scalar, `nested` the full name of a structure."""
+    """Type of a field: `base` is the id of the scalar, `nested` the full name of a structure."""
 
     base: int
     shape: Shape = Shape.SCALAR
@@ -70,7 +70,7 @@ class FieldType:
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A field; `default` is None for zero, empty or false."""
+    """Field of a structure; `default` is None for zero, empty or false."""
 
     name: str
     type: FieldType
@@ -93,7 +93,7 @@ def parts_of(name: str) -> tuple[str, str, str]:
 
 
 def owner_of(name: str) -> str:
-    """Return the interface that a structure is a part of, itself for a message: names of interfaces have no "_"."""
+    """Return the interface to which a structure belongs (for a message itself); names of interfaces have no "_"."""
     package, kind, short = parts_of(name)
     return f"{package}/{kind}/{short.partition('_')[0]}"
 

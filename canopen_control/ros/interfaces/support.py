@@ -1,4 +1,4 @@
-"""Type supports made at run time: what rclpy and rmw_fastrtps need of an interface, without a compiler.
+"""Type supports created at run time: what rclpy and rmw_fastrtps need for an interface, without a compiler.
 
 rmw_fastrtps asks each type for two supports, fastrtps_c to serialise and introspection_c for its
 type object; both carry the same hash and description. Fast DDS calls their functions while it holds its mutexes, so
@@ -62,7 +62,7 @@ _XCDR1: Final = 1
 
 
 class Libraries:
-    """Loads the libraries; OSError or AttributeError when one, or a function in it, is missing."""
+    """Loader of the libraries; OSError or AttributeError if one, or a function in it, is missing."""
 
     def __init__(self) -> None:
         self._folder = _library_folder()
@@ -124,7 +124,7 @@ class Callbacks:
         return _symbol_address(self._library[name])
 
     def deserializer(self, name: str, layout: int) -> int:
-        """Return the function that takes a message of a new type; RuntimeError when there is no room for another."""
+        """Return the function that deserialises a message of a new type; RuntimeError if no slot is free."""
         slot = len(self._names)
         if slot == SLOTS:
             raise RuntimeError(f"more than {SLOTS} types of messages in one process")
@@ -133,7 +133,7 @@ class Callbacks:
         return int(self._slot(slot))
 
     def newly_dropped(self) -> list[str]:
-        """Return the types whose messages were dropped since the last call for another layout."""
+        """Return the types whose messages were dropped for another layout since the last call."""
         if self._dropped_in_all.value == self._told_in_all:
             return []
         self._told_in_all = self._dropped_in_all.value
@@ -159,7 +159,7 @@ def _symbol_address(function: Any) -> int:  # noqa: ANN401 - as above
 
 
 def _find_end(cdr: ctypes.CDLL, position: Any) -> int:  # noqa: ANN401 - as above
-    """Return the offset of the end pointer in a Cdr; RuntimeError when it is not there exactly once."""
+    """Return the offset of the end pointer in a Cdr; RuntimeError unless it occurs exactly once."""
     size, words = 16, 128
     raw = keep(ctypes.create_string_buffer(size))
     buffer, array = keep(ctypes.create_string_buffer(64)), keep(ctypes.create_string_buffer(words * 8))
@@ -203,7 +203,7 @@ class DescribedStructure(TypedDict):
 
 
 class TypeDescription(TypedDict):
-    """type_description_interfaces/msg/TypeDescription: dicts in this order, since they are hashed as JSON."""
+    """type_description_interfaces/msg/TypeDescription: dicts in this order, because they are hashed as JSON."""
 
     type_description: DescribedStructure
     referenced_type_descriptions: list[DescribedStructure]
@@ -218,7 +218,7 @@ class Registry:
         self._texts: dict[str, list[str]] = {}
 
     def add(self, definitions: Mapping[str, list[str]]) -> None:
-        """Add interfaces by their texts, as {"package/msg/Name": lines}; they are read when they are asked for."""
+        """Add interfaces by their texts, as {"package/msg/Name": lines}; they are parsed on first use."""
         for name, lines in definitions.items():
             self._texts[name] = lines
             for structure_name in [structure for structure in self._structures if owner_of(structure) == name]:
@@ -238,7 +238,7 @@ class Registry:
         return self._structures[name]
 
     def referenced(self, name: str) -> list[Structure]:
-        """Return every structure that a structure is made of, itself not, sorted by name."""
+        """Return every structure contained in a structure, without itself, sorted by name."""
         names: set[str] = set()
         todo = [name]
         while todo:
@@ -248,7 +248,7 @@ class Registry:
         return [self.get(dependency) for dependency in sorted(names)]
 
     def describe(self, name: str) -> TypeDescription:
-        """Return the type description, as type_description_interfaces/msg/TypeDescription has it."""
+        """Return the type description in the form of type_description_interfaces/msg/TypeDescription."""
         return {
             "type_description": _describe(self.get(name)),
             "referenced_type_descriptions": [_describe(structure) for structure in self.referenced(name)],

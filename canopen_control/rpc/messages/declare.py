@@ -54,7 +54,7 @@ class Document(msgspec.Struct, frozen=True):
 
 
 class Done(msgspec.Struct, frozen=True):
-    """Empty answer of a method: it was done."""
+    """Empty answer of a method that was executed."""
 
 
 class Refusal(msgspec.Struct, frozen=True):
@@ -108,7 +108,7 @@ class Api(Generic[H, P]):
         return declare
 
     def declare(self, methods: Iterable[tuple[str, Effect, type[Request[Any]]]]) -> None:
-        """Declare methods whose requests are in another module: name, effect, request."""
+        """Declare methods with requests of another module: name, effect, request."""
         for name, effect, request in methods:
             self.method(name, effect)(request)
 

@@ -60,7 +60,7 @@ DRIVE: Final[Api[DriveHello, DriveEvent]] = Api("drive", DriveHello, {"event": D
 
 
 class FaultListing(msgspec.Struct, frozen=True, kw_only=True):
-    """A fault that can be switched on, and whether it is.
+    """Fault that can be injected, and whether it is active.
 
     `row` is its number in the catalogue of real drives' behaviour (0: not in it), `acts` where it acts, "wire", "node",
     "axis", "input" or "output", `does` what the drive does, `reaction` how a correct master reacts; `once`: it goes off
@@ -89,7 +89,7 @@ class ActiveFaults(msgspec.Struct, frozen=True):
 
 @DRIVE.method("fault", Effect.CHANGES)
 class SwitchFault(Request[ActiveFaults], frozen=True, kw_only=True):
-    """Switch a fault on or off."""
+    """Inject or clear a fault."""
 
     name: str
     on: bool = True
@@ -99,7 +99,7 @@ class SwitchFault(Request[ActiveFaults], frozen=True, kw_only=True):
 
 
 class QuirkListing(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A quirk that drives can have: how a healthy drive of a manufacturer departs from the standards.
+    """Quirk of a drive: behaviour of a healthy drive of a manufacturer that deviates from the standards.
 
     `does` is what the drive does, `clause` what it departs from, `source` where that is documented, `acts` where it
     acts, "axis" or "node". One with a strength has a `unit`, a `default` and the bounds `low` and `high`. `on` is how
@@ -141,7 +141,7 @@ class SwitchQuirk(Request[ActiveQuirks], frozen=True, kw_only=True):
 
 
 class PlantState(msgspec.Struct, frozen=True):
-    """Motor: `position` in counts, `velocity` in counts/s, `torque` in per mille of the rated torque."""
+    """State of a motor: `position` in counts, `velocity` in counts/s, `torque` in per mille of the rated torque."""
 
     position: float = 0.0
     velocity: float = 0.0
@@ -198,7 +198,7 @@ class AxisState(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BasePose(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Pose of a base in its world: m and rad, the heading not wrapped, at monotonic ns.
+    """Pose of a base in its world at a monotonic time in ns: m and rad, the heading not wrapped.
 
     `z` is above the floor of its start, `roll` and `pitch` are those of REP 103, positive to the right side and to the
     front down.
@@ -214,7 +214,7 @@ class BasePose(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class WorldState(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Common world of the axes: the `base` they move, and its `sensors` by name.
+    """State of the axes' common world: the `base` they move, and its `sensors` by name.
 
     An IMU has its quaternion (w, x, y, z), the angular velocities in rad/s and the accelerations in m/s2, ten numbers;
     a range finder one in m, negative for nothing in reach; a force-torque sensor forces in N and torques in Nm, six.
@@ -238,7 +238,7 @@ class SignalState(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class DriveState(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """State of a node: NMT state such as "OPERATIONAL" and errors; `world` if its axes are part of one.
+    """State of a node: NMT state such as "OPERATIONAL" and errors; `world` if its axes belong to one.
 
     `error_register` is 0x1001, `errors` are the EMCY codes that are active, `faults` those that are switched on,
     `quirks` too, as they are written. `signals` are those of a device that is no drive.
@@ -266,7 +266,7 @@ class GetDriveState(Request[DriveState], frozen=True):
 
 @DRIVE.method("inputs", Effect.CHANGES)
 class SetInputs(Request[Done], frozen=True, kw_only=True):
-    """Set further bits of the digital inputs 0x60FD of an axis; they stay until they are set again."""
+    """Set bits of an axis's digital inputs 0x60FD; they stay until they are set again."""
 
     value: Inputs
     axis: int = 0
@@ -274,7 +274,7 @@ class SetInputs(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("signals", Effect.CHANGES)
 class SetSignals(Request[Done], frozen=True, kw_only=True):
-    """Set inputs of a device that is no drive by name, in their units, all or none; they stay until they are set again.
+    """Set inputs of a device other than a drive by name, in units, all or none; they stay until they are set again.
 
     `values` such as {"di0": 1, "position": 3.14}.
     """
@@ -284,7 +284,7 @@ class SetSignals(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("plant", Effect.CHANGES)
 class SetPlant(Request[Done], frozen=True, kw_only=True):
-    """Set numbers of an axis's plant by their names in a plant file, all or none of them.
+    """Set numbers of an axis's plant by their names in a plant file, all or none.
 
     Of one under load these are above all `external` and `friction`, torques in per mille of the rated one, `inertia` as
     a multiple of the motor's own, `backlash` in counts, and whether it is `stalled`.
@@ -318,7 +318,7 @@ class AddPayload(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("push", Effect.CHANGES)
 class PushRobot(Request[Done], frozen=True, kw_only=True):
-    """Push a link at its centre of mass, "" the heaviest one, with a `force` in N along the axes of the world."""
+    """Push a link (""; the heaviest one) at its centre of mass with a `force` in N along the axes of the world."""
 
     force: tuple[float, float, float]
     on: str = ""

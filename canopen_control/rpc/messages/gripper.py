@@ -48,7 +48,7 @@ class _Goal(Request[A], Generic[A], frozen=True, kw_only=True):
 
 
 class MoveGripper(_Goal[GripperResult], frozen=True, kw_only=True):
-    """A position as a goal of a gripper action controller; answered when it has ended.
+    """Execute a gripper goal (a position); answered at its end.
 
     `max_effort` and `max_velocity` null or 0 are the controller's. With `dead_man` the joint is held where it is as
     soon as this connection is gone, unless the goal has succeeded; with `heartbeat` besides when it has sent no
@@ -57,15 +57,15 @@ class MoveGripper(_Goal[GripperResult], frozen=True, kw_only=True):
 
 
 class SendGripper(_Goal[GripperVerdict], frozen=True, kw_only=True):
-    """Send a gripper goal, answered at once even if refused; `gripper_end` waits for its end."""
+    """Send a gripper goal; answered at once, also with a refusal; `gripper_end` waits for its end."""
 
 
 class GripperEnd(Request[GripperResult], frozen=True, kw_only=True):
-    """Wait for the end of the goal that this connection sent last."""
+    """Wait for the end of this connection's last goal."""
 
 
 class CancelGripper(Request[Done], frozen=True, kw_only=True):
-    """Cancel the goal of a gripper controller, of any client; the joint is held.
+    """Cancel a gripper controller's goal, of any client; the joint is held.
 
     `own` true: only if it is this connection's. `why` is put into its result.
     """

@@ -46,7 +46,7 @@ class Member(msgspec.Struct, frozen=True):
 
 
 class DropState(msgspec.Struct, frozen=True):
-    """Rule of `drop` that loses frames: how many it has `seen` and `lost`."""
+    """Rule of `drop`, with the numbers of frames `seen` and `lost`."""
 
     label: str = ""
     can_id: int | None = None
@@ -57,7 +57,7 @@ class DropState(msgspec.Struct, frozen=True):
 
 
 class HubStatus(msgspec.Struct, frozen=True):
-    """A bus: its members, the faults by label, and how busy it was in the last second, 0 to 1, with a bit rate."""
+    """Status of a bus: its members, the faults by label, and its load in the last second, 0 to 1, with a bit rate."""
 
     bus: str
     pid: int
@@ -90,7 +90,7 @@ class Cut(Request[Done], frozen=True):
 
 @HUB.method("uncut", Effect.CHANGES)
 class Uncut(Request[Done], frozen=True):
-    """Mend the cable of a label."""
+    """Repair the cable of a label."""
 
     label: str
 
@@ -119,7 +119,7 @@ class SendErrorFrame(Request[Done], frozen=True, kw_only=True):
 
 @HUB.method("drop", Effect.CHANGES)
 class DropFrames(Request[Done], frozen=True, kw_only=True):
-    """Drop frames of a label, or of all: of one identifier or of all, each `every`-th, `count` in all."""
+    """Drop frames of a label, or of all labels: of one identifier or all, each `every`-th, `count` in total."""
 
     label: str = ""
     can_id: Identifier | None = None
@@ -144,4 +144,4 @@ class SetBitrate(Request[Done], frozen=True):
 
 @HUB.method("clear", Effect.CHANGES)
 class ClearFaults(Request[Done], frozen=True):
-    """Mend everything but the bit rate."""
+    """Clear all faults except the bit rate."""

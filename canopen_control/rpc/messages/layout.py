@@ -1,4 +1,4 @@
-"""PDO layout of the buses as messages for listeners: trace, monitor, exports. Keys are never renamed."""
+"""PDO layout of the buses as messages for trace, monitor and exports. Keys are never renamed."""
 
 from __future__ import annotations
 
@@ -58,6 +58,6 @@ class BusLayout(msgspec.Struct, frozen=True):
 
 
 class Layout(msgspec.Struct, frozen=True):
-    """Content of the PDOs of each bus, by its name."""
+    """PDO layout of all buses by name."""
 
     buses: dict[str, BusLayout] = {}

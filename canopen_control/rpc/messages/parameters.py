@@ -1,4 +1,4 @@
-"""The parameters of controllers and of their manager, as ROS 2 shows them: asked for, and set while the robot runs.
+"""Parameters of controllers and their manager as in ROS 2: read, and set while the robot runs.
 
 A double that is not finite is the text that YAML has for it (`.nan`, `.inf`, `-.inf`), since JSON has no number for it.
 """
@@ -76,13 +76,13 @@ class ParameterReading(ParameterValue, frozen=True, kw_only=True, omit_defaults=
 
 
 class GetParameters(Request[tuple[ParameterReading, ...]], frozen=True, kw_only=True):
-    """The parameters of a controller that is loaded, or of the `controller_manager`."""
+    """Return the parameters of a loaded controller, or of the `controller_manager`."""
 
     controller: str
 
 
 class SetParameters(Request[Done], frozen=True, kw_only=True):
-    """Set parameters of a controller, or of the `controller_manager`: all of them, or none and an error."""
+    """Set parameters of a controller or of the `controller_manager`: all, or none with an error."""
 
     controller: str
     values: tuple[ParameterValue, ...]

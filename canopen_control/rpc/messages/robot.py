@@ -45,7 +45,7 @@ class NodeIdentity(msgspec.Struct, frozen=True):
 
 
 class NodePlace(msgspec.Struct, frozen=True, kw_only=True):
-    """Node: its bus, the path of its EDS, and its section of bus.yml.
+    """Place of a node: its bus, the path of its EDS, and its section of bus.yml.
 
     `axes` counts those of CiA 402 that its EDS has, `joints` are what it moves: none for a proxy.
     """
@@ -82,7 +82,7 @@ class GetNodes(Request[NodeListing], frozen=True):
 
 
 class NmtRequest(Request[Done], frozen=True, kw_only=True):
-    """`command`: start, stop, preop, reset-node, reset-comm; `node` may be "all".
+    """NMT `command`: start, stop, preop, reset-node, reset-comm; `node` may be "all".
 
     `boot` true: after a reset it is booted again; else that waits for `start`. `source` is by whose name the robot's
     events tell it.
@@ -138,13 +138,13 @@ class GetSdoProgress(Request[SdoProgress], frozen=True, kw_only=True):
 
 
 class SdoPiece(Request[Done], frozen=True, kw_only=True):
-    """Piece of data of this connection's next `sdo_write`, since a request has 64 KiB at most."""
+    """Part of the data for this connection's next `sdo_write`, because a request is limited to 64 KiB."""
 
     data: bytes
 
 
 class PdoWrite(Request[Done], frozen=True, kw_only=True):
-    """Send an object in the RPDOs that map it, once, with the next cycle and SYNC; not for motion objects."""
+    """Send an object once in the RPDOs that map it, with the next cycle and SYNC; not for motion objects."""
 
     node: NodeName
     index: Index
@@ -197,7 +197,7 @@ class RobotHello(msgspec.Struct, frozen=True):
 
 
 class MappedValue(msgspec.Struct, frozen=True, array_like=True):
-    """An object that came in a TPDO."""
+    """Object received in a TPDO."""
 
     index: int
     subindex: int
@@ -205,14 +205,14 @@ class MappedValue(msgspec.Struct, frozen=True, array_like=True):
 
 
 class ProcessData(msgspec.Struct, frozen=True):
-    """Contents of TPDOs by node: first all, then the changes of each cycle."""
+    """Contents of TPDOs by node: first all objects, then the changes of each cycle."""
 
     time: float
     nodes: dict[str, list[MappedValue]]
 
 
 class RequestSeen(msgspec.Struct, frozen=True):
-    """Request of a client that was accepted, with its parameters; read-only requests are omitted."""
+    """Accepted request of a client, with its parameters; read-only requests are omitted."""
 
     time: float
     method: str
@@ -257,7 +257,7 @@ class PublishEvent(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("command", Effect.MOVES)
 class CommandController(Request[Done], frozen=True, kw_only=True):
-    """Command a controller; with `dead_man` the command ends when this connection closes.
+    """Command a controller; a `dead_man` command ends when this connection closes.
 
     Refused as NotEnabled while a drive of the controller is off, as NotYetEnabled while it comes up. `interface` is
     what the sender takes the values for; refused where they are something else now, as a target in another mode.
@@ -272,7 +272,7 @@ class CommandController(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("command_by_name", Effect.MOVES)
 class CommandByName(Request[Done], frozen=True, kw_only=True):
-    """Values for some of a controller's command interfaces, by their names such as "io/lamp"; the others stay.
+    """Command some of a controller's interfaces by name, such as "io/lamp"; the others are unchanged.
 
     A GPIO command controller takes them. They end with `dead_man` as a command does.
     """
@@ -305,7 +305,7 @@ ROBOT.declare(GRIPPER_METHODS)
 
 @ROBOT.method("stop", Effect.STOPS)
 class Stop(Request[Done], frozen=True, kw_only=True):
-    """Ramp to zero and disable; answered when no drive moves any more.
+    """Ramp to zero and disable; answered when no drive moves.
 
     `latch` true: nothing moves before `release`, whoever asks for it.
     """
@@ -346,14 +346,14 @@ class SetFeedForward(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("set_measured_states", Effect.MOVES)
 class SetMeasuredStates(Request[Done], frozen=True, kw_only=True):
-    """Set the measured state of each degree of freedom of a PID controller, then derivatives (`~/measured_state`)."""
+    """Set the measured states of a PID controller's degrees of freedom, then derivatives (`~/measured_state`)."""
 
     controller: str
     values: list[float]
 
 
 class AxisDone(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Result of an axis request: `text` if it affected more axes, those of a base controller."""
+    """Result of an axis request: `text` if it affected further axes of a base controller."""
 
     text: str = ""
 
@@ -379,19 +379,19 @@ class AxisRequest(Request[AxisDone], frozen=True, kw_only=True):
 
 @ROBOT.method("controllers", Effect.READS)
 class ListControllers(Request[tuple[ControllerReading, ...]], frozen=True, kw_only=True):
-    """The controllers; `all` true: those that are only in ros2_controllers.yaml too, as "unloaded"."""
+    """List the controllers; with `all` also the unloaded ones of ros2_controllers.yaml."""
 
     all: bool = False
 
 
 @ROBOT.method("controller_types", Effect.READS)
 class ListControllerTypes(Request[list[str]], frozen=True):
-    """The names that a controller's `type` may have."""
+    """List the valid `type` names of controllers."""
 
 
 @ROBOT.method("load", Effect.CHANGES)
 class LoadController(Request[Done], frozen=True, kw_only=True):
-    """Load a controller of ros2_controllers.yaml, and configure it; `configure` false: as ROS does, without."""
+    """Load a controller of ros2_controllers.yaml and configure it; not configured with `configure` false, as in ROS."""
 
     controller: str
     configure: bool = True
@@ -399,28 +399,28 @@ class LoadController(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("configure", Effect.CHANGES)
 class ConfigureController(Request[Done], frozen=True, kw_only=True):
-    """Configure a controller that is loaded."""
+    """Configure a loaded controller."""
 
     controller: str
 
 
 @ROBOT.method("cleanup", Effect.CHANGES)
 class CleanupController(Request[Done], frozen=True, kw_only=True):
-    """Undo `configure`; a controller keeps nothing between two loads."""
+    """Undo `configure`; a controller keeps no state between two loads."""
 
     controller: str
 
 
 @ROBOT.method("unload", Effect.CHANGES)
 class UnloadController(Request[Done], frozen=True, kw_only=True):
-    """Forget a controller that is not active."""
+    """Unload an inactive controller."""
 
     controller: str
 
 
 @ROBOT.method("switch", Effect.CHANGES)
 class SwitchControllers(Request[Done], frozen=True, kw_only=True):
-    """Activate and deactivate controllers in one step; `strict` false: as far as that is possible."""
+    """Activate and deactivate controllers in one step; with `strict` false as far as possible."""
 
     activate: tuple[str, ...] = ()
     deactivate: tuple[str, ...] = ()
@@ -432,7 +432,7 @@ ROBOT.declare(SIMULATION_METHODS)
 
 
 class InterfaceReading(msgspec.Struct, frozen=True):
-    """An interface of a component, as "joint/interface"."""
+    """Interface of a component, named "joint/interface"."""
 
     name: str
     available: bool
@@ -464,7 +464,7 @@ class ComponentState(msgspec.Struct, frozen=True):
 
 @ROBOT.method("set_hardware_state", Effect.CHANGES)
 class SetHardwareState(Request[ComponentState], frozen=True, kw_only=True):
-    """Set a component "unconfigured", "inactive" or "active"; nothing moves by it."""
+    """Set a component to "unconfigured", "inactive" or "active" without any motion."""
 
     component: str
     state: str
@@ -481,7 +481,7 @@ class GetLayout(Request[Layout], frozen=True):
 
 
 class Description(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The robot's description; `path` of the file it was made of.
+    """Return the robot's description; `path` is its source file.
 
     `world` is what a recording knows of the world around a simulated robot; of one that runs its drives are asked.
     """

@@ -1,4 +1,4 @@
-"""Samples of controllers: one structure for each kind, distinguished by its `kind`.
+"""Samples of controllers: one structure per kind, distinguished by its `kind`.
 
 A sample belongs to its controller's last publication: all readers see the same stamps with the same values. SI units,
 None if unknown. A new kind is a structure here and a member of `ControllerSample`.
@@ -59,7 +59,7 @@ class SteeringSample(OdometrySample, frozen=True, kw_only=True, tag="steering"):
 
 
 class MecanumSample(OdometrySample, frozen=True, kw_only=True, tag="mecanum"):
-    """Odometry of a base on mecanum wheels, and these (control_msgs/MecanumDriveControllerState).
+    """Odometry of a base with mecanum wheels, and the wheels (control_msgs/MecanumDriveControllerState).
 
     `wheels` are the measured speeds in rad/s, from the front left one against the clock, null is unknown; `reference`
     is the twist that is wanted, forward, to the left (m/s) and turning (rad/s), null without one.
@@ -86,7 +86,7 @@ class GpioSample(Sample, frozen=True, kw_only=True, tag="gpio"):
 
 
 class JointDiagnosis(msgspec.Struct, frozen=True):
-    """Diagnosis of a joint: `level` as in diagnostic_msgs, `values` it is based on."""
+    """Diagnosis of a joint: `level` as in diagnostic_msgs, and the `values` it is based on."""
 
     name: str
     level: int
@@ -174,7 +174,7 @@ class ImuSample(Sample, frozen=True, kw_only=True, tag="imu"):
 
 
 class RangeSample(Sample, frozen=True, kw_only=True, tag="range"):
-    """A distance in m, and the sensor: `radiation_type` 0 ultrasound, 1 infrared, `field_of_view` in rad."""
+    """Distance in m, and the sensor: `radiation_type` 0 ultrasound, 1 infrared, `field_of_view` in rad."""
 
     frame_id: str
     range: float | None
@@ -228,7 +228,7 @@ class BatteryReading(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BatteriesSample(Sample, frozen=True, kw_only=True, tag="batteries"):
-    """The batteries of a robot, and all of them as one."""
+    """Batteries of a robot, and all of them combined."""
 
     batteries: list[BatteryReading]
     together: BatteryReading
@@ -259,7 +259,7 @@ def grown(kind: type[S], sample: Sample, **more: Any) -> S:  # noqa: ANN401 - fi
 
 
 def stamped(message: M, time: float, **more: Any) -> M:  # noqa: ANN401 - fields of any type
-    """Return a copy of a message with another `time`, and with `more`."""
+    """Return a copy of a message with another `time` and `more` fields."""
     return msgspec.structs.replace(message, time=time, **more)
 
 

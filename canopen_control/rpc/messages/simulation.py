@@ -1,4 +1,4 @@
-"""Requests about the simulation of a robot whose ros2_control plugin simulates it without drives.
+"""Requests about the simulation of a robot by a ros2_control plugin without drives.
 
 Its time goes on by the robot's cycles; real and virtual drives have a time of their own, so that a robot on a bus
 refuses all of these, and what happens in its world is asked of its virtual drives (`drive`). Refused in a sentence,
@@ -53,7 +53,7 @@ class GetSimulation(Request[Simulation], frozen=True):
 
 
 class GetLaserScans(Request[tuple[LaserScanReading, ...]], frozen=True):
-    """Present scans of the lidars of a robot in physics; empty without lidars."""
+    """Return the present scans of the lidars of a robot in physics; empty without lidars."""
 
 
 class PauseSimulation(Request[Simulation], frozen=True, kw_only=True):
@@ -67,13 +67,13 @@ class PauseSimulation(Request[Simulation], frozen=True, kw_only=True):
 
 
 class StepSimulation(Request[Simulation], frozen=True, kw_only=True):
-    """Simulate a number of cycles of a simulation that is paused, with the commands in force; answered after them."""
+    """Simulate a number of cycles of a paused simulation with the active commands; answered afterwards."""
 
     steps: Annotated[int, msgspec.Meta(ge=1, le=MAX_STEPS)]
 
 
 class ResetSimulation(Request[Simulation], frozen=True, kw_only=True):
-    """Reset the simulated robot to its start, or to a key frame of its MJCF, at rest.
+    """Reset the simulated robot to its start, or to a key frame of its MJCF, at standstill.
 
     Its odometry begins anew and every command is forgotten; the active controllers are started anew, no other one. The
     simulated time goes on, since a time that goes back breaks what listens to it.

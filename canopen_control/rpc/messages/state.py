@@ -29,7 +29,7 @@ class SdoCounts(msgspec.Struct, frozen=True):
 
 
 class AxisReading(msgspec.Struct, frozen=True, rename={"state": "cia402_state"}):
-    """Axis of a drive: `state` as in CiA 402, such as "SWITCHED_ON", `mode` such as "PV"."""
+    """State of an axis: `state` as in CiA 402, such as "SWITCHED_ON", `mode` such as "PV"."""
 
     joint: str
     axis: int = 0
@@ -45,7 +45,7 @@ class AxisReading(msgspec.Struct, frozen=True, rename={"state": "cia402_state"})
 
 
 class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age_s"}):
-    """Node: NMT state such as "OPERATIONAL", `age` of its last frame in s, errors.
+    """State of a node: NMT state such as "OPERATIONAL", `age` of its last frame in s, errors.
 
     `taken_out`: an NMT command has taken it out of the robot, which leaves it alone until another one starts it.
     `void_outputs` were commanded when it was lost, and by nobody since: they are as the device has them.
@@ -86,7 +86,7 @@ class TrackingReading(msgspec.Struct, frozen=True):
 
 
 class JointReading(msgspec.Struct, frozen=True):
-    """A joint: `position` in rad, `velocity` in rad/s, `effort` in Nm (m, m/s and N of a prismatic one).
+    """State of a joint: `position` in rad, `velocity` in rad/s, `effort` in Nm (prismatic: m, m/s, N).
 
     `command` is what its controller writes now, in the unit of the interface that it claims; `others` are the values of
     its further state interfaces by their name. `name` is empty in a recording from before protocol 2. `tracking` is
@@ -102,7 +102,7 @@ class JointReading(msgspec.Struct, frozen=True):
     tracking: TrackingReading | None = None
 
     def value(self, interface: str) -> float | None:
-        """Return the value of a state interface, None if there is none."""
+        """Return the value of a state interface, None if it does not exist."""
         if interface == "position":
             return self.position
         if interface == "velocity":
@@ -116,7 +116,7 @@ class JointReading(msgspec.Struct, frozen=True):
 
 
 class CycleTimes(msgspec.Struct, frozen=True):
-    """Timing of the cycle; `late_counts[i]` are the cycles that were at most `late_edges_s[i]` late."""
+    """Timing of the cycle; `late_counts[i]` is the number of cycles at most `late_edges_s[i]` late."""
 
     period_s: float = 0.0
     count: Count = 0
@@ -137,7 +137,7 @@ class EventDetails(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class RobotEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Something happened: `time` in Unix seconds, `level` "info", "warning" or "error".
+    """Event of the robot: `time` in Unix seconds, `level` "info", "warning" or "error".
 
     `node` is the name of the node it is about, None for the robot itself, `controller` that of the controller; `kind`
     is one word for programs, `text` a sentence for people, which says `count` and `since` too where it stands for
@@ -156,7 +156,7 @@ class RobotEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def first(self) -> float:
-        """When it happened first."""
+        """Time of its first occurrence."""
         return self.time if self.since is None else self.since
 
 
@@ -195,7 +195,7 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def words(self) -> str:
-        """True pose of the base and error of its odometry, in words."""
+        """True pose of the base and error of its odometry, as text."""
         place = f"true pose {self.x:.3f}, {self.y:.3f} m, {math.degrees(self.heading):.1f} deg"
         if self.error is None:
             return place
@@ -203,7 +203,7 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return f"{place}; odometry is off by {1e3 * math.hypot(x, y):.1f} mm and {abs(math.degrees(turn)):.2f} deg"
 
     def beside(self, odometry: Planar) -> TruePose:
-        """Return it with the error of the odometry at that time."""
+        """Return the true pose with the error of the odometry at that time."""
         pose = self.in_odometry
         if pose is None:
             return self
@@ -235,7 +235,7 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TimedSnapshot(Snapshot, frozen=True, kw_only=True):
-    """Snapshot at `time`: fields that recordings of every version have."""
+    """Snapshot at `time` with the fields in recordings of every version."""
 
     time: UnixTime
 
@@ -306,7 +306,7 @@ WHEEL_CALIBRATION: Final = "wheel_calibration"
 
 
 class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"claims": "claimed_interfaces"}):
-    """Controller: `state` is "unloaded", "unconfigured", "inactive" or "active", `claims` its interfaces.
+    """State of a controller: "unloaded", "unconfigured", "inactive" or "active"; `claims` are its interfaces.
 
     `topic` is where its commands come, None if it takes none, `twist_axes` what of a twist a base takes, empty if it is
     none, `update_rate` in Hz. `tells` is the kind of its samples,
@@ -345,7 +345,7 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
 
     @property
     def takes_outputs(self) -> bool:
-        """Whether its commands are values of outputs by name, and move no joint."""
+        """Whether its commands are output values by name, without moving a joint."""
         return self.topic == "gpio_commands"
 
     @property
@@ -355,12 +355,12 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
 
     @property
     def odometry_topic(self) -> str:
-        """Last part of the name of the odometry topic of a base, which matches its twist topic."""
+        """Last part of the name of a base's odometry topic, which corresponds to its twist topic."""
         return "odometry" if self.topic == "reference" else "odom"
 
     @property
     def drives_sideways(self) -> bool:
-        """Whether a twist to the left means anything to it."""
+        """Whether a twist to the left has an effect."""
         return "linear.y" in self.twist_axes
 
     @property
@@ -369,9 +369,9 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
         return len(self.required_command_interfaces or self.claims)
 
     def published(self, kind: str) -> str | None:
-        """Return the topic with the last name `kind`, None without one."""
+        """Return the topic with the last name `kind`, None if it does not exist."""
         return next((publish for publish in self.publishes if publish.rsplit("/", 1)[-1] == kind), None)
 
     def became(self, state: str) -> ControllerReading:
-        """Return the same in another state."""
+        """Return the same controller in another state."""
         return msgspec.structs.replace(self, state=state)

@@ -27,7 +27,7 @@ class TrajectoryTolerance(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TrajectoryVerdict(msgspec.Struct, frozen=True, kw_only=True):
-    """Whether a goal was accepted; if not, the code of FollowJointTrajectory and why.
+    """Acceptance of a goal; for a refusal the code of FollowJointTrajectory and the reason.
 
     `feedback_rate` in Hz and `outlives_client` are what the controller's parameters want of who passes the goal on: how
     often the client is told where the joints are, and whether the goal goes on when he is gone.
@@ -74,7 +74,7 @@ class _Goal(_Trajectory[A], Generic[A], frozen=True, kw_only=True):
 
 
 class FollowTrajectory(_Goal[TrajectoryResult], frozen=True, kw_only=True):
-    """A trajectory as a goal of a joint trajectory controller; answered when it has ended.
+    """Execute a trajectory as a goal of a joint trajectory controller; answered at its end.
 
     One value for each of `joints`, or none at all, in each list of a point; they come after those of `trajectory_data`.
     `stamp` is when it begins, null at once.
@@ -84,29 +84,29 @@ class FollowTrajectory(_Goal[TrajectoryResult], frozen=True, kw_only=True):
 
 
 class SendTrajectory(_Goal[TrajectoryVerdict], frozen=True, kw_only=True):
-    """Send a trajectory, answered at once even if refused; `trajectory_end` waits for its end."""
+    """Send a trajectory; answered at once, also with a refusal; `trajectory_end` waits for its end."""
 
 
 class SetTrajectory(_Trajectory[Done], frozen=True, kw_only=True):
-    """A trajectory that is no goal, as ROS publishes it; a goal that is under way is judged by it from then on."""
+    """Set a trajectory without a goal, as from ROS's topic; an active goal is then evaluated by it."""
 
 
 class TrajectoryData(Request[Done], frozen=True, kw_only=True):
-    """First points of this connection's next trajectory, for one larger than a request."""
+    """First points of this connection's next trajectory, if it exceeds one request."""
 
     points: list[TrajectoryPoint]
 
 
 class TrajectoryEnd(Request[TrajectoryResult], frozen=True, kw_only=True):
-    """The end of the goal that this connection has sent last; answered when it has ended."""
+    """Wait for the end of this connection's last goal."""
 
 
 class TrajectoryHeartbeat(Request[Done], frozen=True, kw_only=True):
-    """Heartbeat of this connection's trajectory, for one sent with `heartbeat`."""
+    """Heartbeat for a trajectory of this connection that was sent with `heartbeat`."""
 
 
 class CancelTrajectory(Request[Done], frozen=True, kw_only=True):
-    """Cancel the trajectory of a controller, of any client: the joints brake and are held.
+    """Cancel a controller's trajectory, of any client; the joints brake and hold.
 
     Refused where it follows none. `own` true: only a goal of this connection's. `why` is put into its result.
     """
@@ -124,7 +124,7 @@ class QueryTrajectory(Request[TrajectoryAt], frozen=True, kw_only=True):
 
 
 class ScaleTrajectory(Request[Done], frozen=True, kw_only=True):
-    """Scale the speed of a controller's trajectories: 1 as planned, 0 stands still."""
+    """Scale the speed of a controller's trajectories: 1 as planned, 0 standstill."""
 
     controller: str
     factor: Annotated[float, msgspec.Meta(ge=0)]

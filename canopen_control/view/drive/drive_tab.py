@@ -28,7 +28,7 @@ _SHOWN: Final = 200  # of lines and rows
 
 
 class WorkBar:
-    """Display of the newest work of the tab `key` at a node, of any page; `can_end`: it may be cancelled."""
+    """Progress of the newest job of the tab `key` at a node, from any page; `can_end`: it can be cancelled."""
 
     def __init__(self, desk: NodeJobs, key: str, *, can_end: bool = True) -> None:
         self._desk, self._key, self._can_end = desk, key, can_end
@@ -129,5 +129,5 @@ class DriveTab(Protocol):
         ...
 
     def leave(self) -> None:
-        """Stop reading and driving, because the tab is hidden. It may be shown again."""
+        """Stop reading and driving because the tab is hidden; it may be shown again."""
         ...

@@ -49,7 +49,7 @@ _ANEW: Final = 25  # showings
 
 
 class ObjectsTab:
-    """Tab that reads the visible objects; without write permission it only shows them."""
+    """Tab with the objects of a node; it reads the visible ones, and writes only with permission."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._client = context, ui.context.client
@@ -88,7 +88,7 @@ class ObjectsTab:
     # ------------------------------------------------------------------------------------ what the frame asks of it
 
     def show(self, content: PageContent) -> None:
-        """Send values read since, and show what can be undone."""
+        """Show the values read since, and whether an edit can be undone."""
         desk = self._context.desk
         if self._is_left:
             self._is_left = False
@@ -176,7 +176,7 @@ _GONE: Final = "<p class='cc-note'>Unknown.</p>"
 
 
 class StatusTab:
-    """Tab with the state of the node as known by the robot; its error history is read once, and on request."""
+    """Tab with the state of the node in the robot; its error history is read once, and on request."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._client = context, ui.context.client
@@ -307,7 +307,7 @@ _LOST: Final = "<p class='cc-line cc-bad'>No connection: the state of the drive 
 
 
 class DriveView:
-    """Drive view in the page's `main`; the switch is second in its `side`. `asked` is the page's query."""
+    """Drive view in the page's `main`; its switch is the second in `side`. `asked` is the page's query."""
 
     def __init__(self, context: PanelContext, main: Element, side: Element, query: dict[str, str]) -> None:
         self._context, self._main, self._client = context, main, ui.context.client

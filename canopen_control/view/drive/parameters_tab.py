@@ -1,4 +1,4 @@
-"""The Parameters tab: backup to a file, comparison with one, restore of one, and clone from another node."""
+"""Parameters tab: backup to a file, comparison with a file, restore of a file, and clone from another node."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _TORQUE: Final = tuple(state.name for state in POWERED_STATES)
 
 
 class ReleasePanel:
-    """Panel with the robot's use of the node, which removes the node from the robot and returns it."""
+    """Panel that shows how the robot uses a node, and removes the node from the robot and returns it."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context = context
@@ -108,7 +108,7 @@ _FIRMWARE_TOO_LONG: Final = f"{MOST_FIRMWARE_BYTES} bytes at most go through a r
 
 
 class FirmwareTab:
-    """Tab that starts a firmware download at the node's desk and shows its progress."""
+    """Tab that starts a firmware download among the node's jobs and shows its progress."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._desk = context, context.desk
@@ -198,7 +198,7 @@ _TOO_LONG: Final = f"A DCF of {jobs.MOST_PARAMETER_BYTES} bytes at most is wante
 
 
 class ParametersTab:
-    """Tab that starts parameter jobs at the node's desk and shows their progress."""
+    """Tab that starts the node's parameter jobs and shows their progress."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._desk = context, context.desk
@@ -271,7 +271,7 @@ class ParametersTab:
     # ------------------------------------------------------------------------------------ what the user does
 
     async def _take(self, event: UploadEventArguments) -> None:
-        """Read the file that the user has chosen."""
+        """Read the chosen file."""
         self._upload.reset()
         name = event.file.name
         try:

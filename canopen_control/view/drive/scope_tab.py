@@ -1,4 +1,4 @@
-"""The Scope tab: up to eight objects and joint values over time, with triggers, zoom, cursors, an overlay and files."""
+"""Scope tab: up to eight objects and joint values over time, with triggers, zoom, cursors, an overlay and files."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _MOST_BYTES: Final = 16_000_000  # of a file that is laid below
 
 
 class ScopeTab:
-    """Tab that starts a scope at the node's desk and shows its captures; the scope continues if the page is closed."""
+    """Tab that starts a node's scope and shows its captures; the scope continues if the page is closed."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._desk, self._client = context, context.desk, ui.context.client
@@ -146,7 +146,7 @@ class ScopeTab:
     # ------------------------------------------------------------------------------------ what the frame asks of it
 
     def show(self, content: PageContent) -> None:
-        """Show the scope of the node, started by any page."""
+        """Show the scope of the node, started from any page."""
         run = self._desk.scope
         goes_on = run is not None and not run.over
         for button in (self._single, self._rolling):

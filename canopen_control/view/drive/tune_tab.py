@@ -45,7 +45,7 @@ _APPLY: Final = (
 
 
 class TuneTab:
-    """Tab that starts runs at the node's desk; the last result is shown on all pages."""
+    """Tab that starts tuning runs of a node; the last result is shown on all pages."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._desk = context, context.desk
@@ -133,7 +133,7 @@ class TuneTab:
     # ------------------------------------------------------------------------------------ what the frame asks of it
 
     def show(self, content: PageContent) -> None:
-        """Show the run, started by any page, and its result."""
+        """Show the run, started from any page, and its result."""
         self._period = content.state.cycle.period_s or self._period
         self._bar.show()
         free = not content.lost and not self._desk.busy and self._context.panel.teleop
@@ -153,7 +153,7 @@ class TuneTab:
             self._draw(tuned)
 
     def _why_not(self, content: PageContent) -> str:
-        """Return why no run may start, "" if one may."""
+        """Return why no run may start, "" if a run may start."""
         if content.lost:
             return ""  # the page says that
         if content.state.latched:
@@ -219,7 +219,7 @@ class TuneTab:
         self._dialog.open()
 
     def _begin(self) -> None:
-        """Start the run as confirmed, not as the inputs are now."""
+        """Start the run with the confirmed values, even if the inputs have changed."""
         self._dialog.close()
         wish, self._confirmed = self._confirmed, None
         if wish is None or not self._context.panel.teleop:

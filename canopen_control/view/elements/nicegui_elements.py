@@ -1,4 +1,4 @@
-"""Elements that NiceGUI has not: feed, held buttons, 3D scene, strip charts, objects, and an upload that is freed."""
+"""Elements missing in NiceGUI: feed, held buttons, 3D scene, strip charts, objects, and an upload that is freed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class SceneChange(TypedDict, total=False):
-    """Changes of the scene: joints by index, in rad or m, pose of the base, joints of drives in a fault.
+    """Changes of the scene: joints by index in rad or m, pose of the base, joints with a drive in fault.
 
     `truth` is the true pose of a simulated base, in the frame of odometry as `pose` is.
     """
@@ -40,14 +40,14 @@ class SceneChange(TypedDict, total=False):
 
 
 class PlotRows(TypedDict, total=False):
-    """New rows of plots; `anew`: they replace all."""
+    """New rows of plots; with `anew` they replace all rows."""
 
     anew: bool
     rows: list[Row]
 
 
 class FeedMessage(TypedDict, total=False):
-    """Message of the feed; missing keys are unchanged. `titles` are those of charts.
+    """Message of the feed; missing keys mean no change. `titles` are those of charts.
 
     `trail` are points in m where odometry was, `truth` where the base was. `ghost` is a place of the joints that is
     previewed, by their order in the tree, null for none; `world` is what stands beside the robot.
@@ -68,13 +68,13 @@ class Feed(Element, component="feed.js"):
     """Invisible element: every key of the data becomes the event `cc-KEY` of the page's window."""
 
     def send(self, data: FeedMessage) -> None:
-        """Send changed data; without any it signals that the view is alive."""
+        """Send changed data; a message without data signals that the view is alive."""
         self.run_method("take", data)
 
 
 @dataclass(frozen=True, slots=True)
 class HoldButton:
-    """Button: its internal and its visible name, its sign, and the key of the keyboard that holds it too."""
+    """Button: its internal and its visible name, its sign, and the key of the keyboard with the same function."""
 
     key: str
     label: str
@@ -83,7 +83,7 @@ class HoldButton:
 
 
 class HoldButtons(Element, component="hold_buttons.js"):
-    """Group of buttons of which one is held at a time; `held(key)` and `release()` are called."""
+    """Group of buttons of which one is held at a time; calls `held(key)` and `release()`."""
 
     def __init__(
         self, buttons: Sequence[HoldButton], held: Callable[[str], None], release: Callable[[], None], kind: str = ""
@@ -103,7 +103,7 @@ class HoldButtons(Element, component="hold_buttons.js"):
 
 
 class PresenceElement(Element, component="presence.js"):
-    """Invisible element: while it is on, `here()` is called periodically as long as the page exists."""
+    """Invisible element that calls `here()` periodically while it is active and the page exists."""
 
     def __init__(self, here: Callable[[], None]) -> None:
         super().__init__()
@@ -122,7 +122,7 @@ _THREE = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"
 
 
 class RobotScene(Element, component="robot_scene.js", esm={"nicegui-scene": str(_THREE)}):
-    """Takes from the feed: `scene` {"pose", "truth", "angles", "tint"}, `ghost`, a previewed place, and ways so far.
+    """3D scene; it receives from the feed: `scene` {"pose", "truth", "angles", "tint"}, `ghost`, a preview, and trails.
 
     `trail` is that of odometry, `truth` that of the base itself, where a simulation knows it.
     Where the browser has no WebGL it says so in its place.
@@ -150,7 +150,7 @@ class StripCharts(Element, component="strip_charts.js"):
 
 
 class TreeRow(TypedDict):
-    """Object in the tree: `a` is its address as text, `object` the record it belongs to.
+    """Object in the tree: `a` is its address as text, `object` the record to which it belongs.
 
     `fixed` says why it cannot be written by hand, "" where it can.
     """
@@ -170,7 +170,7 @@ class TreeRow(TypedDict):
 
 
 class ObjectWords(TypedDict):
-    """Present value of an object in words, and its bits: number, name, whether set."""
+    """Present value of an object as text, and its bits: number, name, whether set."""
 
     value: str | None
     meaning: str | None
@@ -193,7 +193,7 @@ class TreeUser(Protocol):
 
 
 class ObjectTree(Element, component="object_tree.js"):
-    """The objects of a node: `rows` as they stay, `writes` whether they may be written, `product` of the favourites."""
+    """Tree of a node's objects: constant `rows`, `writes` whether they are writable, `product` for the favourites."""
 
     def __init__(self, rows: Sequence[TreeRow], product: str, user: TreeUser, *, writes: bool) -> None:
         super().__init__()
@@ -209,11 +209,11 @@ class ObjectTree(Element, component="object_tree.js"):
         self.run_method("values", dict(news))
 
     def matches(self, text: str, addresses: Sequence[str] | None, problem: str = "") -> None:
-        """Show only the objects found by a search for `text`; None for all."""
+        """Show only the objects found by a search for `text`; all if it is None."""
         self.run_method("matches", None if addresses is None else list(addresses), problem, text)
 
     def answer(self, address: str, text: str, *, good: bool) -> None:
-        """Show the result of writing at its object."""
+        """Show the result of writing next to the object."""
         self.run_method("answer", address, text, good)
 
 
@@ -230,7 +230,7 @@ def _written(args: Any, user: TreeUser) -> None:  # noqa: ANN401 - what a browse
 
 
 class FileUpload(ui.upload):
-    """Upload of one file; `on_upload` gets it, `refused` is called for more than `most` bytes.
+    """Upload of one file, passed to `on_upload`; `refused` is called for more than `most` bytes.
 
     `ui.upload` makes a FastAPI route for each element, and FastAPI keeps the functions of its routes in a cache as long
     as the process lives: each page that was ever opened would stay in memory. This one makes a route of Starlette,

@@ -1,4 +1,4 @@
-"""Faults and quirks of the virtual drives, and the inputs of virtual devices; hidden where no device is virtual."""
+"""Faults and quirks of the virtual drives, and inputs of virtual devices; hidden without virtual nodes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class FaultPanel:
-    """Choice of a drive and a fault, with its description, switch, and the active faults."""
+    """Choice of a drive and a fault, with the fault's description, a switch, and the active faults."""
 
     def __init__(self, context: PanelContext) -> None:
         self._context = context

@@ -1,4 +1,4 @@
-"""Base of the panels: their context, and HTML, notices and sliders for all.
+"""Base of the panels: their context, and common HTML, notices and sliders.
 
 What is in a piece of HTML has been escaped by `words`.
 """
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 
 class PanelContext(Protocol):
-    """The robot as the panels of every page see it; see `view_app.ViewApp`."""
+    """Robot as seen by the panels of every page; see `view_app.ViewApp`."""
 
     teleop: bool
 
     @property
     def robot(self) -> RobotView:
-        """The robot as known."""
+        """Constant data of the robot."""
         ...
 
     @property
@@ -37,11 +37,11 @@ class PanelContext(Protocol):
         ...
 
     async def ask(self, request: Request[Any]) -> str | None:
-        """Ask the robot and wait; the reason if it was not done."""
+        """Send a request to the robot and wait; return the reason of a failure."""
         ...
 
     def hold(self, page: str, motion: TeleopCommands, on_refusal: Callable[[str], None]) -> None:
-        """Register a held button of a page; `on_refusal` gets a sentence if it may not drive."""
+        """Register a held button of a page; `on_refusal` receives a sentence if the page may not drive."""
         ...
 
     def release(self, page: str) -> None:
@@ -49,7 +49,7 @@ class PanelContext(Protocol):
         ...
 
     def refresh_faults(self) -> None:
-        """Ask the virtual drives again, soon."""
+        """Read the faults of virtual drives again soon."""
         ...
 
 
@@ -66,7 +66,7 @@ class Panel(Protocol):
 
 
 class Html:
-    """A piece of HTML, empty until it is given one."""
+    """Element with HTML, initially empty."""
 
     def __init__(self, classes: str = "") -> None:
         self._html = ""
@@ -80,7 +80,7 @@ class Html:
 
 
 def show_notice(title: str, text: str) -> None:
-    """Show a notice on the page that asked."""
+    """Show a notice on the page of the user who sent the request."""
     ui.notify(f"{title}: {text}", type="negative", position="top", timeout=12_000, multi_line=True, close_button="OK")
 
 
@@ -106,7 +106,7 @@ def value_slider(label: str, low: float, high: float, step: float, value: float)
 def hold_buttons(
     context: PanelContext, buttons: Sequence[HoldButton], motion: Callable[[str], TeleopCommands | None], kind: str = ""
 ) -> HoldButtons:
-    """Create buttons that send `motion(key)` while held, nothing for None; the page ends the motion."""
+    """Create buttons that send `motion(key)` (nothing for None) while held; the page ends the motion."""
     client = ui.context.client
 
     def told(why: str) -> None:

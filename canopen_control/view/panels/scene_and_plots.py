@@ -1,4 +1,4 @@
-"""The panels that the feed keeps up to date: the robot in 3D, and plots of the last 30 seconds."""
+"""Panels updated by the feed: the robot in 3D, and plots of the last 30 seconds."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _TABS: Final = {"joints": "Joints", "cycle": "Cycle and bus"}
 
 
 class ScenePanel:
-    """The robot in 3D; the feed moves it."""
+    """Robot in 3D, moved by the feed."""
 
     def __init__(self, context: PanelContext) -> None:
         with ui.element("div").classes("cc-stale").style("position: absolute; inset: 0"):

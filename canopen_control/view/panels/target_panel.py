@@ -1,4 +1,4 @@
-"""Drives of a bus without controllers, each driven by its target: enable, mode, target while a button is held, stop.
+"""Drives of a bus without controllers, driven by targets: enable, mode, target while a button is held, stop.
 
 Only with `--teleop`. A target is given as long as the button is held; a browser that leaves, or loses its connection,
 ends it. A velocity or an effort ends at zero, a position where the drive is then. What a slider may be set to has an
@@ -55,7 +55,7 @@ class PowerPanel:
             self._row(drive)
 
     def show(self, content: PageContent) -> None:
-        """Follow the latch."""
+        """Update from the latch."""
         for button in self._enable:
             button.show(content)
 
@@ -78,7 +78,7 @@ class PowerPanel:
 
 
 class EnableButton:
-    """A button that enables: grey and closed while STOP is latched, else in its `color`; `allowed` as far as may be."""
+    """Enable button: grey and disabled while STOP is latched, else in its `color`; `allowed` as far as possible."""
 
     def __init__(self, button: ui.button, color: str, *, allowed: bool = True) -> None:
         self._button, self._color, self._allowed = button, color, allowed
@@ -104,7 +104,7 @@ _SHOWS: Final = {"position": "Hold to go there", "velocity": "Hold to turn", "ef
 
 
 class TargetPanel:
-    """Sliders of target controllers: a row for each drive, or for those of `node`."""
+    """Sliders of target controllers: one row per drive, or only those of `node`."""
 
     def __init__(self, context: PanelContext, node: str = "") -> None:
         self._context, self._node = context, node
@@ -116,7 +116,7 @@ class TargetPanel:
         self._look.visible = not context.teleop
 
     def show(self, content: PageContent) -> None:
-        """Follow drives, modes and positions."""
+        """Update drives, modes and positions."""
         if content.lost:
             return
         targets = drive_targets(content.state, content.controllers)

@@ -1,4 +1,4 @@
-"""Driving by hand, only with `--teleop`: which controller moves the joints, and buttons that drive while they are held.
+"""Teleoperation, only with `--teleop`: choice of the controller, and buttons that drive while they are held.
 
 What may be driven is what the active controllers take: a base by its twist, joints by values, an arm by a trajectory to
 where its sliders are.
@@ -68,7 +68,7 @@ class TeleopPanel:
         self._whole = ui.element("div").classes("cc-acts")
 
     def show(self, content: PageContent) -> None:
-        """Follow controllers and joints."""
+        """Update controllers and joints."""
         if content.lost:
             return
         self._positions = {name: joint.position for name, joint in content.state.joints.items()}
@@ -125,7 +125,7 @@ class TeleopPanel:
             self._shown = None  # shows again who is
 
     def _pad(self, controller: ControllerReading) -> None:
-        """Four buttons as on a cross, two more for a base that drives sideways, and how fast they are."""
+        """Create four direction buttons, two more for a base that drives sideways, and speed sliders."""
         pad = {**_PAD, **(_SIDEWAYS if controller.drives_sideways else {})}
         buttons = [HoldButton(key, label, sign, keyboard) for key, (label, sign, keyboard, *_) in pad.items()]
 
@@ -152,7 +152,7 @@ class TeleopPanel:
         hold_buttons(self._context, [HoldButton("drive", "Hold to drive")], lambda _key: self._motion(controller))
 
     def _reach(self, controller: ControllerReading) -> None:
-        """Create a slider for each joint of an arm, and a button that moves it there while held."""
+        """Create a slider for each joint of an arm, and a button that moves the arm there while held."""
         limits = {joint: self._range(joint, "position") for joint in controller.joints}
         targets = self._targets = TargetSliders(limits)
         targets.follow(self._positions)

@@ -40,7 +40,7 @@ _LOOK: Final = "<p class='cc-note'>To play: <code>canopen-control view --teleop<
 
 
 class TrajectoryPanel:
-    """Stands in the page while a controller that follows trajectories is active, and while one is played."""
+    """Panel shown while a trajectory controller is active, or a trajectory is played."""
 
     def __init__(self, context: PanelContext) -> None:
         self._context, self._client = context, ui.context.client
@@ -123,7 +123,7 @@ class TrajectoryPanel:
         self._told.show(sentence(f"Not loaded. {why}", BAD))
 
     def _hold(self, loaded: LoadedTrajectory | None) -> None:
-        """Preview a trajectory, or nothing any more."""
+        """Preview a trajectory, or end the preview."""
         self._loaded = loaded
         self._told.show("")
         if loaded is not None:
@@ -172,7 +172,7 @@ class TrajectoryPanel:
         self._table.show(preview_table(loaded, number, self._now, self._context.robot.linear))
 
     def _feed_ghost(self) -> None:
-        """Draw the previewed point next to the robot; joints it does not contain stay."""
+        """Draw the previewed point next to the robot; joints not in it are unchanged."""
         positions = self._loaded.positions(self._number()) if self._loaded is not None and self._playing is None else {}
         angles = angles_of(self._context.robot.model, {**self._now, **positions}) if positions else None
         self._feed.send({"ghost": angles})

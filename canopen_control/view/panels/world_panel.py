@@ -29,7 +29,7 @@ _BUTTON: Final = "dense unelevated"
 
 
 class WorldPanel:
-    """A row for each thing that may happen, and a link that payloads and pushes act on."""
+    """Panel with a row for each kind of disturbance, and the link for payloads and pushes."""
 
     def __init__(self, context: PanelContext) -> None:
         self._context = context
@@ -58,7 +58,7 @@ class WorldPanel:
                 _button("Set the floor", self._friction)
 
     def show(self, content: PageContent) -> None:
-        """Update the panel when other drives are present."""
+        """Update the panel after a change of the drives."""
         drives = frozenset(content.faults.drives) if content.faults is not None else frozenset()
         if drives != self._asked:
             self._asked = drives

@@ -1,4 +1,4 @@
-"""Robby on mock hardware, with the diff drive controller and rviz.
+"""Launch file of robby on mock hardware, with the diff drive controller and rviz.
 
 `ros2 launch canopen_control control_simulation.launch.py`. No drive and no bus: commands are mirrored to states, as by
 mock_components/GenericSystem. One process is the controller manager, robot_state_publisher and the ROS bridge in one;
@@ -16,7 +16,7 @@ from launch_ros.actions import Node
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return what ros2 launch starts."""
+    """Return the description for ros2 launch."""
     return LaunchDescription(
         [
             DeclareLaunchArgument("gui", default_value=_has("rviz2"), description="Start rviz2."),

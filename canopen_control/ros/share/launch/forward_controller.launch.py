@@ -1,4 +1,4 @@
-"""Robby on virtual or real drives with the forward command controller.
+"""Launch file of robby on virtual or real drives with the forward command controller.
 
 `ros2 launch canopen_control forward_controller.launch.py`, with `use_real_hardware:=true can_interface_name:=can0` for
 real drives; without, virtual ones are started on the embedded bus, or on the interface that is named (vcan0). One
@@ -19,7 +19,7 @@ CONTROLLER = "robby_forward_controller"
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return what ros2 launch starts."""
+    """Return the description for ros2 launch."""
     words = [[name, ":=", LaunchConfiguration(name)] for name in ("use_real_hardware", "can_interface_name")]
     command = ["canopen-control", "run", "robby", *words, "--ros", "--controller", CONTROLLER]
     return LaunchDescription(
