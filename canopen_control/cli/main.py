@@ -1,7 +1,8 @@
 """The entry point: one table of verbs, each imported only when it is used.
 
 Exit codes: 0 good, 1 the run failed, 2 usage or configuration (`errors.CanopenError.of_usage`), also where a running
-robot found that. A user sees one sentence, never a traceback, unless CANOPEN_CONTROL_DEBUG is set.
+robot found that; 130 interrupted by SIGINT or SIGTERM, unless the verb has an end of its own for them. A user sees one
+sentence, never a traceback, unless CANOPEN_CONTROL_DEBUG is set.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import sys
 
 from canopen_control.cli.verbs import VERBS, overview
 from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.host.signals import INTERRUPTED, ProcessSignals
 
 TYPE_CHECKING = False  # the module typing takes longer to import than all that --help needs
 if TYPE_CHECKING:
@@ -27,15 +29,35 @@ _ASKING = frozenset(
 _OUTPUT_LOST = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
+_signals = ProcessSignals()
+
+
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code; complete words if a shell asks for it."""
+    """Run the command line and return its exit code; complete words if a shell asks for it.
+
+    Without `argv` the process is the command line's own, and SIGINT and SIGTERM end it at any moment.
+    """
     if "_ARGCOMPLETE" in os.environ:
         from canopen_control.cli.support.completion_words import answer_shell
 
         answer_shell()
+    if argv is not None:
+        return _run_and_flush(list(argv))
+    try:
+        try:
+            _signals.begin()
+            return _run_and_flush(sys.argv[1:])
+        finally:
+            _signals.finish()
+    except KeyboardInterrupt:  # outside the verb
+        _signals.finish()
+        return INTERRUPTED
+
+
+def _run_and_flush(arguments: list[str]) -> int:
     code = 0
     try:
-        code = _run(list(sys.argv[1:] if argv is None else argv))
+        code = _run(arguments)
     finally:  # argparse leaves by SystemExit
         lost = _flush()
     return code or lost
@@ -44,21 +66,32 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(arguments: list[str]) -> int:
     try:
         return _dispatch(arguments)
-    except CanopenError as error:
-        return _complain(error, 2 if error.of_usage else 1)
     except KeyboardInterrupt:
-        return 130
-    except BrokenPipeError:
+        return INTERRUPTED
+    except Exception as error:  # noqa: BLE001 - also a fault of ours: a sentence, and the way to its traceback
+        if _signals.came and _replaces_interrupt(error):
+            return INTERRUPTED
+        code = _report(error)
+        return INTERRUPTED if _signals.came else code
+
+
+def _replaces_interrupt(error: Exception) -> bool:
+    """Whether an exception after a signal is none of ours: pybind11 raises RuntimeError for KeyboardInterrupt."""
+    return not isinstance(error, CanopenError) or isinstance(error.__cause__, RuntimeError | SystemError)
+
+
+def _report(error: Exception) -> int:
+    """Print what has ended a verb as one sentence; return the exit code."""
+    if isinstance(error, CanopenError):
+        return _complain(error, 2 if error.of_usage else 1)
+    if isinstance(error, BrokenPipeError):
         _leave_output()
         return 0
-    except OSError as error:
-        if error.filename is None and error.errno in _OUTPUT_LOST:
-            return _complain_of_output(error)
-        if error.errno == errno.EMFILE:
-            return _complain(CanopenError("this shell allows too few open files; allow more: ulimit -n 1024"), 2)
-        return _complain_of_ourselves(error)
-    except Exception as error:  # noqa: BLE001 - a fault of ours: a sentence, and the way to its traceback
-        return _complain_of_ourselves(error)
+    if isinstance(error, OSError) and error.filename is None and error.errno in _OUTPUT_LOST:
+        return _complain_of_output(error)
+    if isinstance(error, OSError) and error.errno == errno.EMFILE:
+        return _complain(CanopenError("this shell allows too few open files; allow more: ulimit -n 1024"), 2)
+    return _complain_of_ourselves(error)
 
 
 def _flush() -> int:

@@ -20,6 +20,7 @@ from canopen_control.cli.support.arguments import LONGEST_S, number
 from canopen_control.cli.support.output import json_alone, json_text, print_result
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.environment import MODULE, clean_environment
+from canopen_control.host.signals import block_for_exec
 from canopen_control.rpc.messages.parameters import SCALARS
 from canopen_control.yamlfile.reader import read
 
@@ -230,6 +231,7 @@ def begin_ros() -> None:
     require_ros()
     if os.environ.get(_GUARD) and not os.environ.get("LD_LIBRARY_PATH") and not os.environ.get(_BEGUN):
         environment = {**clean_environment(ros=True), _BEGUN: "1"}
+        block_for_exec()  # a Python that starts answers them with a traceback
         # -P: a file of the user's folder must not be taken for a module of Python
         os.execve(sys.executable, [*MODULE, "canopen_control", *sys.argv[1:]], environment)
 

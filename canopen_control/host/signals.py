@@ -1,13 +1,23 @@
-"""Signal handlers for the duration of a `with` block, in a program without a reactor."""
+"""Signal handlers in a program without a reactor: for the duration of a `with` block, and of a whole process."""
 
 from __future__ import annotations
 
+import atexit
 import contextlib
+import os
 import signal
-from typing import TYPE_CHECKING
+import sys
 
+TYPE_CHECKING = False  # the command line imports this before all else
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
+    from types import FrameType
+
+INTERRUPTED = 130  #: exit code of a program that SIGINT or SIGTERM has ended: 128 + SIGINT, as shells report it
+_ENDING = (signal.SIGINT, signal.SIGTERM)
+_IMPORT = "<frozen importlib._bootstrap>"  # the file of the frames of an import
+_AGAIN_S = 0.01
+_LONGEST_IMPORT_S = 2.0
 
 
 @contextlib.contextmanager
@@ -25,3 +35,84 @@ def on_signals(numbers: Iterable[signal.Signals], call: Callable[[], object]) ->
 def interrupt() -> None:
     """Raise KeyboardInterrupt like Ctrl-C, for signals that end a program in the same way."""
     raise KeyboardInterrupt
+
+
+class ProcessSignals:
+    """SIGINT and SIGTERM of one process, from the start of its `main` to its end.
+
+    Each raises KeyboardInterrupt on the main thread, and `came` is True from then on: a library in C that calls Python
+    replaces the exception by one of its own, and it is lost where Python frees an object. During an import it is raised
+    afterwards, or by a second signal: a library in C that is imported by half crashes. After `finish` the process ends
+    anyway: the first signal is ignored, and a second one ends it at once.
+    """
+
+    def __init__(self) -> None:
+        self.came = False
+        self._finished = False
+        self._ignored = 0
+        self._deferred = 0
+
+    def begin(self) -> None:
+        """Install the handlers, and receive what was blocked before `exec`; a signal that is ignored stays ignored."""
+        for number in _ENDING:
+            if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+                signal.signal(number, self._handle)
+        sys.unraisablehook = self._raise_again
+        atexit.register(self._ignore)  # the first of the exit functions is the last that runs
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
+
+    def finish(self) -> None:
+        """Raise no further KeyboardInterrupt."""
+        self._finished = True
+        _stop_timer()
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        if self._finished:
+            self._ignored += 1
+            if self._ignored > 1:
+                os._exit(INTERRUPTED)
+            return
+        first, self.came = not self.came, True
+        if _imports(frame) and (first or number == signal.SIGALRM) and self._deferred < _LONGEST_IMPORT_S / _AGAIN_S:
+            self._deferred += 1
+            self._handle_soon()
+        else:
+            _stop_timer()
+            raise KeyboardInterrupt
+
+    def _handle_soon(self) -> None:
+        signal.signal(signal.SIGALRM, self._handle)
+        signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
+
+    def _raise_again(self, unraisable: sys.UnraisableHookArgs) -> None:
+        """Raise a KeyboardInterrupt once more that came where none can be raised; report other exceptions."""
+        if unraisable.exc_type is not KeyboardInterrupt:
+            sys.__unraisablehook__(unraisable)
+        elif not self._finished:
+            self._handle_soon()
+
+    def _ignore(self) -> None:
+        """Ignore the signals while the interpreter frees its objects: no handler of Python runs there."""
+        for number in _ENDING:
+            if signal.getsignal(number) == self._handle:
+                signal.signal(number, signal.SIG_IGN)
+
+
+def _stop_timer() -> bool:
+    """Stop the timer of `ProcessSignals`; return whether it ran."""
+    owner = getattr(signal.getsignal(signal.SIGALRM), "__self__", None)
+    return isinstance(owner, ProcessSignals) and signal.setitimer(signal.ITIMER_REAL, 0)[0] > 0
+
+
+def _imports(frame: FrameType | None) -> bool:
+    """Whether a frame, or one of those that have called it, is that of an import."""
+    while frame is not None and frame.f_code.co_filename != _IMPORT:
+        frame = frame.f_back
+    return frame is not None
+
+
+def block_for_exec() -> None:
+    """Keep SIGINT and SIGTERM pending across `exec`, until `ProcessSignals.begin` of the new program."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+    if _stop_timer():  # one came during an import
+        raise KeyboardInterrupt

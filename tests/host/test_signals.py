@@ -1,9 +1,13 @@
+import atexit
+import gc
 import os
 import signal
+import sys
+import time
 
 import pytest
 
-from canopen_control.host.signals import interrupt, on_signals
+from canopen_control.host.signals import ProcessSignals, block_for_exec, interrupt, on_signals
 
 
 def test_it_calls_within_the_block_and_is_as_before_afterwards():
@@ -24,3 +28,95 @@ def test_an_error_in_the_block_restores_too():
 def test_a_signal_can_end_as_ctrl_c_does():
     with pytest.raises(KeyboardInterrupt), on_signals((signal.SIGUSR1,), interrupt):
         os.kill(os.getpid(), signal.SIGUSR1)
+
+
+@pytest.fixture
+def process_signals(monkeypatch):
+    """Signals of this process, as the command line has them; restored afterwards."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
+    before = {number: signal.getsignal(number) for number in numbers}
+    monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
+    signals = ProcessSignals()
+    signals.begin()
+    yield signals
+    atexit.unregister(signals._ignore)
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_of_a_process_interrupts_it_until_it_has_finished(process_signals, monkeypatch, number):
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(number)
+    assert process_signals.came
+    process_signals.finish()
+    signal.raise_signal(number)
+    monkeypatch.setattr(os, "_exit", interrupt_with_code)
+    with pytest.raises(SystemExit, match="130"):
+        signal.raise_signal(number)
+
+
+def interrupt_with_code(code):
+    raise SystemExit(code)
+
+
+def test_at_the_end_of_a_process_its_signals_are_ignored(process_signals):
+    process_signals._ignore()
+    assert signal.getsignal(signal.SIGINT) == signal.getsignal(signal.SIGTERM) == signal.SIG_IGN
+
+
+def test_an_ignored_signal_stays_ignored(process_signals, monkeypatch):
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    ProcessSignals().begin()
+    assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+
+
+def test_a_signal_during_an_import_interrupts_after_it(process_signals, tmp_path, monkeypatch):
+    """A module in C whose import is interrupted ends the process by SIGSEGV: msgspec 0.19."""
+    text = "import signal\nsignal.raise_signal(signal.SIGINT)\nwhole = True\n"
+    (tmp_path / "imported_by_half.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(KeyboardInterrupt):  # noqa: PT012 - it comes a moment later
+        import imported_by_half
+
+        assert imported_by_half.whole
+        time.sleep(5)
+
+
+def test_a_second_signal_interrupts_an_import(process_signals, tmp_path, monkeypatch):
+    (tmp_path / "imported_never.py").write_text(
+        "import signal\nfor _ in range(2): signal.raise_signal(signal.SIGINT)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        import imported_never  # noqa: F401
+
+
+def test_an_interrupt_that_is_lost_while_an_object_is_freed_comes_again(process_signals, capsys):
+    class Freed:
+        def __del__(self):
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):  # noqa: PT012 - it comes a moment later
+        Freed()
+        gc.collect()
+        time.sleep(5)
+    assert capsys.readouterr().err == ""
+
+
+def test_another_exception_there_is_reported(process_signals, capsys):
+    class Freed:
+        def __del__(self):
+            raise ZeroDivisionError
+
+    Freed()
+    assert "ZeroDivisionError" in capsys.readouterr().err
+
+
+def test_signals_before_exec_come_after_it(process_signals):
+    block_for_exec()
+    signal.raise_signal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        ProcessSignals().begin()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT, signal.SIGTERM])
