@@ -106,8 +106,10 @@ def _check_python(launch: _Launch, path: Path) -> None:
         value = f"default {default!r}" if default is not None else "no default that is written there"
         text = f"argument {name}: {value}"
         launch.findings.append(Finding(launch.path, content.argument_lines[name], Severity.NOTE, text))
+    outer = "".join(content.pushed)
+    outer = "/**" if len(content.pushed) > 1 or "$(" in outer else _joined("", outer)  # anywhere, if not known
     for node in content.nodes:
-        _python_node(launch, node)
+        _python_node(launch, node, outer)
     for place in content.texts:
         if place.text is not None:
             _python_files(launch, file, place.text, place.line)
@@ -124,7 +126,7 @@ def findings_at(error: RobotConfigError, path: str) -> list[Finding]:
     return [Finding(path, line, Severity.ERROR, text)]
 
 
-def _python_node(launch: _Launch, node: LaunchNode) -> None:
+def _python_node(launch: _Launch, node: LaunchNode, outer: str) -> None:
     if node.name and not _NODE_NAME.fullmatch(node.name) and "$(" not in node.name:
         text = f"node name {node.name!r} is not legal: letters, digits and _ only"
         launch.findings.append(Finding(launch.path, node.line, Severity.ERROR, text))
@@ -132,7 +134,8 @@ def _python_node(launch: _Launch, node: LaunchNode) -> None:
     arguments = [argument for argument in node.arguments if argument.text is not None]
     if node.package == "controller_manager" and node.executable in SPAWNERS:
         launch.spawns = True
-        names, namespace = _spawned([part.text for part in arguments if part.text], _joined("", node.namespace or ""))
+        words = [part.text for part in arguments if part.text]
+        names, namespace = _spawned(words, _joined(outer, node.namespace or ""))
         for name in names:
             _wanted(launch, name, namespace, node.line)
         title = f"{title} of {', '.join(names) or 'controllers that are computed'}"
@@ -142,8 +145,8 @@ def _python_node(launch: _Launch, node: LaunchNode) -> None:
 def _python_files(launch: _Launch, file: LaunchFile, text: str, line: int) -> None:
     """Check that files named in a text exist, if their package is known."""
     for word in words_of(text):
-        if ":=" in word or not word.endswith(_FILES):
-            continue
+        if ":=" in word or "/" not in word or not word.endswith(_FILES):
+            continue  # a bare name is part of a path that is joined elsewhere
         absent = file.absent_packages(word)
         for package in absent:
             said = f"package {package!r} is neither around this file nor in ROS_PACKAGE_PATH nor sourced"

@@ -154,7 +154,8 @@ def read_controllers(
 
     Parameters of a controller are checked when it is configured. With `strict`, warnings are errors. `variables` are
     the arguments of a launch file: they replace `$(var NAME)` and `<namespace>`, as in launch_ros's ParameterFile and
-    nav2's ReplaceString. An undefined one stays unchanged, with a warning.
+    nav2's ReplaceString; a name that is not an identifier is replaced as it stands. An undefined one stays unchanged,
+    with a warning.
     """
     text = read_text(path, RobotConfigError)
     values = variables or {}
@@ -193,7 +194,11 @@ def _with_variables(text: str, variables: Mapping[str, str]) -> str:
         replacement = variables.get(name)
         return match[0] if replacement is None else replacement.strip("/") if match[2] else replacement
 
-    return _VARIABLE.sub(value, text)
+    text = _VARIABLE.sub(value, text)
+    for name, given in variables.items():
+        if not name.isidentifier() and not _VARIABLE.fullmatch(name):
+            text = text.replace(name, given)
+    return text
 
 
 def _variables_in(text: str) -> list[tuple[str, int]]:

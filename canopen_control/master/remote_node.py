@@ -555,8 +555,9 @@ class RemoteNode:
         if not self._guarding_boot:
             self._guard(True, now)
         self._farewell_until = None
-        if not self.plan.supervision_ns and self.nmt_state is not NmtState.OPERATIONAL:
-            self.nmt_state = NmtState.OPERATIONAL
+        confirmed = self.nmt_state is NmtState.OPERATIONAL
+        self.nmt_state = NmtState.OPERATIONAL  # a TPDO has shown it where no heartbeat has
+        if not self.plan.supervision_ns and not confirmed:
             text = "it has neither heartbeat nor guarding: NMT OPERATIONAL is what was commanded, nothing confirms it"
             self.log.report(now, "nmt_unconfirmed", text)
         self._lay_out(result)

@@ -61,6 +61,7 @@ class LaunchFile:
     computed: tuple[tuple[int, str], ...] = ()
     nodes: tuple[LaunchNode, ...] = ()
     includes: tuple[LaunchInclude, ...] = ()
+    replaced: Mapping[str, str] = field(default_factory=dict)  # in files of parameters, by ReplaceString of nav2
 
     def resolved(self, text: str) -> str | None:
         """Return a text with arguments and package paths substituted, None if one is unknown."""
@@ -113,6 +114,7 @@ def read_launch(path: Path) -> LaunchFile:
             content.arguments,
             content.texts,
             computed=tuple(content.computed),
+            replaced=content.replaced,
             nodes=tuple(content.nodes),
             includes=tuple(content.includes),
         )
@@ -172,6 +174,7 @@ class _Reading:
         launch = replace(read_launch(path), given=dict(given))
         used = self._take_nodes(launch)
         values = {name: launch.resolved(f"$(var {name})") for name in (*launch.arguments, *given)}
+        values |= {text: launch.resolved(value) for text, value in launch.replaced.items()}
         self.launched.variables |= {name: _unquoted(value) for name, value in values.items() if value is not None}
         for text in launch.texts:
             if text.text is not None:

@@ -27,7 +27,7 @@ _SPAWNER_CALLS: Final = (
 _PACKAGE_CALLS: Final = ("FindPackageShare", "FindPackage", "get_package_share_directory", "get_package_share_path")
 _THROUGH: Final = ("ParameterValue", "TextSubstitution", "str", "Path", "PythonLaunchDescriptionSource", "Command",
                    "AnyLaunchDescriptionSource", "XMLLaunchDescriptionSource", "FrontendLaunchDescriptionSource",
-                   "ParameterFile", "PathSubstitution")  # fmt: skip
+                   "ParameterFile", "PathSubstitution", "ReplaceString", "RewrittenYaml")  # fmt: skip
 _DEEPEST: Final = 40  # expressions in expressions
 _LONGEST: Final = 20_000  # letters of a text
 
@@ -87,6 +87,10 @@ class PythonLaunch:
     found: list[LaunchText] = field(default_factory=list)
     computed: list[tuple[int, str]] = field(default_factory=list)
     generates: bool = False
+    replaced: dict[str, str] = field(default_factory=dict)
+    """What nav2's ReplaceString replaces in a file of parameters."""
+    pushed: list[str] = field(default_factory=list)
+    """Namespaces of PushRosNamespace (PushROSNamespace since Jazzy), "$(...)" where one is computed."""
 
     @property
     def texts(self) -> tuple[LaunchText, ...]:
@@ -133,6 +137,10 @@ class _Reader:
                     self._spawner(node)
                 elif name == "IncludeLaunchDescription":
                     self._include(node)
+                elif name.lower() == "pushrosnamespace":
+                    self.launch.pushed.append((self.text(node.args[0]) if node.args else None) or "$(computed)")
+                elif name == "ReplaceString":
+                    self._replaced(_keyword(node, "replacements"))
         self._files(self._tree)
 
     def _argument(self, call: ast.Call) -> None:
@@ -147,6 +155,12 @@ class _Reader:
             self.launch.computed.append((call.lineno, f"the default of the argument {name!r}"))
         self.launch.arguments[name] = value
         self.launch.argument_lines[name] = call.lineno
+
+    def _replaced(self, node: ast.expr | None) -> None:
+        for key, value in zip(node.keys, node.values, strict=True) if isinstance(node, ast.Dict) else ():
+            name, text = None if key is None else self.text(key), self.text(value)
+            if name and text is not None:
+                self.launch.replaced[name] = text
 
     def _node(self, call: ast.Call) -> None:
         def one(key: str) -> str | None:
@@ -320,7 +334,8 @@ class _Reader:
         name = _called(node)
         if name == "perform" and isinstance(node.func, ast.Attribute):  # in an OpaqueFunction
             return self.text(node.func.value)
-        first = node.args[0] if node.args else next((keyword.value for keyword in node.keywords), None)
+        values = [*node.args, *(keyword.value for keyword in node.keywords)]
+        first = _keyword(node, "source_file") or (values[0] if values else None)
         if name == "join" and node.args:
             return self.joined(node.args, "/")
         if first is None:
@@ -378,6 +393,8 @@ def _assigned_once(tree: ast.Module) -> dict[str, ast.expr]:
     """Return the names that are assigned once in the file, and their values."""
     values, counts = dict[str, ast.expr](), dict[str, int]()
     for name, value in _assignments(tree):
+        if isinstance(value, ast.Call) and _is_name(_keyword(value, "source_file"), name):
+            continue  # ReplaceString and RewrittenYaml of nav2: the same file, edited
         counts[name] = counts.get(name, 0) + 1
         if value is not None:
             values[name] = value
@@ -408,6 +425,10 @@ def _called(call: ast.Call) -> str:
 
 def _keyword(call: ast.Call, name: str) -> ast.expr | None:
     return next((keyword.value for keyword in call.keywords if keyword.arg == name), None)
+
+
+def _is_name(node: ast.expr | None, name: str) -> bool:
+    return isinstance(node, ast.Name) and node.id == name
 
 
 def _is_command(node: ast.expr) -> bool:

@@ -153,6 +153,13 @@ def test_what_a_file_in_python_declares_and_starts_is_told_in_notes(tmp_path):
     ]
 
 
+def test_a_bare_file_name_is_part_of_a_path_that_is_joined_elsewhere(tmp_path):
+    argument = 'DeclareLaunchArgument("mock", '
+    texts = of_python(tmp_path, argument, f'DeclareLaunchArgument("bus_file", default_value="my_bus.yml"), {argument}')
+    assert "argument bus_file: default 'my_bus.yml'" in "\n".join(texts)
+    assert not [text for text in texts if "there is no file" in text]
+
+
 @pytest.mark.parametrize(
     "more",
     [

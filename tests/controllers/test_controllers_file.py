@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -404,6 +405,14 @@ def test_variables_of_a_launch_file_are_put_in_and_what_has_no_value_is_said_onc
     warnings = read_controllers(path, variables={"prefix": "left_", "namespace": "/one"}).warnings
     assert len(warnings) == 1
     assert f"{path}:7:1: $(var interface) has no value here; give it with --launch FILE NAME:=VALUE" in warnings[0]
+
+
+@pytest.mark.parametrize(("value", "namespace"), [("/", ""), ("r1/", "/r1")])
+def test_a_text_that_a_launch_file_replaces_is_replaced_as_it_stands(tmp_path, value, namespace):
+    path = tmp_path / "c.yaml"
+    path.write_text(re.sub(r"(?m)^(\w)", r"__namespace__/\1", FILE.lstrip()))
+    file = read_controllers(path, variables={"__namespace__/": value})
+    assert (file.namespace, file.controllers["forward"].namespace, file.warnings) == (namespace, namespace, [])
 
 
 def test_a_list_of_one_mapping_is_that_mapping(tmp_path):

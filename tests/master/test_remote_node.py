@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
+from support.makers import folder
 from support.robots import LEFT, RIGHT, Bench
 
 from canopen_control.cia301.emcy import EmcyMessage
@@ -15,6 +16,9 @@ from canopen_control.master.keys import SupervisionKeys
 from canopen_control.master.remote_node import NodeLog, NodeState
 from canopen_control.od.model import DataType
 from canopen_control.rpc.messages.state import EventDetails
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
+from canopen_control.testing.tested_robot import TestedRobot
 
 
 class WithEvents:
@@ -249,3 +253,15 @@ def test_a_node_that_does_not_come_back_from_its_reset_is_looked_for(robby):
     robby.run(10_000)
     robby.power_on(LEFT)
     robby.until(lambda: left(robby).ready)
+
+
+def test_a_node_that_a_tpdo_shows_operational_is_shown_so_before_its_next_heartbeat(tmp_path):
+    bus = (
+        (folder(tmp_path, "csv") / "bus.yml").read_text().replace("heartbeat_producer: 100", "heartbeat_producer: 2000")
+    )
+    (tmp_path / "bus.yml").write_text(bus)
+    robot = TestedRobot(read_robot(find_robot(str(tmp_path))))
+    assert robot.state == "running"
+    assert {node.nmt_state for node in robot.simulated.core.nodes.values()} == {NmtState.OPERATIONAL}
+    assert robot.breaches == []
+    robot.close()

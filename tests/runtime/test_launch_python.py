@@ -147,3 +147,17 @@ def test_whatever_the_file_it_is_read_or_refused_in_a_sentence(lines):
     except RobotConfigError as error:
         refusal = str(error)
     assert refusal.startswith("x.launch.py:")
+
+
+def test_a_parameter_file_that_nav2_edits_is_that_file_and_what_it_replaces_is_known():
+    source = """
+config = PathJoinSubstitution([FindPackageShare("bot"), "config", "controllers.yaml"])
+config = ReplaceString(source_file=config, replacements={"__namespace__/": (LaunchConfiguration("ns"), "/")})
+def generate_launch_description():
+    node = Node(package="controller_manager", executable="ros2_control_node", parameters=[config])
+    return LaunchDescription([GroupAction(actions=[PushROSNamespace(LaunchConfiguration("ns")), node])])
+"""
+    launch = read_python(source, "x.launch.py")
+    assert [file.text for file in launch.nodes[0].parameters] == ["$(find bot)/config/controllers.yaml"]
+    assert launch.replaced == {"__namespace__/": "$(var ns)/"}
+    assert launch.pushed == ["$(var ns)"]
