@@ -173,84 +173,28 @@ def bus_yml() -> str:
 
 def controllers() -> str:
     """Return the parameters of every controller."""
-    from canopen_control.controllers import (
-        broadcasters,
-        canopen_device,
-        diff_drive_params,
-        gpio_command,
-        gripper,
-        holonomic_params,
-        params,
-        pid_params,
-        steering_params,
-        tricycle,
-        types,
-    )
-    from canopen_control.controllers.base_params import TwistAxisLimits
+    from canopen_control.controllers.base import Controller
     from canopen_control.controllers.controllers_file import ManagerParams
-    from canopen_control.controllers.params import BroadcasterParams, CommonParams
-    from canopen_control.controllers.trajectory import params as trajectory
+    from canopen_control.controllers.params import CommonParams
+    from canopen_control.controllers.types import TYPES, class_of
 
-    forward, diff = params, diff_drive_params
-    groups = (
-        ("Every controller", CommonParams, ""),
-        ("Forward command: all joints of one interface", forward.ForwardParams, "ForwardCommandController"),
-        ("Group controllers: the interface is the type's", forward.GroupParams, "JointGroup"),
-        ("Several interfaces of one joint", forward.MultiParams, "MultiInterface"),
-        ("One joint, as in ROS 1", forward.SingleParams, "/Joint(Position|Velocity|Effort)Controller"),
-        ("One drive in whatever mode it is", forward.SingleParams, "/TargetController"),
-        ("Diff drive", diff.DiffDriveParams, "DiffDrive"),
-        ("Bicycle steering", steering_params.BicycleParams, "BicycleSteering"),
-        ("Tricycle steering", steering_params.TricycleParams, "TricycleSteering"),
-        ("Tricycle: one wheel drives and steers", tricycle.DrivenWheelParams, "tricycle_controller/Tricycle"),
-        ("Ackermann steering", steering_params.AckermannParams, "AckermannSteering"),
-        ("Mecanum drive", holonomic_params.MecanumParams, "MecanumDrive"),
-        ("Omni wheel drive", holonomic_params.OmniParams, "OmniWheelDrive"),
-        ("Joint trajectories", trajectory.TrajectoryParams, "JointTrajectory"),
-        ("PID", pid_params.PidParams, "/PidController"),
-        ("Joint states", BroadcasterParams, "JointState(Broadcaster|Controller)"),
-        ("Outputs and inputs of `<gpio>` parts", gpio_command.GpioParams, "GpioCommand"),
-        ("One node, as ros2_canopen shows it", canopen_device.DeviceParams, "canopen_ros2_controllers"),
-        ("Gripper, commanded by position", gripper.GripperParams, "position_controllers/Gripper"),
-        ("Gripper, commanded by effort", gripper.EffortGripperParams, "effort_controllers/Gripper"),
-        ("Parallel gripper", gripper.ParallelGripperParams, "parallel_gripper"),
-        ("IMU", broadcasters.ImuParams, "IMUSensorBroadcaster"),
-        ("Range sensor", broadcasters.RangeParams, "RangeSensorBroadcaster"),
-        ("Force and torque", broadcasters.ForceTorqueParams, "ForceTorqueSensorBroadcaster"),
-        ("Pose", broadcasters.PoseParams, "/PoseBroadcaster"),
-        ("Batteries", broadcasters.BatteryParams, "BatteryState"),
-        ("GPIO and diagnostics", broadcasters.StateParams, "(Gpio|Diagnostics)Broadcaster"),
-    )
-    parts: dict[type[Any], dict[str, type[Any]]] = {
-        diff.DiffDriveParams: {"Limits: `linear.x.KEY` and `angular.z.KEY`": diff.SwitchedLimits},
-        tricycle.DrivenWheelParams: {
-            "Limits: `traction.KEY`": tricycle.TractionLimits,
-            "Limits: `steering.KEY`": tricycle.SteeringLimits,
-        },
-        holonomic_params.MecanumParams: {"Limits: `linear.x.KEY`, `linear.y.KEY` and `angular.z.KEY`": TwistAxisLimits},
-        pid_params.PidParams: {"Each degree of freedom: `gains.DOF.KEY`": pid_params.DofGains},
-        broadcasters.PoseParams: {"Its transform: `tf.KEY`": broadcasters.PoseTransform},
-        broadcasters.BatteryParams: {"Each battery: `BATTERY.KEY`": broadcasters.BatteryFacts},
-        trajectory.TrajectoryParams: {
-            "Each joint: `gains.JOINT.KEY`": trajectory.JointGains,
-            "Each joint: `constraints.JOINT.KEY`": trajectory.JointConstraints,
-            "Each joint: `joint_limits.JOINT.KEY`": trajectory.LimitParams,
-        },
-    }
+    groups: dict[str, list[str]] = {}
+    for name in TYPES:
+        groups.setdefault((class_of(name) or Controller).title, []).append(name)
     text = [
         "# Controllers and their parameters\n",
         "Names, defaults and meaning are those of ros2_controllers. `ros2 param describe` prints them too.\n",
         "## The controller manager\n",
         _keys(ManagerParams, _parameters(ManagerParams), {}),
+        "## Every controller\n",
+        _keys(CommonParams, _parameters(CommonParams), {}),
     ]
-    for title, cls, pattern in groups:
-        named = [name for name in types.TYPES if pattern and re.search(rf"(^|/)[^/]*{pattern}|{pattern}", name)]
-        if "Forward" in title:
-            named = [name for name in named if "Multi" not in name]
-        text += [f"## {title}\n", *(f"- `{name}`" for name in named), ""]
-        text.append(_keys(cls, _parameters(cls), {} if cls is CommonParams else CommonParams.__annotations__))
-        for part_title, part in parts.get(cls, {}).items():
-            text += [f"### {part_title}\n", _keys(part, _parameters(part), {})]
+    for title, names in groups.items():
+        kind = class_of(names[0]) or Controller
+        text += [f"## {title}\n", *(f"- `{name}`" for name in names), ""]
+        text.append(_keys(kind.reads, _parameters(kind.reads), CommonParams.__annotations__))
+        for heading, section in kind.sections.items():
+            text += [f"### {heading}\n", _keys(section, _parameters(section), {})]
     return "\n".join(text)
 
 

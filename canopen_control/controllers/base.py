@@ -195,6 +195,12 @@ class Controller:
     how often it publishes, in Hz, 0 for at every update. `life` is that of its command.
     """
 
+    title: ClassVar[str] = ""
+    """The heading of its parameters in the documentation; types with one heading are described together."""
+    reads: ClassVar[type[CommonParams]] = CommonParams
+    """The dataclass of its parameters, with their help texts."""
+    sections: ClassVar[dict[str, type[object]]] = {}
+    """The dataclasses of parameters below names that the file gives, by the heading that says which they are."""
     is_broadcaster: ClassVar[bool] = False
     is_base: ClassVar[bool] = False
     """Whether its joints move one base (a vehicle): they stop together, and no verb acts on one of them alone."""
@@ -244,7 +250,7 @@ class Controller:
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; ConfigError with all mistakes."""
-        self.update_rate = params.read(CommonParams).update_rate
+        self.update_rate = params.read(self.reads).update_rate
 
     def on_set(self, params: Params) -> None:
         """Apply changed `settable` parameters, in any state; ConfigError without any change if they are invalid.

@@ -388,6 +388,8 @@ class SensorBroadcaster(Controller):
 class IMUSensorBroadcaster(SensorBroadcaster):
     """Broadcaster of orientation, angular velocity and linear acceleration of an IMU."""
 
+    title: ClassVar[str] = "IMU"
+    reads: ClassVar[type[ImuParams]] = ImuParams
     tells: ClassVar[type[Sample] | None] = ImuSample
 
     def __init__(self, name: str, type_name: str = "") -> None:
@@ -417,6 +419,8 @@ class IMUSensorBroadcaster(SensorBroadcaster):
 class RangeSensorBroadcaster(SensorBroadcaster):
     """Broadcaster of the distance measured by one sensor."""
 
+    title: ClassVar[str] = "Range sensor"
+    reads: ClassVar[type[RangeParams]] = RangeParams
     tells: ClassVar[type[Sample] | None] = RangeSample
 
     def __init__(self, name: str, type_name: str = "") -> None:
@@ -446,6 +450,8 @@ class RangeSensorBroadcaster(SensorBroadcaster):
 class ForceTorqueSensorBroadcaster(SensorBroadcaster):
     """Broadcaster of forces and torques along and about three axes."""
 
+    title: ClassVar[str] = "Force and torque"
+    reads: ClassVar[type[ForceTorqueParams]] = ForceTorqueParams
     tells: ClassVar[type[Sample] | None] = WrenchSample
 
     def __init__(self, name: str, type_name: str = "") -> None:
@@ -479,6 +485,11 @@ class ForceTorqueSensorBroadcaster(SensorBroadcaster):
 class PoseBroadcaster(SensorBroadcaster):
     """Broadcaster of a position and an orientation, and of their transform."""
 
+    title: ClassVar[str] = "Pose"
+    reads: ClassVar[type[PoseParams]] = PoseParams
+    sections: ClassVar[dict[str, type[object]]] = {
+        "Its transform: `tf.KEY`": PoseTransform,
+    }
     tells: ClassVar[type[Sample] | None] = PoseSample
 
     def __init__(self, name: str, type_name: str = "") -> None:
@@ -518,6 +529,11 @@ class PoseBroadcaster(SensorBroadcaster):
 class BatteryStateBroadcaster(SensorBroadcaster):
     """Broadcaster of the batteries."""
 
+    title: ClassVar[str] = "Batteries"
+    reads: ClassVar[type[BatteryParams]] = BatteryParams
+    sections: ClassVar[dict[str, type[object]]] = {
+        "Each battery: `BATTERY.KEY`": BatteryFacts,
+    }
     tells: ClassVar[type[Sample] | None] = BatteriesSample
 
     def __init__(self, name: str, type_name: str = "") -> None:
@@ -608,6 +624,8 @@ class StateParams(CommonParams):
 class _StateBroadcaster(Controller):
     """Broadcaster of selected states, by default those of one kind."""
 
+    title: ClassVar[str] = "GPIO and diagnostics"
+    reads: ClassVar[type[StateParams]] = StateParams
     is_broadcaster: ClassVar[bool] = True
     moves_joints: ClassVar[bool] = False
     chosen: tuple[str, ...] = ()

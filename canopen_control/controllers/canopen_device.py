@@ -31,6 +31,8 @@ class DeviceParams(CommonParams):
 class CanopenProxyController(Controller):
     """Controller for the services of one node: NMT, SDO and PDOs."""
 
+    title: ClassVar[str] = "One node, as ros2_canopen shows it"
+    reads: ClassVar[type[DeviceParams]] = DeviceParams
     moves_joints: ClassVar[bool] = False
     offers: ClassVar[tuple[str, ...]] = (NODE_SERVICES,)
 

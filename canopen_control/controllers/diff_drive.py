@@ -11,7 +11,7 @@ import math
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from canopen_control.controllers.base import ControllerState, DriveGeometry
-from canopen_control.controllers.diff_drive_params import DiffDriveParams, read_params
+from canopen_control.controllers.diff_drive_params import DiffDriveParams, SwitchedLimits, read_params
 from canopen_control.controllers.mobile_base import MobileBase
 from canopen_control.controllers.planar_pose import MIN_DT, PlanarPose, RollingMean
 from canopen_control.errors import RobotConfigError
@@ -146,6 +146,11 @@ class DiffDriveController(MobileBase):
     `odometry` is published at `publish_rate`; the twist after the limits is published on `~/cmd_vel_out`.
     """
 
+    title: ClassVar[str] = "Diff drive"
+    reads: ClassVar[type[DiffDriveParams]] = DiffDriveParams
+    sections: ClassVar[dict[str, type[object]]] = {
+        "Limits: `linear.x.KEY` and `angular.z.KEY`": SwitchedLimits,
+    }
     offers: ClassVar[tuple[str, ...]] = (WHEEL_CALIBRATION,)
     zero_is_never: ClassVar[bool] = True
     by_twist_alone: ClassVar[bool] = True

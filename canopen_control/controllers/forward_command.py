@@ -29,10 +29,11 @@ if TYPE_CHECKING:
 class ForwardCommandController(Controller):
     """Forwards numbers to one interface of several joints."""
 
+    title: ClassVar[str] = "Forward command: all joints of one interface"
     independent: ClassVar[bool] = True
     topic: ClassVar[str | None] = "commands"
     settable: ClassVar[tuple[str, ...]] = ("command_timeout",)
-    kind: ClassVar[type[GroupParams | SingleParams | MultiParams]] = ForwardParams
+    reads: ClassVar[type[GroupParams | SingleParams | MultiParams]] = ForwardParams
     renames: ClassVar[dict[str, str]] = {}
 
     def __init__(self, name: str, type_name: str = "") -> None:
@@ -56,7 +57,7 @@ class ForwardCommandController(Controller):
     def on_set(self, params: Params) -> None:
         """Apply another command_timeout, also to the present command."""
         interfaces = [name.rpartition("/")[2] for name in self._names]
-        self._set_life(params.read(self.kind, self.renames).command_timeout, interfaces)
+        self._set_life(params.read(self.reads, self.renames).command_timeout, interfaces)
 
     def command_interface_names(self) -> list[str]:
         """Return one interface per value, in the order of the values."""
@@ -142,7 +143,8 @@ class ForwardCommandController(Controller):
 class MultiInterfaceForwardCommandController(ForwardCommandController):
     """Forwards numbers to several interfaces of one joint."""
 
-    kind: ClassVar[type[GroupParams | SingleParams | MultiParams]] = MultiParams
+    title: ClassVar[str] = "Several interfaces of one joint"
+    reads: ClassVar[type[GroupParams | SingleParams | MultiParams]] = MultiParams
 
     def on_configure(self, params: Params) -> None:
         """Read joint, interface_names and command_timeout."""
@@ -158,8 +160,9 @@ class MultiInterfaceForwardCommandController(ForwardCommandController):
 class _JointGroupController(ForwardCommandController):
     """Forward command controller with the interface of its type."""
 
+    title: ClassVar[str] = "Group controllers: the interface is the type's"
     fixed_interface = VELOCITY
-    kind: ClassVar[type[GroupParams | SingleParams | MultiParams]] = GroupParams
+    reads: ClassVar[type[GroupParams | SingleParams | MultiParams]] = GroupParams
 
     def on_configure(self, params: Params) -> None:
         """Read joints and command_timeout."""
@@ -189,8 +192,9 @@ _GAINS = ("p", "i", "d", "i_clamp", "i_clamp_min", "i_clamp_max", "antiwindup")
 class _JointController(ForwardCommandController):
     """ROS 1 controller of one joint, with the interface of its type."""
 
+    title: ClassVar[str] = "One joint, as in ROS 1"
     fixed_interface = VELOCITY
-    kind: ClassVar[type[GroupParams | SingleParams | MultiParams]] = SingleParams
+    reads: ClassVar[type[GroupParams | SingleParams | MultiParams]] = SingleParams
     renames: ClassVar[dict[str, str]] = {f"pid.{gain}": "" for gain in _GAINS}
 
     def on_configure(self, params: Params) -> None:
@@ -237,10 +241,9 @@ TYPE = "canopen_control/TargetController"
 class TargetController(ForwardCommandController):
     """Controller that forwards one number to interface `target` of a joint; `interface` is its present quantity."""
 
+    title: ClassVar[str] = "One drive in whatever mode it is"
+    reads: ClassVar[type[GroupParams | SingleParams | MultiParams]] = SingleParams
     topic: ClassVar[str | None] = TARGET
-
-    def __init__(self, name: str, type_name: str = TYPE) -> None:
-        super().__init__(name, type_name)
 
     def on_configure(self, params: Params) -> None:
         """Read joint and command_timeout."""

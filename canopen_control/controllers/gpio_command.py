@@ -158,6 +158,8 @@ def _dotted(output: str) -> str:
 class GpioCommandController(Controller):
     """Holds outputs at the last command, and publishes inputs and outputs."""
 
+    title: ClassVar[str] = "Outputs and inputs of `<gpio>` parts"
+    reads: ClassVar[type[GpioParams]] = GpioParams
     moves_joints: ClassVar[bool] = False
     independent: ClassVar[bool] = True
     topic: ClassVar[str | None] = "gpio_commands"

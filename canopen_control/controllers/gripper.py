@@ -115,6 +115,7 @@ def _with_gains(cls: type[P], joint: str) -> type[P]:
 class PositionGripperActionController(Controller):
     """Controller of a gripper's position; `goal` is the active one."""
 
+    title: ClassVar[str] = "Gripper, commanded by position"
     tells: ClassVar[type[Sample] | None] = GripperSample
     offers: ClassVar[tuple[str, ...]] = (GRIPPER_GOALS,)
     reads: ClassVar[type[GripperParams]] = GripperParams
@@ -302,6 +303,7 @@ class PositionGripperActionController(Controller):
 class ParallelGripperActionController(PositionGripperActionController):
     """parallel_gripper_action_controller/GripperActionController: a gripper commanded with a JointState."""
 
+    title: ClassVar[str] = "Parallel gripper"
     reads: ClassVar[type[GripperParams]] = ParallelGripperParams
     offers: ClassVar[tuple[str, ...]] = (PARALLEL_GRIPPER_GOALS,)
 
@@ -309,6 +311,7 @@ class ParallelGripperActionController(PositionGripperActionController):
 class EffortGripperActionController(PositionGripperActionController):
     """Controller of a gripper's effort by a position loop."""
 
+    title: ClassVar[str] = "Gripper, commanded by effort"
     reads: ClassVar[type[GripperParams]] = EffortGripperParams
     commanded: ClassVar[str] = EFFORT
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 from mypy_extensions import mypyc_attr
 
 from canopen_control.controllers.base import DriveGeometry, finite
-from canopen_control.controllers.base_params import read_checked
+from canopen_control.controllers.base_params import TwistAxisLimits, read_checked
 from canopen_control.controllers.holonomic_params import COMMANDED, LEAST_WHEELS, MecanumParams, OmniParams
 from canopen_control.controllers.mobile_base import MobileBase
 from canopen_control.controllers.planar_pose import MIN_DT, HolonomicKinematics
@@ -109,6 +109,8 @@ class OmniKinematics(HolonomicKinematics):
 class OmniWheelDriveController(HolonomicBase):
     """Controller of a base with omni wheels; `kinematics` has its pose."""
 
+    title: ClassVar[str] = "Omni wheel drive"
+    reads: ClassVar[type[OmniParams]] = OmniParams
     settable: ClassVar[tuple[str, ...]] = ("cmd_vel_timeout", "enable_odom_tf", "publish_limited_velocity")
 
     def __init__(self, name: str, type_name: str = "") -> None:
@@ -204,6 +206,11 @@ class MecanumKinematics(HolonomicKinematics):
 class MecanumDriveController(HolonomicBase):
     """Controller of a base with four mecanum wheels; `kinematics` has its pose."""
 
+    title: ClassVar[str] = "Mecanum drive"
+    reads: ClassVar[type[MecanumParams]] = MecanumParams
+    sections: ClassVar[dict[str, type[object]]] = {
+        "Limits: `linear.x.KEY`, `linear.y.KEY` and `angular.z.KEY`": TwistAxisLimits,
+    }
     topic: ClassVar[str | None] = "reference"
     tells: ClassVar[type[Sample] | None] = MecanumSample
     timeout_key: ClassVar[str] = "reference_timeout"

@@ -33,6 +33,8 @@ _KINDS: Final = (POSITION, VELOCITY, EFFORT)
 class JointStateBroadcaster(Controller):
     """Publishes the states of the joints; `names` is the order of a JointState."""
 
+    title: ClassVar[str] = "Joint states"
+    reads: ClassVar[type[BroadcasterParams]] = BroadcasterParams
     is_broadcaster: ClassVar[bool] = True
     moves_joints: ClassVar[bool] = False
     tells: ClassVar[type[Sample] | None] = JointStatesSample

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, ClassVar
 from canopen_control.controllers.base import Controller, finite, zero_targets
 from canopen_control.controllers.command_timeout import ENDLESS, MOVING, timeout_ns, unlimited_warning
 from canopen_control.controllers.pid import Pid
-from canopen_control.controllers.pid_params import PidParams, read_params
+from canopen_control.controllers.pid_params import DofGains, PidParams, read_params
 from canopen_control.controllers.trajectory.point import shortest_angular_distance
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import OK, CommandInterface, ReturnType, StateInterface
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from canopen_control.controllers.params import Params
-    from canopen_control.controllers.pid_params import DofGains
     from canopen_control.rpc.messages.samples import Sample
 
 
@@ -82,6 +81,11 @@ class _Dof:
 class PidController(Controller):
     """Controller of several degrees of freedom; `feed_forward` is whether the reference is added."""
 
+    title: ClassVar[str] = "PID"
+    reads: ClassVar[type[PidParams]] = PidParams
+    sections: ClassVar[dict[str, type[object]]] = {
+        "Each degree of freedom: `gains.DOF.KEY`": DofGains,
+    }
     topic: ClassVar[str | None] = "reference"
     tells: ClassVar[type[Sample] | None] = PidSample
     settable: ClassVar[tuple[str, ...]] = ("gains.*",)

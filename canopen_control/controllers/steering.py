@@ -44,7 +44,7 @@ class SteeringController(MobileBase):
     tells: ClassVar[type[Sample] | None] = SteeringSample
     timeout_key: ClassVar[str] = "reference_timeout"
     settable: ClassVar[tuple[str, ...]] = ("reference_timeout", "enable_odom_tf")
-    kind: ClassVar[type[SteeringParams]] = SteeringParams
+    reads: ClassVar[type[SteeringParams]] = SteeringParams
 
     def __init__(self, name: str, type_name: str = "") -> None:
         self.kinematics = SteeringKinematics(1.0, 1.0)
@@ -76,7 +76,7 @@ class SteeringController(MobileBase):
 
     def read(self, params: Params) -> SteeringParams:
         """Return checked parameters; RobotConfigError with every mistake."""
-        return read_params(params, self.kind)
+        return read_params(params, self.reads)
 
     def on_set(self, params: Params) -> None:
         """Apply another timeout from the next update on."""
@@ -165,19 +165,22 @@ class SteeringController(MobileBase):
 class BicycleSteeringController(SteeringController):
     """Base with one traction wheel and one steered wheel."""
 
-    kind: ClassVar[type[SteeringParams]] = BicycleParams
+    title: ClassVar[str] = "Bicycle steering"
+    reads: ClassVar[type[SteeringParams]] = BicycleParams
 
 
 class TricycleSteeringController(SteeringController):
     """Two traction wheels and one steered wheel."""
 
-    kind: ClassVar[type[SteeringParams]] = TricycleParams
+    title: ClassVar[str] = "Tricycle steering"
+    reads: ClassVar[type[SteeringParams]] = TricycleParams
 
 
 class AckermannSteeringController(SteeringController):
     """Two traction wheels and two steered wheels; with the keys of ROS 1 one of each."""
 
-    kind: ClassVar[type[SteeringParams]] = AckermannParams
+    title: ClassVar[str] = "Ackermann steering"
+    reads: ClassVar[type[SteeringParams]] = AckermannParams
 
     def read(self, params: Params) -> SteeringParams:
         """Return checked parameters of ROS 2's controller, or of ROS 1's."""

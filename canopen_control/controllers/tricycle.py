@@ -148,6 +148,12 @@ class DrivenWheelPose(PlanarPose):
 class TricycleController(MobileBase):
     """Controller of a base with one driven and steered wheel; `kinematics` has its pose."""
 
+    title: ClassVar[str] = "Tricycle: one wheel drives and steers"
+    reads: ClassVar[type[DrivenWheelParams]] = DrivenWheelParams
+    sections: ClassVar[dict[str, type[object]]] = {
+        "Limits: `traction.KEY`": TractionLimits,
+        "Limits: `steering.KEY`": SteeringLimits,
+    }
     references: ClassVar[tuple[str, ...]] = ()
     offers: ClassVar[tuple[str, ...]] = (ODOMETRY_RESET,)
     settable: ClassVar[tuple[str, ...]] = (

@@ -1,4 +1,4 @@
-"""Controller types by their names in ros2_controllers.yaml.
+"""Controller types by the names that ros2_controllers.yaml uses.
 
 A type is imported when the first controller of it is loaded; what is not in the table comes from
 the entry point group `canopen_control.controllers` of any installed package.
@@ -59,18 +59,18 @@ TYPES: Final = {
 
 def is_broadcaster(type_name: str) -> bool:
     """Whether controllers of this type only read states; False for unknown types."""
-    return bool(getattr(_class_of(type_name), "is_broadcaster", False))
+    return bool(getattr(class_of(type_name), "is_broadcaster", False))
 
 
 def moves_joints(type_name: str) -> bool:
     """Whether controllers of this type move joints; True for unknown types."""
-    controller_class = _class_of(type_name)
+    controller_class = class_of(type_name)
     return not is_broadcaster(type_name) and bool(getattr(controller_class, "moves_joints", True))
 
 
 def roller_wheels(type_name: str) -> tuple[str, ...]:
     """Return the parameters of a type that name the joints of mecanum wheels; empty for unknown types."""
-    return tuple(getattr(_class_of(type_name), "roller_wheels", ()))
+    return tuple(getattr(class_of(type_name), "roller_wheels", ()))
 
 
 def make_controller(name: str, type_name: str) -> Controller:
@@ -88,8 +88,8 @@ def make_controller(name: str, type_name: str) -> Controller:
     return controller
 
 
-def _class_of(type_name: str) -> object:
-    """Return the class of a type, None if it is not available."""
+def class_of(type_name: str) -> type[Controller] | None:
+    """Return the class of a type, None for a type that is unknown or cannot be imported."""
     target = TYPES.get(type_name) or _entry_point(type_name)
     if target is None:
         return None

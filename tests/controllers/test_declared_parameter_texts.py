@@ -5,13 +5,13 @@ import dataclasses
 import pytest
 
 from canopen_control.controllers.base_params import BaseParams
-from canopen_control.controllers.broadcasters import BatteryParams
 from canopen_control.controllers.controllers_file import ManagerParams
 from canopen_control.controllers.declared import declared_by
-from canopen_control.controllers.diff_drive_params import DiffDriveParams
 from canopen_control.controllers.gpio_command import GpioParams
-from canopen_control.controllers.holonomic_params import MecanumParams, OmniParams
-from canopen_control.controllers.params import ForwardParams, SingleParams
+from canopen_control.controllers.holonomic_params import MecanumParams
+from canopen_control.controllers.params import CommonParams
+from canopen_control.controllers.types import TYPES, class_of
+from canopen_control.yamlfile.convert import fields_of, help_of
 
 
 def test_an_overridden_default_keeps_the_help_text_of_the_base_class():
@@ -21,10 +21,14 @@ def test_an_overridden_default_keeps_the_help_text_of_the_base_class():
     assert params.pose_covariance_diagonal != BaseParams().pose_covariance_diagonal
 
 
-@pytest.mark.parametrize(
-    "cls", [BatteryParams, DiffDriveParams, ForwardParams, GpioParams, MecanumParams, OmniParams, SingleParams]
-)
-def test_every_declared_parameter_has_its_text(cls):
+@pytest.mark.parametrize("type_name", TYPES)
+def test_a_type_declares_its_parameters_with_their_texts(type_name):
+    kind = class_of(type_name)
+    assert kind.title
+    assert kind.reads is not CommonParams
+    for section in kind.sections.values():
+        assert [entry.name for entry, _ in fields_of(section) if not help_of(section, entry)] == []
+    cls = kind.reads
     needed = {field.name for field in dataclasses.fields(cls) if field.default is field.default_factory}
     readings = declared_by(cls(**dict.fromkeys(needed)))
     assert [each.name for each in readings if not each.text] == []

@@ -21,6 +21,9 @@ from canopen_control.controllers.trajectory.executor import SpeedScaling, Trajec
 from canopen_control.controllers.trajectory.goal import ResultCode, TrajectoryGoal
 from canopen_control.controllers.trajectory.joint_group import JointGroup
 from canopen_control.controllers.trajectory.params import (
+    JointConstraints,
+    JointGains,
+    LimitParams,
     SegmentTolerances,
     TrajectoryParams,
     read_params,
@@ -268,6 +271,13 @@ class JointTrajectoryController(Controller):
     `desired`, `output`, `actual` and `error` are those of the last cycle.
     """
 
+    title: ClassVar[str] = "Joint trajectories"
+    reads: ClassVar[type[TrajectoryParams]] = TrajectoryParams
+    sections: ClassVar[dict[str, type[object]]] = {
+        "Each joint: `gains.JOINT.KEY`": JointGains,
+        "Each joint: `constraints.JOINT.KEY`": JointConstraints,
+        "Each joint: `joint_limits.JOINT.KEY`": LimitParams,
+    }
     tells: ClassVar[type[Sample] | None] = TrajectorySample
     settable: ClassVar[tuple[str, ...]] = (
         "gains.*.p", "gains.*.i", "gains.*.d", "gains.*.i_clamp*", "gains.*.u_clamp*",
