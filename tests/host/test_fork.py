@@ -68,9 +68,9 @@ def parent(run_folder, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", f"{os.environ['PYTHONPATH']}:{tmp_path}")
     started = []
 
-    def run(code):
+    def run(code, stderr=None):
         program = [sys.executable, "-S", "-c", PARENT + code, str(tmp_path)]
-        started.append(subprocess.Popen(program, stdout=subprocess.PIPE, text=True))
+        started.append(subprocess.Popen(program, stdout=subprocess.PIPE, stderr=stderr, text=True))
         return started[-1]
 
     yield run
@@ -124,6 +124,74 @@ def test_a_fork_begins_as_a_new_interpreter_and_needs_no_import(parent, tmp_path
     assert first["collector"] == [True, 700, 10, 10]
     assert first["frozen"]
     assert (first["caught"], first["mask"], first["wakeup"]) == ([signal.SIGINT], [], -1)
+
+
+def test_a_fork_holds_neither_a_socket_nor_a_lock_of_its_parent(parent, tmp_path):
+    code = """
+from canopen_control.host import sockets
+path = sockets.socket_path("robot", "parent")
+listener = sockets.listen(path)
+client = sockets.connect(path)
+served, _ = listener.accept()
+lock = sockets.claim(logs / "lock")
+fork.allow_forks()
+child = start("wait")
+while child.last_lines() != ["here"]:
+    time.sleep(0.01)
+listener.close(); served.close(); os.close(lock)
+try:
+    sockets.connect(path)
+except ConnectionRefusedError:
+    print("refused")
+os.close(sockets.claim(logs / "lock"))
+print("claimed")
+client.settimeout(20)
+print(client.recv(1), child.poll())
+child.kill()
+"""
+    out, _ = parent(code).communicate(timeout=60)
+    assert out.splitlines() == ["refused", "claimed", "b'' None"]
+
+
+@pytest.mark.parametrize("soft", [0, 4096])
+def test_limits_and_the_handler_of_crashes_are_those_of_the_parent(parent, tmp_path, soft):
+    code = f"""
+import faulthandler, resource
+hard = resource.getrlimit(resource.RLIMIT_CORE)[1]
+resource.setrlimit(resource.RLIMIT_CORE, ({soft} if hard < 0 or hard >= {soft} else hard, hard))
+faulthandler.enable()
+
+def crash(arguments):
+    print(resource.getrlimit(resource.RLIMIT_CORE) == tuple(json.loads(arguments[0])), faulthandler.is_enabled())
+    resource.setrlimit(resource.RLIMIT_CORE, (0, hard))
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+fork_child.main = crash
+fork.allow_forks()
+print(start(json.dumps(resource.getrlimit(resource.RLIMIT_CORE))).wait())
+"""
+    out, err = parent(code, stderr=subprocess.PIPE).communicate(timeout=60)
+    assert (out, err) == (f"{-signal.SIGSEGV}\n", "")
+    assert said(tmp_path)[:2] == ["True True", "Fatal Python error: Segmentation fault"]
+
+
+def test_a_fork_neither_repeats_the_numbers_of_its_parent_nor_those_of_another_fork(parent, tmp_path):
+    code = """
+import secrets, uuid
+
+def draw(arguments):
+    print(json.dumps([random.random(), secrets.token_hex(4), uuid.uuid4().hex, random.Random(5).random()]))
+
+fork_child.main = draw
+random.seed(3)
+fork.allow_forks()
+[start(name=name).wait() for name in "ab"]
+draw([])
+"""
+    out, _ = parent(code).communicate(timeout=60)
+    drawn = [json.loads(out), *(json.loads(said(tmp_path, name)[0]) for name in "ab")]
+    assert all(len({*numbers}) == 3 for numbers in list(zip(*drawn, strict=True))[:3])
+    assert len({seeded for *_, seeded in drawn}) == 1
 
 
 def test_ps_shows_the_command_line_and_the_environment_of_the_child(parent, tmp_path):

@@ -1,6 +1,7 @@
 """A robot that starts waits for what it started: however long that takes, nothing is reported before.
 
-With `--spawn` the drives begin as interpreters, which takes long enough for a test to stop them; forks do not.
+With `--spawn` the drives begin as interpreters, which takes long enough for a test to stop them. Forks do not: by a
+hook in a `sitecustomize` of the test each drive stops itself at its birth.
 """
 
 import os
@@ -9,14 +10,78 @@ import time
 
 import pytest
 from support.channel import channel_of
+from support.host import eventually
+
+STOP_AT_BIRTH = """
+import os, signal, sys
+
+def stop():
+    frame = sys._getframe()
+    while frame is not None and "argv" not in frame.f_locals:
+        frame = frame.f_back
+    argv = [] if frame is None else [*frame.f_locals["argv"]]
+    if "--node-id" in argv:
+        node = argv[argv.index("--node-id") + 1]
+        with open(os.path.join(os.path.dirname(__file__), node), "w") as file:
+            file.write(f"{os.getpid()}\\n")
+        os.kill(os.getpid(), signal.SIGSTOP)
+
+os.register_at_fork(after_in_child=stop)
+"""
+
+
+class StoppedForks:
+    """Folder of a `sitecustomize` that stops each forked drive at its birth."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        (folder / "sitecustomize.py").write_text(STOP_AT_BIRTH)
+
+    @property
+    def path(self):
+        """Value of PYTHONPATH with the hook."""
+        return os.pathsep.join([str(self.folder), *filter(None, [os.environ.get("PYTHONPATH")])])
+
+    def pid_of(self, node_id):
+        """Wait for the drive of a node to be stopped; return its process id."""
+        file = self.folder / str(node_id)
+        assert eventually(lambda: file.exists() and file.read_text().endswith("\n")), f"node {node_id} was not forked"
+        pid = int(file.read_text())
+        assert eventually(lambda: _state_of(pid) == "T")
+        return pid
+
+
+def _state_of(pid):
+    with open(f"/proc/{pid}/stat") as file:
+        return file.read().rpartition(")")[2].split()[0]
+
+
+@pytest.fixture
+def stopped(tmp_path_factory):
+    return StoppedForks(tmp_path_factory.mktemp("hook"))
+
+
+@pytest.fixture(params=["forks", "interpreters"])
+def stopped_drives(request, stage, stopped):
+    """Return what starts a robot whose drives 2 and 3 are stopped while they start: it, and their process ids."""
+
+    def start(name, *options):
+        bus = channel_of(name)
+        if request.param == "forks":
+            robot = stage.start("run", "robby", "--as", name, "--can", bus, *options, PYTHONPATH=stopped.path)
+            return robot, [stopped.pid_of(node_id) for node_id in (2, 3)]
+        robot = stage.start("run", "robby", "--spawn", "--as", name, "--can", bus, *options)
+        pids = [stage.pid_of(f"--node-id {node_id}") for node_id in (2, 3)]
+        for pid in pids:
+            os.kill(pid, signal.SIGSTOP)
+        return robot, pids
+
+    return start
 
 
 @pytest.mark.embedded
-def test_drives_that_need_seconds_to_start_are_waited_for_and_nothing_is_told_before(stage):
-    robot = stage.start("run", "robby", "--spawn", "--as", "slow", "--can", channel_of("slow"), "--for", "1")
-    drives = [stage.pid_of(f"--node-id {node_id}") for node_id in (2, 3)]
-    for pid in drives:
-        os.kill(pid, signal.SIGSTOP)
+def test_drives_that_need_seconds_to_start_are_waited_for_and_nothing_is_told_before(stage, stopped_drives):
+    robot, drives = stopped_drives("slow", "--for", "1")
     time.sleep(4)  # a boot would have failed by now
     assert robot.out == ""
     for pid in drives:
@@ -29,13 +94,23 @@ def test_drives_that_need_seconds_to_start_are_waited_for_and_nothing_is_told_be
 
 
 @pytest.mark.embedded
-def test_ctrl_c_while_the_drives_start_ends_it(stage):
-    robot = stage.start("run", "robby", "--spawn", "--as", "early", "--can", channel_of("early"))
-    drive = stage.pid_of("--node-id 2")
-    os.kill(drive, signal.SIGSTOP)
+def test_ctrl_c_while_the_drives_start_ends_it(stopped_drives):
+    robot, drives = stopped_drives("early")
     time.sleep(1)
     robot.send(signal.SIGINT)
     time.sleep(0.2)
-    os.kill(drive, signal.SIGCONT)
+    for pid in drives:
+        os.kill(pid, signal.SIGCONT)
     assert robot.wait() == 0
     assert "early has stopped before it began" in robot.out
+
+
+@pytest.mark.rest
+@pytest.mark.embedded
+def test_of_two_forks_one_killed_at_its_birth_is_named_and_the_other_one_becomes_operational(stage, stopped):
+    robot = stage.start("run", "robby", "--as", "dead", "--can", channel_of("dead"), PYTHONPATH=stopped.path)
+    right, left = (stopped.pid_of(node_id) for node_id in (2, 3))
+    os.kill(right, signal.SIGKILL)
+    os.kill(left, signal.SIGCONT)
+    assert robot.until("process drive-right_drive").endswith(f"(pid {right}) was ended by signal 9")
+    assert "left_drive" in robot.until("operational after")
