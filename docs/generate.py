@@ -343,7 +343,7 @@ _AXIS_POWER = """# May an axis move? Its statechart
 
 Each joint is in one of these states. A trigger that a state does not list changes nothing in it. The table is
 `canopen_control/hardware/axis_statechart.py`; `hardware/joint.py` fires the triggers of the drive and of users,
-`hardware/stop_group.py` those of the joints that stop together.
+`hardware/axis_statechart.py` those of the joints that stop together.
 
 A stop that takes longer than its state may last goes on to a quick stop, then to disable voltage; where the joint of
 the description says `<param name="holds_load">true</param>`, because its load would fall, the voltage stays.

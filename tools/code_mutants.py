@@ -274,13 +274,13 @@ self.reactor.call_later(300_000_000, begin)
         "group_forgets_one",
         "the stop of a group forgets one joint",
         Change(
-            "hardware.stop_group",
+            "hardware.axis_statechart",
             "StopGroup.stop",
             "for joint in self.joints:\n    joint.stop(now)",
             "for joint in self.joints[1:]:\n    joint.stop(now)",
         ),
         (_scenario("robby", "robby_lost"), _ROBBY),
-        "hardware/test_stop_group",
+        "hardware/test_axis_statechart_stop_group",
     ),
     Mutant(
         "emcy_not_told",

@@ -15,7 +15,7 @@ from canopen_control.check.stop_times import axis_facts, command_lives, stop_tim
 from canopen_control.check.timing_rules import Finding, check_timing, cycle_ns, sorted_findings
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.hardware.mode_choice import add_plugin_interfaces
+from canopen_control.hardware.axis_parameters import add_plugin_interfaces
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.master.budget import HIGH, budget_of

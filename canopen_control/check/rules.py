@@ -20,8 +20,8 @@ from canopen_control.controllers.controllers_file import ManagerParams, is_withi
 from canopen_control.controllers.mobile_base import ONE_UPDATE
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ConfigError, nearest
+from canopen_control.hardware.axis_parameters import PLUGINS
 from canopen_control.hardware.device_parts import device_of
-from canopen_control.hardware.mode_choice import PLUGINS
 from canopen_control.hardware.plugins import KNOWN, PluginKind
 from canopen_control.master.keys import SCALES
 from canopen_control.od.issues import Severity

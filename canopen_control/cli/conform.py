@@ -158,7 +158,7 @@ def _check_options(args: argparse.Namespace) -> None:
 
 def _run_master(args: argparse.Namespace) -> int:
     from canopen_control.virtual.device import make_device
-    from canopen_control.virtual.node_id_check import NodeIdCheck
+    from canopen_control.virtual.launch import NodeIdCheck
 
     node_id = parse_node_id(args.node_id)
     eds = read_eds(data_path("eds", _EDS) if args.eds is None else find_eds(args.eds), node_id)

@@ -17,16 +17,29 @@ from canopen_control.cia402.setpoint import SetPointDeferred, SetPointReached, S
 from canopen_control.cia402.state import POWERED_STATES, State
 from canopen_control.errors import DriveError, RobotConfigError
 from canopen_control.hardware.axis import BLIND_STOP_NS, AxisProcessData, AxisStatus, configured_machine
-from canopen_control.hardware.axis_parameters import AxisParameters
-from canopen_control.hardware.axis_statechart import RISING, STOPPED, AxisPhase, AxisStatechart, PhaseTrigger
+from canopen_control.hardware.axis_parameters import AxisParameters, listed_modes, unlisted_modes
+from canopen_control.hardware.axis_statechart import (
+    RISING,
+    STOPPED,
+    AxisPhase,
+    AxisStatechart,
+    BaseJoints,
+    PhaseTrigger,
+    StopGroup,
+)
 from canopen_control.hardware.feedback import Feedback
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, TARGET, StateInterface
-from canopen_control.hardware.joint_events import FaultReason, JointEvent, StatusWatch, joint_event_of
-from canopen_control.hardware.joint_homing import HomePosition, HomingPhase, JointHoming
+from canopen_control.hardware.joint_events import (
+    FaultReason,
+    HomePosition,
+    HomingPhase,
+    JointEvent,
+    JointHoming,
+    MotionWatch,
+    StatusWatch,
+    joint_event_of,
+)
 from canopen_control.hardware.joint_targets import JointTargets
-from canopen_control.hardware.mode_choice import listed_modes, unlisted_modes
-from canopen_control.hardware.motion_watch import MotionWatch
-from canopen_control.hardware.stop_group import BaseJoints, StopGroup
 from canopen_control.master.event_log import Level
 from canopen_control.urdf.joint_element import POSITION, VELOCITY
 

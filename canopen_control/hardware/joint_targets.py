@@ -1,6 +1,6 @@
 """Targets of a joint: from a command interface to the target object of the drive, by mode.
 
-`JointTargets` has the interface that a controller claimed and the mode that serves it (`mode_choice`); the target of
+`JointTargets` has the interface that a controller claimed and the mode that serves it (`choose_mode`); the target of
 that mode (CiA 402-2) is a `ModeTarget`: `hold` is standstill where the axis is, for every cycle in which nothing may
 move, `follow` takes a target in SI units, nan for none, `ramp_down` is one cycle of a controlled stop and
 returns whether its target stands. A target that did not change costs one comparison.
@@ -26,11 +26,9 @@ from canopen_control.cia402.setpoint import SetPointHandshake
 from canopen_control.cia402.units import INT16_MAX, INT16_MIN, INT32_MAX, INT32_MIN, to_object, wrap_int32
 from canopen_control.errors import ControlError, DriveError
 from canopen_control.hardware.axis import HELD
-from canopen_control.hardware.feed_forward import FeedForward
+from canopen_control.hardware.axis_parameters import choose_mode, listed_modes, require_mapped, require_targets
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, TARGET, CommandInterface
-from canopen_control.hardware.mode_choice import choose_mode, listed_modes, require_mapped, require_targets
-from canopen_control.hardware.tracking import Tracking
-from canopen_control.hardware.trapezoidal_profile import TrapezoidalProfile
+from canopen_control.hardware.tracking import FeedForward, Tracking, TrapezoidalProfile
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:

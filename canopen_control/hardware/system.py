@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.objects import AXES
 from canopen_control.errors import ControlError, DriveError, RobotConfigError, UnknownInterface, nearest
-from canopen_control.hardware.axis_statechart import STOPPED
+from canopen_control.hardware.axis_statechart import STOPPED, StopGroup
 from canopen_control.hardware.device_parts import DeviceParts, is_measured
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, OK, TARGET, ComponentLifecycle, ReturnType
 from canopen_control.hardware.joint import JointDrive
-from canopen_control.hardware.stop_group import StopGroup
 from canopen_control.master.event_log import Event, Level
 
 if TYPE_CHECKING:

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from canopen_control.errors import BusError
+    from canopen_control.hardware.axis_statechart import StopGroup
     from canopen_control.hardware.driverless_system import Engine, WorldSensors
     from canopen_control.hardware.joint import JointDrive
-    from canopen_control.hardware.stop_group import StopGroup
     from canopen_control.host.reactor import Reactor
     from canopen_control.master.remote_node import RemoteNode
     from canopen_control.physics.scene_file import WorldDescription

@@ -14,8 +14,8 @@ from canopen_control.cia402.homing import require_method
 from canopen_control.cia402.modes import OperationMode, mode_words, require_mode
 from canopen_control.cia402.state import POWERED_STATES, State
 from canopen_control.errors import ControlError, DriveError, UnknownName
+from canopen_control.hardware.axis_parameters import listed_modes
 from canopen_control.hardware.axis_statechart import Action
-from canopen_control.hardware.mode_choice import listed_modes
 from canopen_control.hardware.system import with_partners
 from canopen_control.master.keys import MotionKeys
 

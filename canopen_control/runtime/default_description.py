@@ -30,8 +30,8 @@ from canopen_control.controllers.controllers_file import ControllerConfig, Contr
 from canopen_control.controllers.forward_command import TYPE
 from canopen_control.controllers.params import Params
 from canopen_control.errors import RobotConfigError
+from canopen_control.hardware.axis_parameters import serving_objects
 from canopen_control.hardware.interfaces import TARGET
-from canopen_control.hardware.mode_choice import serving_objects
 from canopen_control.hardware.system import PLUGINS
 from canopen_control.urdf.description import UrdfDescription
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY, InterfaceInfo

@@ -14,7 +14,7 @@ from canopen_control.bus.channel import ChannelKind, may_host_virtual_drives, na
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.controllers.types import is_broadcaster, moves_joints
 from canopen_control.errors import RobotConfigError, nearest
-from canopen_control.hardware.mode_choice import add_plugin_interfaces
+from canopen_control.hardware.axis_parameters import add_plugin_interfaces
 from canopen_control.hardware.plugins import PluginKind, kind_of
 from canopen_control.master.config import read_bus
 from canopen_control.master.event_log import Level

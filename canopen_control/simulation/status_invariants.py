@@ -17,7 +17,7 @@ from canopen_control.controllers.trajectory.goal import ResultCode
 from canopen_control.rpc.messages.samples import JointStatesSample
 from canopen_control.runtime.status import readings_of, state_sample, status_message
 from canopen_control.simulation.wire_view import watched_joints
-from canopen_control.virtual.axis_objects import wrap32
+from canopen_control.virtual.axis_motion import wrap32
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -18,7 +18,7 @@ from canopen_control.cia402 import objects as o
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.simulation.wire_view import watched_joints
 from canopen_control.urdf.joint_element import VELOCITY
-from canopen_control.virtual.axis_objects import wrap32
+from canopen_control.virtual.axis_motion import wrap32
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

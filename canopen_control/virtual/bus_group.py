@@ -26,8 +26,7 @@ from canopen_control.errors import ConfigError
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.host.reactor import Reactor
 from canopen_control.virtual.device import make_devices
-from canopen_control.virtual.launch import reopen
-from canopen_control.virtual.node_id_check import NodeIdCheck
+from canopen_control.virtual.launch import NodeIdCheck, reopen
 from canopen_control.virtual.plant import WORLD_NOTE
 from canopen_control.virtual.process import BusNodes, DriveProcess
 from canopen_control.yamlfile.convert import position

@@ -21,8 +21,14 @@ from canopen_control.frame import MAX_NODE_ID
 from canopen_control.host.sockets import lock
 from canopen_control.od.codec import decode, encode
 from canopen_control.od.eds import read_eds
-from canopen_control.virtual.device_function import ShaftFollower
-from canopen_control.virtual.device_model import GENERIC, DeviceModel, Limit, MissingSetPoint, vendor_model
+from canopen_control.virtual.device_model import (
+    GENERIC,
+    DeviceModel,
+    Limit,
+    MissingSetPoint,
+    ShaftFollower,
+    vendor_model,
+)
 from canopen_control.virtual.fault_table import FaultSwitches
 from canopen_control.virtual.plant import WORLD_NOTE, IndependentPlants, ReportsAssumptions, World
 from canopen_control.virtual.quirks import quirks_of, switches_of

@@ -15,8 +15,8 @@ from canopen_control.frame import CanFrame
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from canopen_control.virtual.communication_objects import ProgramArea
     from canopen_control.virtual.injection_point import InjectionPoint
-    from canopen_control.virtual.program_area import ProgramArea
     from canopen_control.virtual.virtual_drive import VirtualDrive
     from canopen_control.virtual.virtual_node import VirtualNode
 

@@ -2,23 +2,494 @@
 
 from __future__ import annotations
 
+from collections import deque
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia301.emcy import ErrorRegister
+from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.cia402 import objects as o
 from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode
-from canopen_control.virtual.cyclic_modes import CyclicPosition, CyclicVelocity, InterpolatedPosition, Torque
+from canopen_control.cia402.objects import Reaction
 from canopen_control.virtual.injection_point import InjectionPoint
-from canopen_control.virtual.mode_base import GatedMode, Mode, ModeGate
-from canopen_control.virtual.node_events import ModeChanged
+from canopen_control.virtual.mode_base import (
+    BIT_12,
+    BIT_13,
+    NEW_SET_POINT,
+    REACHED,
+    FollowingMode,
+    GatedMode,
+    Mode,
+    ModeGate,
+)
+from canopen_control.virtual.node_outbox import ModeChanged
 from canopen_control.virtual.profile_modes import HomingMode, ProfilePosition, ProfileVelocity, VelocityMode
+from canopen_control.virtual.trajectory import INFINITE, linear_to, ramp_to
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.virtual.axis_objects import AxisObjects
+    from canopen_control.od.model import Entry, Value
+    from canopen_control.virtual.axis_motion import AxisObjects
     from canopen_control.virtual.device_model import DeviceModel
     from canopen_control.virtual.mode_base import AxisParts
+    from canopen_control.virtual.object_store import VirtualStore
+    from canopen_control.virtual.trajectory import DemandCurve
+
+
+# Cyclic synchronous modes and torque modes (CiA 402-2, clauses 9 and 12 to 15).
+#
+# Set-points are user units, demands are the plant's counts. A set-point makes a new demand where it, or a limit that
+# matters to it, changed, and where it comes while the drive goes on without one. A drive whose clock is not the
+# master's looks at the set-point in its own rhythm instead of when it comes, unless it follows the SYNC.
+#
+# A position is gone to with constant velocity within the interpolation time 0x60C2 from where the demand is; 0 takes it
+# at once. An interpolated demand ends when the next set-point is due, or goes on for as long as the device model
+# extrapolates. A drive that recovers the rhythm of SYNC is to be there when the next SYNC is due and not
+# one interpolation time after this one came, and goes on to where a SYNC as late as those before would find it.
+#
+# A SYNC that is some microseconds late finds the motor at its end, standing, which says nothing of the motion: from the
+# end on, the velocity is measured as an encoder does, as the way over the last interpolation time.
+
+
+# A mode whose set-points come in a stream of RPDOs: what it counts of them, and what it does when one is missing.
+#
+# The stream begins with the second RPDO after the mode began; what is written by SDO is followed and makes no stream,
+# so that nobody who tries a drive by hand runs into its supervision. When a set-point is due is told by the
+# interpolation time 0x60C2, as a drive reckons that does not know its master's period.
+
+
+_MS = 1_000_000
+
+
+class StreamMode(FollowingMode):
+    """Base of CSP, IP, CSV and CST; subclasses define `set_point` and call `supervise` for each one."""
+
+    def reset(self) -> None:
+        """Reset the target and the stream."""
+        super().reset()
+        self._arrived = 0  # set-points since the mode began or was stopped
+        self._begun = False
+        self.mover.feed_forward(0.0, 0.0)
+
+    def start(self, now: int) -> None:
+        """Continue to the target from the present motion; the quality statistics restart, except after a halt."""
+        if not self._begun:
+            self._begun = self.meter.used = True
+            self.meter.restart()
+        super().start(now)
+
+    def stop(self, now: int, reaction: Reaction) -> None:
+        """End the stream and the feed-forward, then stop like every mode."""
+        self.meter.follow(self.mover.demand, now)
+        self.meter.pause()
+        self._arrived = 0
+        self.mover.cancel("set point")
+        self.mover.feed_forward(0.0, 0.0)
+        super().stop(now, reaction)
+
+    @property
+    def streaming(self) -> bool:
+        """Whether consecutive set-points were received."""
+        return self._arrived > 1
+
+    @property
+    def cycles(self) -> int:
+        """Number of interpolation periods for which the motion continues without a set-point."""
+        missing, store = self.model.missing, self.objects.store
+        if missing.cycles_object is None:
+            return missing.cycles
+        return store.number(*missing.cycles_object, default=missing.cycles)
+
+    @property
+    def period_ns(self) -> int:
+        """Time between set-points: the interpolation time, 1 ms if that is 0."""
+        return round(self.objects.interpolation_s * 1e9) or _MS
+
+    def take(self, now: int) -> None:
+        """Count the set-point, evaluate it even if it is unchanged, and expect the next one."""
+        self._arrived += 1
+        self.meter.take(self.compared(), now)
+        self.update(now)
+        self.supervise(now)
+
+    def compared(self) -> float | None:
+        """Return the set-point that must change during motion; None if a constant one can also be a motion."""
+        return None
+
+    def missed(self) -> None:
+        """Process a SYNC without a set-point."""
+        if self.streaming:
+            self.meter.missed += 1
+
+    def supervise(self, now: int) -> None:
+        """Schedule the fault of a drive that continues without set-points only for a limited time."""
+        cycles = self.cycles if self.model.missing.fault and self.streaming else 0
+        if cycles:
+            period = self.period_ns
+            self.mover.at("set point", now + (1 + cycles) * period + period // 2, self._lost)
+
+    def feed(self) -> None:
+        """Apply 0x60B1 and 0x60B2 as feed-forward, which affects the loops but not the demand."""
+        number = self.objects.number
+        self.mover.feed_forward(number(o.VELOCITY_OFFSET) * self.units.velocity, float(number(o.TORQUE_OFFSET)))
+
+    def _lost(self, now: int) -> None:
+        if self.power.live and self._begun:
+            self.power.fault(self.model.missing.fault, now, register=ErrorRegister.MANUFACTURER)
+
+
+class CyclicPosition(StreamMode):
+    """CSP: move to the target within 0x60C2 without a ramp; bit 12 during that, bit 13 on a following error."""
+
+    set_point = o.TARGET_POSITION
+
+    def __init__(self, axis: AxisParts) -> None:
+        self._demand: DemandCurve | None = None
+        self._in_use = False
+        super().__init__(axis)
+
+    def reset(self) -> None:
+        """Reset the last target; a pending evaluation of the next one has no effect."""
+        super().reset()
+        self._in_use = False
+        self._unseen = 0  # set-points since the last look in the drive's own rhythm
+
+    def start(self, now: int) -> None:
+        """Continue to the target from the present motion."""
+        self._in_use = True
+        super().start(now)
+
+    def take(self, now: int) -> None:
+        """Apply the set-point, from the present demand even if it is unchanged."""
+        self._unseen += 1
+        if not self._drifts and (self.cycles or self._in_rhythm(now)):
+            self._inputs = None
+        super().take(now)
+
+    def compared(self) -> float | None:
+        """Return the target position."""
+        return self.target()
+
+    def missed(self) -> None:
+        """Count a SYNC without a set-point; a drive with its own clock detects it itself."""
+        if not self._drifts:
+            super().missed()
+
+    def update(self, now: int) -> None:
+        """Apply the target; the part that the drive cannot follow in time becomes a following error."""
+        if not self._drifts:
+            self._follow(now)
+        elif "interpolate" not in self.mover.timers:
+            self._look(now)
+
+    @property
+    def _drifts(self) -> bool:
+        """Whether the drive's clock drifts relative to the master, because it does not follow SYNC."""
+        locked = self.model.follows_sync and self.clock.sync_ns is not None
+        return bool(self.clock.drift_ppm.value) and not locked
+
+    def _look(self, now: int) -> None:
+        """Evaluate the target at the period of the drive's own clock."""
+        ppm = self.clock.drift_ppm.value
+        if self.power.live and self._in_use and self._drifts:
+            period = round(self.objects.interpolation_s * (1e9 - 1e3 * ppm)) or _MS
+            self.mover.at("interpolate", now + period, self._look)
+            self._count_unseen()
+            self._follow(now)
+
+    def _count_unseen(self) -> None:
+        """Count missed and overwritten set-points of a drifting clock."""
+        unseen, self._unseen = self._unseen, 0
+        if unseen and self.cycles:
+            self._inputs = None
+        if self.streaming:
+            self.meter.missed += not unseen
+            self.meter.overwritten += max(0, unseen - 1)
+
+    def _follow(self, now: int) -> None:
+        self.feed()
+        self.go(self.target(), now)
+
+    def go(self, place: float, now: int) -> None:
+        """Move to a changed position in user counts within the interpolation time."""
+        target = self.limits.position(self.units.zero + place * self.units.position)
+        if not self.changed(target):
+            return
+        position, seconds = self.mover.state(now)[0], self.objects.interpolation_s
+        slack = 0.0
+        if self._in_rhythm(now):
+            seconds, slack = seconds - self.clock.rhythm.late_ns * 1e-9, self.clock.rhythm.slack_ns * 1e-9
+        reach = self.model.max_velocity * seconds
+        within = max(-reach, min(reach, target - position)) if seconds else target - position
+        onward = self._onward(position + within, within / seconds, slack) if seconds and self.streaming else 0.0
+        demand = linear_to(now, position, position + within, seconds, onward)
+        self._demand = demand
+        self.meter.follow(self.mover.demand, now)
+        self.mover.run(demand, now)
+        self.limits.judge_following_error(target - position - within, now)
+
+    def _in_rhythm(self, now: int) -> bool:
+        """Return whether a set-point that just arrived with a SYNC is timed by the period of SYNC."""
+        clock = self.clock
+        timed = self.model.recovers_sync and clock.sync_ns == now and self.streaming
+        return timed and clock.rhythm.has_period(self.objects.interpolation_s)
+
+    def _onward(self, place: float, velocity: float, slack: float) -> float:
+        """Return the time in s for which the demand continues beyond its set-point, at most to a limit; or `slack`."""
+        longest = max(self.cycles * self.objects.interpolation_s, slack)
+        if not longest or not velocity:
+            return 0.0
+        low, high = self.limits.bounds()
+        way = high - place if velocity > 0.0 else low - place
+        return max(0.0, min(longest, way / velocity))
+
+    def measured_velocity(self) -> float:
+        """Return the plant's velocity; after the end of a move to a set-point the mean over the interpolation time."""
+        mover, demand = self.mover, self.mover.demand
+        if demand is not self._demand or mover.time < demand.end_ns or not mover.plant.stiff:
+            return mover.plant.velocity
+        seconds = self.objects.interpolation_s
+        if not seconds:
+            return mover.plant.velocity
+        since = max(demand.start_ns, mover.time - round(seconds * 1e9))
+        return (mover.plant.position - demand.at(since)[0]) / ((mover.time - since) * 1e-9)
+
+    def target(self) -> float:
+        """Return the set-point in user counts."""
+        return float(self.objects.number(o.TARGET_POSITION) + self.objects.number(o.POSITION_OFFSET))
+
+    def bits(self) -> int:
+        """Return bits 12 and 13; bit 10 is reserved (CiA 402-2)."""
+        return (BIT_12 if self.power.live and not self.limits.active else 0) | (BIT_13 if self.limits.exceeded else 0)
+
+
+class CyclicVelocity(StreamMode):
+    """CSV: follow 0x60FF plus its offset immediately, within 0x60C5 and 0x60C6.
+
+    Without a new set-point the speed is kept.
+    """
+
+    set_point = o.TARGET_VELOCITY
+
+    def update(self, now: int) -> None:
+        """Apply the target."""
+        target = self.limits.target_velocity()
+        unit = self.units.acceleration
+        up = self.objects.number(o.MAX_ACCELERATION) * unit or INFINITE
+        down = self.objects.number(o.MAX_DECELERATION) * unit or INFINITE
+        self.mover.feed_forward(0.0, float(self.objects.number(o.TORQUE_OFFSET)))
+        self.meter.follow(self.mover.demand, now)
+        if self.changed((target, up, down, *self.limits.bounds())):
+            self.limits.ramp_velocity(target, up, down, now)
+
+    def bits(self) -> int:
+        """Return bit 12 while it follows the target."""
+        return BIT_12 if self.power.live and not self.limits.active else 0
+
+
+class Torque(StreamMode):
+    """TQ and CST: 0x6071 within its limits, along 0x6087 in TQ, immediately in CST.
+
+    From a motion the motor keeps its velocity at first.
+    """
+
+    def __init__(self, axis: AxisParts, *, cyclic: bool = False) -> None:
+        super().__init__(axis)
+        self._cyclic = cyclic
+        self.set_point = o.TARGET_TORQUE if cyclic else 0
+
+    def start(self, now: int) -> None:
+        """Continue to the target; TQ has no stream and no quality statistics."""
+        self._begun = self._begun or not self._cyclic
+        super().start(now)
+
+    def update(self, now: int) -> None:
+        """Apply target, limits and slope."""
+        target = self.limits.torque(self.objects.number(o.TARGET_TORQUE) + self.objects.number(o.TORQUE_OFFSET))
+        slope = INFINITE if self._cyclic else float(self.objects.number(o.TORQUE_SLOPE)) or INFINITE
+        if self.changed((target, slope)):
+            present = self.mover.torque.at(now)[1] if self.mover.torque is not None else 0.0
+            self.mover.apply_torque(ramp_to(now, 0.0, present, target, slope, slope), now)
+
+    def bits(self) -> int:
+        """Return bit 10 at the target torque (TQ), bit 12 while it follows the target (CST)."""
+        if self._cyclic:
+            return BIT_12 if self.power.live else 0
+        torque = self.mover.torque
+        return REACHED if torque is not None and torque.end_ns <= self.mover.time else 0
+
+
+# The interpolated position mode IP (7): set-points of 0x60C1, one at a time or from the buffer 0x60C4 (CiA 402-2, 12).
+#
+# Without a buffer it is CSP with another set-point object and an enable bit. A dictionary that has 0x60C4 offers the
+# buffer: writing 1 to 0x60C4:06 opens it, 0 closes and clears it, which is what it is after power-on. An open buffer
+# takes a record with every RPDO that brings 0x60C1, and with every SDO write to its last subindex; the drive takes one
+# from it every interpolation period (0x60C2) from the moment that interpolation is enabled. A record too many is
+# refused. Where it runs dry the axis does what its model does of a missing set-point, and goes on with the next record
+# at once. Only the linear sub mode 0 (0x60C0) and a first-in first-out buffer (0x60C4:03 = 0) are there; of a record
+# the position counts, its first subindex.
+
+
+MAXIMUM, SIZE, ORGANISATION, POSITION, _RECORD_SIZE, CLEAR = range(1, 7)  # subindices of 0x60C4
+_MOST: Final = 1024  # records, whatever a file says
+_FIFO, _LINEAR = 0, 0
+
+
+class SetPointBuffer:
+    """Buffer 0x60C4 of one axis: waiting positions in user counts."""
+
+    def __init__(self, axis: AxisParts) -> None:
+        self._objects = axis.objects
+        self._waiting: deque[float] = deque()
+        store, shift = axis.objects.store, axis.objects.offset
+        self.last_subindex = max(store.od.subindices(o.INTERPOLATION_DATA + shift), default=0)
+        self._attach(store, shift)
+
+    def _attach(self, store: VirtualStore, shift: int) -> None:
+        buffer = o.INTERPOLATION_BUFFER + shift
+        store.guard([o.INTERPOLATION_SUB_MODE + shift], _only_linear)
+        store.guard([buffer], self._check)
+        store.guard([o.INTERPOLATION_DATA + shift], self._check_room)
+        store.on_write([buffer], self._written)
+        store.on_read(buffer, POSITION, lambda: len(self._waiting))
+
+    @property
+    def open(self) -> bool:
+        """Whether records use the buffer."""
+        return self._objects.number(o.INTERPOLATION_BUFFER, CLEAR) == 1
+
+    @property
+    def size(self) -> int:
+        """Capacity: 0x60C4:02, limited by 0x60C4:01, which is used if the former is 0."""
+        most = min(self._objects.number(o.INTERPOLATION_BUFFER, MAXIMUM), _MOST)
+        return min(self._objects.number(o.INTERPOLATION_BUFFER, SIZE) or most, most)
+
+    def put(self, place: float) -> None:
+        """Append a record; the caller has already checked the capacity."""
+        if len(self._waiting) < self.size:
+            self._waiting.append(place)
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def get(self) -> float | None:
+        """Remove and return the oldest record, None if it is empty."""
+        return self._waiting.popleft() if self._waiting else None
+
+    def clear(self) -> None:
+        """Remove all records."""
+        self._waiting.clear()
+
+    def _check(self, entry: Entry, value: Value) -> Value:
+        number = value if isinstance(value, int) else 0
+        if entry.subindex == SIZE and number > self._objects.number(o.INTERPOLATION_BUFFER, MAXIMUM):
+            raise SdoServerAbort(AbortCode.VALUE_TOO_HIGH)
+        if (entry.subindex == ORGANISATION and number != _FIFO) or (entry.subindex == CLEAR and number > 1):
+            raise SdoServerAbort(AbortCode.INVALID_VALUE)
+        return value
+
+    def _check_room(self, entry: Entry, value: Value) -> Value:
+        if entry.subindex == self.last_subindex and self.open and len(self._waiting) >= self.size:
+            raise SdoServerAbort(AbortCode.OUT_OF_MEMORY)
+        return value
+
+    def _written(self, entry: Entry, value: Value) -> None:
+        if entry.subindex == CLEAR and value == 0:
+            self.clear()
+
+
+def _only_linear(_entry: Entry, value: Value) -> Value:
+    if value != _LINEAR:
+        raise SdoServerAbort(AbortCode.INVALID_VALUE)
+    return value
+
+
+class InterpolatedPosition(CyclicPosition):
+    """IP: as CSP with the linear sub mode, from 0x60C1:1 or the buffer, while bit 4 is set."""
+
+    set_point = o.INTERPOLATION_DATA
+
+    def __init__(self, axis: AxisParts) -> None:
+        self.buffer = SetPointBuffer(axis)
+        self.position_subindex = 1  # of the data record
+        super().__init__(axis)
+
+    def reset(self) -> None:
+        """Reset the last target and the waiting records."""
+        super().reset()
+        self.buffer.clear()
+        self._dry_ns: int | None = None  # when a record was due and none was there
+
+    @property
+    def _enabled(self) -> bool:
+        return bool(self.power.controlword & NEW_SET_POINT)
+
+    def update(self, now: int) -> None:
+        """Apply the set-point while interpolation is enabled.
+
+        The first one of the buffer, which then continues by itself.
+        """
+        if not self._enabled:
+            return
+        if not self.buffer.open:
+            super().update(now)
+        elif len(self.buffer) and "interpolate" not in self.mover.timers:
+            self._next(now)
+
+    def missed(self) -> None:
+        """Count a SYNC without a set-point, unless the buffer has one."""
+        if not self.buffer.open:
+            super().missed()
+
+    def take(self, now: int) -> None:
+        """Process the record of an RPDO."""
+        if not self.buffer.open:
+            super().take(now)
+        else:
+            self.record_written(now)
+
+    def record_written(self, now: int) -> None:
+        """Append a record to the buffer, if it is open."""
+        if self.buffer.open:
+            self.buffer.put(self.target())
+            self.update(now)
+
+    def _next(self, now: int) -> None:
+        """Move to the next position of the buffer, once per interpolation period."""
+        if not (self.power.live and self._in_use and self._enabled and self.buffer.open):
+            return
+        place = self.buffer.get()
+        if place is None:
+            self._dry_ns = now if self.streaming else None
+            return
+        if self._dry_ns is not None:
+            self.meter.missed += round((now - self._dry_ns) / self.period_ns)
+            self._dry_ns = None
+        self._arrived += 1
+        self.meter.take(place, now)
+        self.feed()
+        self._inputs = None
+        self.go(place, now)
+        self.supervise(now)
+        self.mover.at("interpolate", now + self.period_ns, self._next)
+
+    def target(self) -> float:
+        """Return the data record."""
+        return float(self.objects.number(o.INTERPOLATION_DATA, self.position_subindex))
+
+    def control(self, word: int, previous: int, now: int) -> None:
+        """Stop when interpolation is disabled."""
+        if previous & ~word & NEW_SET_POINT:
+            self._inputs = None
+            self.mover.cancel("interpolate")
+            self.stop(now, Reaction.SLOW_DOWN_RAMP)
+
+    def bits(self) -> int:
+        """Return bit 12 while interpolation is active, bit 10 at the set-point."""
+        reached = self.mover.demand.end_ns <= self.mover.time
+        return (BIT_12 if self._enabled and self.power.live else 0) | (REACHED if reached else 0)
 
 
 MODES: dict[int, Callable[[AxisParts], Mode]] = {

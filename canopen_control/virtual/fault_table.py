@@ -36,7 +36,7 @@ from canopen_control.virtual.fault_frames import (
     tpdo_lengthened,
     tpdo_shortened,
 )
-from canopen_control.virtual.node_events import FaultSwitched
+from canopen_control.virtual.node_outbox import FaultSwitched
 from canopen_control.virtual.quirks import QUIRKS, switches_of
 from canopen_control.virtual.virtual_node import VirtualNode
 

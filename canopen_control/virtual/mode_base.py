@@ -18,8 +18,7 @@ from canopen_control.virtual.trajectory import INFINITE, ramp_to
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.virtual.axis_motion import AxisMotion
-    from canopen_control.virtual.axis_objects import AxisObjects
+    from canopen_control.virtual.axis_motion import AxisMotion, AxisObjects
     from canopen_control.virtual.device_model import DeviceModel
     from canopen_control.virtual.node_outbox import NodeClock, NodeOutbox
     from canopen_control.virtual.power_machine import DriveLimits, PowerMachine

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from canopen_control.bus.port import BusEventKind
 from canopen_control.bus.port_abilities import set_filter
 from canopen_control.cia301.sdo_codec import deliver
-from canopen_control.errors import BusClosed
+from canopen_control.errors import BusClosed, BusError
 from canopen_control.frame import RECORD, CanFrame, pack_records
 
 if TYPE_CHECKING:
@@ -30,6 +30,14 @@ _ECHOES = 64  # frames between nodes of one host, for each turn; more is a storm
 
 def _ignore(*_arguments: object) -> None:
     pass
+
+
+class NodeIdTaken(BusError):
+    """Error: another node answers with the id."""
+
+    def __init__(self, node_id: int, channel: str) -> None:
+        self.node_id = node_id
+        super().__init__(f"node id {node_id} already answers on {channel}; choose another --node-id, or end that node")
 
 
 class NodeHost:

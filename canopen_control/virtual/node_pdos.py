@@ -38,7 +38,7 @@ from canopen_control.cia402 import objects as o
 from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG
 from canopen_control.virtual.injection_point import InjectionPoint
-from canopen_control.virtual.node_events import PdoLeftOff
+from canopen_control.virtual.node_outbox import PdoLeftOff
 from canopen_control.virtual.object_store import refuse
 
 if TYPE_CHECKING:

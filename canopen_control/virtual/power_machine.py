@@ -15,8 +15,7 @@ from canopen_control.cia402.state import State
 from canopen_control.virtual.trajectory import INFINITE, move_to, ramp_to
 
 if TYPE_CHECKING:
-    from canopen_control.virtual.axis_motion import AxisMotion
-    from canopen_control.virtual.axis_objects import AxisObjects
+    from canopen_control.virtual.axis_motion import AxisMotion, AxisObjects
     from canopen_control.virtual.device_model import Limit
     from canopen_control.virtual.node_outbox import NodeOutbox
 
@@ -34,14 +33,13 @@ from canopen_control.cia402.state import (
     transition_of,
 )
 from canopen_control.virtual.injection_point import InjectionPoint
-from canopen_control.virtual.node_events import ControlwordIgnored, DriveFaulted, DriveStateChanged
+from canopen_control.virtual.node_outbox import ControlwordIgnored, DriveFaulted, DriveStateChanged
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.cia301.nmt import NmtSlave
-    from canopen_control.virtual.axis_motion import AxisMotion
-    from canopen_control.virtual.axis_objects import AxisObjects
+    from canopen_control.virtual.axis_motion import AxisMotion, AxisObjects
     from canopen_control.virtual.node_outbox import NodeOutbox
 
 

@@ -17,9 +17,8 @@ from canopen_control.cia301.lss import UNCONFIGURED
 from canopen_control.host.lifeline import lifeline_fd, report_ready
 from canopen_control.host.sockets import SocketInUse
 from canopen_control.virtual.control import NodeControl
-from canopen_control.virtual.node_events import NodeIdChanged, in_words
-from canopen_control.virtual.node_host import NodeHost
-from canopen_control.virtual.node_id_check import NodeIdTaken
+from canopen_control.virtual.node_host import NodeHost, NodeIdTaken
+from canopen_control.virtual.node_outbox import NodeIdChanged, in_words
 from canopen_control.virtual.shaft import ShaftWorld
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.errors import ConfigError, nearest
 from canopen_control.virtual.communication_quirks import COMMUNICATION_QUIRKS
 from canopen_control.virtual.motion_quirks import MOTION_QUIRKS
-from canopen_control.virtual.node_events import QuirkSwitched
+from canopen_control.virtual.node_outbox import QuirkSwitched
 from canopen_control.virtual.power_quirks import POWER_QUIRKS
 from canopen_control.virtual.quirk_base import QuirkHooks
 

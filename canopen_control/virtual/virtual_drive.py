@@ -28,8 +28,7 @@ from canopen_control.cia402.state import (
     command_of,
 )
 from canopen_control.rpc.messages.drive import AxisState, PlantState
-from canopen_control.virtual.axis_motion import AxisMotion
-from canopen_control.virtual.axis_objects import UNIT_OBJECTS, AxisObjects, wrap32
+from canopen_control.virtual.axis_motion import UNIT_OBJECTS, AxisMotion, AxisObjects, wrap32
 from canopen_control.virtual.device_model import GENERIC, DeviceModel
 from canopen_control.virtual.drive_modes import MODES, DriveModes, possible_modes
 from canopen_control.virtual.injection_point import InjectionPoint

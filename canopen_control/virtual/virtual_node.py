@@ -32,16 +32,19 @@ from canopen_control.cia402 import objects as o
 from canopen_control.cia402.motors import motors_of
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, Service, cob_id, is_restricted
 from canopen_control.od.model import DataType, Entry
-from canopen_control.virtual.communication_objects import CommunicationObjects, ErrorControl, Services
-from canopen_control.virtual.device_function import make_function
-from canopen_control.virtual.device_model import GENERIC, DeviceModel
+from canopen_control.virtual.communication_objects import (
+    CONTROL,
+    CommunicationObjects,
+    ErrorControl,
+    ProgramArea,
+    Services,
+)
+from canopen_control.virtual.device_model import GENERIC, DeviceModel, make_function
 from canopen_control.virtual.device_store import DeviceStore
 from canopen_control.virtual.injection_point import InjectionPoint
-from canopen_control.virtual.node_events import BitRateActivated, NodeIdChanged
-from canopen_control.virtual.node_outbox import HEARTBEAT_ERROR, NodeClock, NodeOutbox
+from canopen_control.virtual.node_outbox import HEARTBEAT_ERROR, BitRateActivated, NodeClock, NodeIdChanged, NodeOutbox
 from canopen_control.virtual.node_pdos import PdoExchange
 from canopen_control.virtual.object_store import VirtualStore
-from canopen_control.virtual.program_area import CONTROL, ProgramArea
 from canopen_control.virtual.virtual_drive import VirtualDrive
 
 if TYPE_CHECKING:
@@ -50,7 +53,7 @@ if TYPE_CHECKING:
     from canopen_control.bus.port import BusEventKind
     from canopen_control.frame import CanFrame
     from canopen_control.od.model import ObjectDictionary, Value
-    from canopen_control.virtual.device_function import DeviceFunction
+    from canopen_control.virtual.device_model import DeviceFunction
     from canopen_control.virtual.injection_point import FaultFilter, NodeQuirks
     from canopen_control.virtual.plant import Plant
 

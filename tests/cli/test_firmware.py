@@ -13,8 +13,8 @@ from support.programs import PROGRAM_EDS
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.cli.main import main
 from canopen_control.data_files import data_path
+from canopen_control.virtual.communication_objects import whole_program
 from canopen_control.virtual.fault_table import FaultSwitches
-from canopen_control.virtual.program_area import whole_program
 
 NEW = whole_program(b"version two " * 400)
 

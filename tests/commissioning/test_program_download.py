@@ -32,8 +32,8 @@ from canopen_control.commissioning.program_download import (
     refuse_stranger,
 )
 from canopen_control.errors import BusClosed, ConfigError, DriveError, SdoAbort, SdoTimeout
+from canopen_control.virtual.communication_objects import whole_program
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.program_area import whole_program
 
 MS = 1_000_000
 NEW_OF_PROGRAM_SESSION = whole_program(bytes(range(256)) * 208)  # 60 blocks

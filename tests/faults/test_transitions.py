@@ -6,7 +6,7 @@ from support.generic import MODES, write_generic
 
 from canopen_control.cia402.state import TRANSITIONS, State
 from canopen_control.hardware.axis_statechart import Action
-from canopen_control.virtual.node_events import DriveStateChanged
+from canopen_control.virtual.node_outbox import DriveStateChanged
 
 NUMBERS = {(source, each.target): each.number for each in TRANSITIONS for source in each.sources}
 NODE = 2

@@ -16,9 +16,9 @@ from canopen_control.hardware.axis_statechart import (
     AxisStatechart,
     DriveCommand,
     PhaseTrigger,
+    StopGroup,
 )
 from canopen_control.hardware.interfaces import CommandInterface
-from canopen_control.hardware.stop_group import StopGroup
 from canopen_control.runtime.core import STOP_TIMEOUT_NS
 
 ENDS_ENABLE = (PhaseTrigger.STOP, PhaseTrigger.QUICK_STOP, PhaseTrigger.DRIVE_LEFT, PhaseTrigger.NODE_LOST)

@@ -5,7 +5,7 @@ import functools
 import pytest
 from support import makers
 
-from canopen_control.hardware import motion_watch
+from canopen_control.hardware import joint_events
 from canopen_control.hardware.joint_targets import JointTargets
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
@@ -56,7 +56,7 @@ def test_an_axis_that_takes_its_set_points_from_elsewhere_is_named_and_breaks_no
 
 @pytest.mark.sources
 def test_an_axis_that_stands_and_is_not_named_is_told(robot, monkeypatch):
-    monkeypatch.setattr(motion_watch, "STANDING_LOOKS", 1000)
+    monkeypatch.setattr(joint_events, "STANDING_LOOKS", 1000)
     stands = robot("csv", "set_points_elsewhere")
     stands.command("vel", 0.5, 0.5, seconds=3.0)
     stands.run(2.8)
@@ -86,7 +86,7 @@ def test_an_axis_whose_brake_lifts_late_stops_without_a_leap_and_names_the_key(r
 @pytest.mark.rest
 @pytest.mark.sources
 def test_a_late_brake_that_is_not_named_is_told(robot, monkeypatch):
-    monkeypatch.setattr(motion_watch, "_LATE_LOOKS", 1000)
+    monkeypatch.setattr(joint_events, "_LATE_LOOKS", 1000)
     late = robot("csp", "brake_delay=1")
     lead(late, 3.6)
     assert rules(late) == {"target_missed"}

@@ -15,9 +15,9 @@ from support.virtualbench import tmcm
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.errors import ConfigError
+from canopen_control.virtual.communication_objects import whole_program
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.fault_table import FaultSwitches
-from canopen_control.virtual.program_area import whole_program
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from support.virtualbench import Bench, servo, servo_od
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.drive_modes import MODES, possible_modes
-from canopen_control.virtual.node_events import ModeChanged
+from canopen_control.virtual.node_outbox import ModeChanged
 from canopen_control.virtual.profile_modes import HomingMode
 
 

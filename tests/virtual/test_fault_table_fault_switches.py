@@ -7,7 +7,7 @@ from canopen_control.cia301.nmt import NmtStateChanged
 from canopen_control.errors import ConfigError
 from canopen_control.frame import CanFrame
 from canopen_control.virtual.fault_table import FaultSwitches, second_node
-from canopen_control.virtual.node_events import FaultSwitched
+from canopen_control.virtual.node_outbox import FaultSwitched
 
 
 def test_with_nothing_on_there_is_nothing_in_the_way():

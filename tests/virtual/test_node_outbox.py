@@ -2,8 +2,7 @@ from __future__ import annotations
 
 from canopen_control.cia301.emcy import EmcyProducer
 from canopen_control.frame import CanFrame
-from canopen_control.virtual.node_events import EmergencyRaised
-from canopen_control.virtual.node_outbox import HEARTBEAT_ERROR, NodeClock, NodeOutbox
+from canopen_control.virtual.node_outbox import HEARTBEAT_ERROR, EmergencyRaised, NodeClock, NodeOutbox
 
 
 def outbox():

@@ -6,7 +6,7 @@ from support.virtualbench import Bench, S, ready_tmcm, servo
 
 from canopen_control.cia402.state import POWERED_STATES, State
 from canopen_control.virtual.fault_table import FaultSwitches
-from canopen_control.virtual.node_events import in_words
+from canopen_control.virtual.node_outbox import in_words
 
 LOWEST, HIGHEST = -0x7FFFFFFF, 0x7FFFFFFF
 

@@ -22,7 +22,7 @@ from canopen_control.host.timer import ManualClock
 from canopen_control.rpc.messages.drive import WorldState
 from canopen_control.virtual import process
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.node_id_check import NodeIdTaken
+from canopen_control.virtual.node_host import NodeIdTaken
 from canopen_control.virtual.process import WINDOW_NS, BusNodes, DriveProcess, FoldedLog, ServedBus
 from canopen_control.virtual.scenario import Switching
 

@@ -8,7 +8,7 @@ from support.virtualbench import Bench, servo
 
 from canopen_control.errors import ConfigError
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.node_events import QuirkSwitched
+from canopen_control.virtual.node_outbox import QuirkSwitched
 from canopen_control.virtual.quirks import QUIRKS, check_quirks, parse_quirk, switches_of
 
 

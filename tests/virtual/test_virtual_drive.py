@@ -8,9 +8,9 @@ from support.virtualbench import MS, Bench, S, T, entry, generic, ready_tmcm, se
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.cia402.state import State, decode_statusword
 from canopen_control.data_files import data_path
-from canopen_control.virtual.axis_objects import wrap32
+from canopen_control.virtual.axis_motion import wrap32
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.node_events import DriveStateChanged
+from canopen_control.virtual.node_outbox import DriveStateChanged
 from canopen_control.virtual.plant import LagPlant, LoadedPlant
 from canopen_control.virtual.virtual_drive import SOURCES, OverloadGuard, clamp
 

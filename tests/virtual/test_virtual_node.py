@@ -17,7 +17,7 @@ from canopen_control.cia402.state import State, decode_statusword
 from canopen_control.frame import REMOTE_FLAG, CanFrame
 from canopen_control.od.model import ObjectDictionary
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.node_events import BitRateActivated, HeartbeatMissed, NodeIdChanged
+from canopen_control.virtual.node_outbox import BitRateActivated, HeartbeatMissed, NodeIdChanged
 from canopen_control.virtual.virtual_node import SYNC_LENGTH_ERROR, VirtualNode, merged
 
 IDENTITY = (0x99, 0x1234, 0x10002, 77)

@@ -32,7 +32,7 @@ from canopen_control.od.eds import read_eds
 from canopen_control.od.model import DataType, Entry
 from canopen_control.rpc.messages.drive import GetDriveState
 from canopen_control.rpc.messages.hub import SetBitrate
-from canopen_control.virtual.program_area import whole_program
+from canopen_control.virtual.communication_objects import whole_program
 from canopen_control_bench.figure import AT_LEAST, Figure, limited
 from canopen_control_bench.stage import TIMEOUT_S, stage
 

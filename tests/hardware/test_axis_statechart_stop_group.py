@@ -3,8 +3,7 @@
 import pytest
 
 from canopen_control.cia402.drive import DriveMachine
-from canopen_control.hardware.axis_statechart import AxisPhase, AxisStatechart, PhaseTrigger
-from canopen_control.hardware.stop_group import StopGroup, regroup
+from canopen_control.hardware.axis_statechart import AxisPhase, AxisStatechart, PhaseTrigger, StopGroup, regroup
 
 pytestmark = pytest.mark.sources  # stand-ins for an axis or a joint
 

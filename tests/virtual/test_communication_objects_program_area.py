@@ -5,8 +5,8 @@ from support.programs import program_od
 from support.virtualbench import Aborted, Bench
 
 from canopen_control.cia301.nmt import NmtCommand, NmtState
+from canopen_control.virtual.communication_objects import ProgramState, whole_program
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.program_area import ProgramState, whole_program
 
 NEW = whole_program(b"a new program" * 5)
 WRONG_STATE, FAILED = 0x08000022, 0x06060000

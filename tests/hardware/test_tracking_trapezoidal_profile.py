@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.properties import examples
 
-from canopen_control.hardware.trapezoidal_profile import TrapezoidalProfile
+from canopen_control.hardware.tracking import TrapezoidalProfile
 
 PERIOD = 0.01
 PLACES = st.lists(st.tuples(st.integers(-5_000, 5_000), st.integers(0, 30)), min_size=1, max_size=4)

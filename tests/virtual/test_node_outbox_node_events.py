@@ -6,8 +6,8 @@ import pytest
 
 from canopen_control.cia301.nmt import NmtState, NmtStateChanged
 from canopen_control.cia402.state import State
-from canopen_control.virtual import node_events
-from canopen_control.virtual.node_events import (
+from canopen_control.virtual import node_outbox
+from canopen_control.virtual.node_outbox import (
     DriveFaulted,
     DriveStateChanged,
     EmergencyRaised,
@@ -18,9 +18,9 @@ from canopen_control.virtual.node_events import (
 )
 
 
-@pytest.mark.parametrize("name", [name for name, kind in vars(node_events).items() if dataclasses.is_dataclass(kind)])
+@pytest.mark.parametrize("name", [name for name, kind in vars(node_outbox).items() if dataclasses.is_dataclass(kind)])
 def test_events_are_plain_frozen_data(name):
-    kind = getattr(node_events, name)
+    kind = getattr(node_outbox, name)
     assert dataclasses.is_dataclass(kind)
     assert kind.__dataclass_params__.frozen
 

@@ -7,8 +7,8 @@ from canopen_control.bus.memory import MemoryBus
 from canopen_control.frame import CanFrame, pack_records
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
-from canopen_control.virtual.node_host import NodeHost
-from canopen_control.virtual.node_id_check import PROBE_NS, NodeIdCheck, NodeIdTaken
+from canopen_control.virtual.launch import PROBE_NS, NodeIdCheck
+from canopen_control.virtual.node_host import NodeHost, NodeIdTaken
 
 
 def test_an_id_that_nobody_has_is_free_after_a_short_wait():

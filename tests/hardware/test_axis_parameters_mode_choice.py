@@ -10,8 +10,8 @@ from support.robots import Bench, copy_robby
 
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.errors import DriveError, RobotConfigError, UnsupportedMode
+from canopen_control.hardware.axis_parameters import PLUGINS, add_plugin_interfaces, choose_mode, listed_modes
 from canopen_control.hardware.axis_statechart import Action
-from canopen_control.hardware.mode_choice import PLUGINS, add_plugin_interfaces, choose_mode, listed_modes
 from canopen_control.hardware.plugins import KNOWN, PluginKind
 from canopen_control.master.config import read_bus
 from canopen_control.urdf.description import parse_description
