@@ -2,7 +2,8 @@
 
 Tests run with examples derived from each test's code, so that every run tries the same ones, and keep no database of
 them. `tools/campaign --properties` sets CANOPEN_CONTROL_EXAMPLES to a factor: then examples are drawn from a seed, and
-there are that many times more of them.
+there are that many times more of them. It also runs the tests marked `sweep` with all their values: `some_of` returns
+few of them elsewhere.
 """
 
 import os
@@ -17,6 +18,12 @@ SHARE = 0.25
 def examples(count):
     """Return how many examples this run tries where a campaign of factor 1 tries `count`."""
     return max(1, round(count * (float(FACTOR) if FACTOR else SHARE)))
+
+
+def some_of(values, count=3):
+    """Return all values where a campaign runs, else `count` of them, evenly spread."""
+    values = list(values)
+    return values if FACTOR else [values[at * len(values) // count] for at in range(count)]
 
 
 def load_profile():

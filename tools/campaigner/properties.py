@@ -1,7 +1,8 @@
 """`tools/campaign --properties`: the properties that ./tools/test tries with the same few examples, at random.
 
-Examples are drawn from a seed, which is printed first, and there are ten times as many. A failure prints the example
-(`@reproduce_failure`), and the same seed finds it again.
+Examples are drawn from a seed, which is printed first, and there are ten times as many. Tests that ./tools/test runs
+with a few of many values (`sweep`) run with all of them. A failure prints the example (`@reproduce_failure`), and the
+same seed finds it again.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-_SELECTION: Final = "hypothesis and not process and not socketcan and not hardware"
+_SELECTION: Final = "(hypothesis or sweep) and not process and not socketcan and not hardware"
 _NO_TESTS: Final = 5  # pytest's exit code
 
 
