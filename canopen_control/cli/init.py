@@ -250,7 +250,7 @@ def _lines(written: Written, channel: str) -> list[str]:
     lines += [f"check warns: {text}" for text in written.warnings if "is a guess" not in text]
     guessed = list(dict.fromkeys(joint.node for joint in robot.joints if not joint.axis.told))
     if guessed:
-        lines.append(f"counts_per_revolution in bus.yml is a guess for {_some(guessed)}: the EDS has none; measure it")
+        lines.append(f"the counts of a turn are a guess for {_some(guessed)} (guesses in bus.yml): measure them")
     name = str(written.folder)
     if written.problems:
         lines += [f"PROBLEM, marked in bus.yml too: {text}" for text in written.problems]

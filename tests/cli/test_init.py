@@ -43,7 +43,7 @@ def test_a_robot_is_made_and_the_next_commands_are_named(capsys):
     assert capsys.readouterr().out.splitlines() == [
         "turntable/ is made: TMCM-1270.eds, bus.yml, ros2_controllers.yaml, turntable.urdf",
         "  node 5 table_drive: moves table_joint, velocity in PV",
-        "counts_per_revolution in bus.yml is a guess for table_drive: the EDS has none; measure it",
+        "the counts of a turn are a guess for table_drive (guesses in bus.yml): measure them",
         "turn it, on virtual devices: canopen-control demo turntable",
         "real drives, after a look at bus.yml: canopen-control preflight turntable --can can0",
     ]
