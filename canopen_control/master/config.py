@@ -36,6 +36,7 @@ from canopen_control.master.keys import (
     MasterConfig,
     MotionKeys,
     NodeConfig,
+    PdoConfig,
     SupervisionKeys,
     UnitKeys,
     named_scale,
@@ -216,6 +217,27 @@ def _brief(value: object) -> str:
     return "another" if isinstance(value, dict | list) else repr(value)
 
 
+def _indented(node: Node) -> Node:
+    """Report PDOs whose keys stand beside their numbers, and put the last ones where they belong."""
+    keys = node.keys()  # by the names under which a misspelt key is read
+    pairs = {name: (keys[name], value) for name, value in node.items()}
+    for kind in ("rpdo", "tpdo"):
+        section = node.get(kind)
+        entries = {} if section is None else {key.text: (key, value) for key, value in section.pairs()}
+        numbers = [key for key in entries if key.isdigit()]
+        beside = {key: pair for key, pair in entries.items() if key in _PDO_KEYS}
+        if section is None or not numbers or not beside:
+            continue
+        node.problems.forget(section.where)  # keys that are there twice
+        key = next(iter(beside.values()))[0]
+        key.error(f"{key.text!r} belongs to a PDO: indent the keys of each PDO below its number, `{numbers[0]}:`")
+        place, _ = entries[numbers[-1]]
+        last = {numbers[-1]: (place, Node.mapping(_at(place, "mapping"), beside))}
+        pairs[kind] = pairs[kind][0], Node.mapping(_at(section, "mapping"), last)
+    return Node.mapping(_at(node, "mapping"), pairs)
+
+
+_PDO_KEYS: Final = frozenset(keys_of(PdoConfig))
 _DRIVER: Final = re.compile(r"(?i).*(402|proxy|basicdevice|masterdriver|motioncontroller).*")  # of ros2_canopen
 
 
@@ -231,7 +253,7 @@ def _foreign_driver(node: Node) -> str:
 def node_config(name: str, node: Node, master: MasterConfig, options: FileOptions) -> NodeConfig | None:
     """Convert and check the keys of one node; None if they are unusable."""
     ignored = tolerated(node, keys_of(NodeConfig), UNUSED_NODE, MISNAMED_NODE, _foreign_driver(node))
-    node = _respelled(node, MISNAMED_NODE)
+    node = _indented(_respelled(node, MISNAMED_NODE))
     keys: NodeConfig | None = convert(node, NodeConfig, None, ignored=ignored)
     if keys is None:
         return None

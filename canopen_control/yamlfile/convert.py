@@ -292,9 +292,9 @@ def _dict(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
     bad = False
     for key, value in node.pairs():
         name = key.text if key_type is str else _converted(key, key_type, {})
-        converted = _converted(value, of, meta)
-        bad = bad or name is INVALID or converted is INVALID
-        if name in result:
+        converted = INVALID if name is INVALID else _converted(value, of, meta)
+        bad = bad or converted is INVALID
+        if name in result and name is not INVALID:
             key.problems.suspect(key, f"duplicate key {name!r}, written in another way before")
         result[name] = converted
     return INVALID if bad else result

@@ -90,6 +90,10 @@ class Problems:
         """Add an error if strict, else a warning."""
         (self.error if self.strict else self.warning)(place, message)
 
+    def forget(self, where: str) -> None:
+        """Remove the errors below a dotted path, which follow from another one."""
+        self._errors = {error: None for error in self._errors if not error.where.startswith(f"{where}.")}
+
     def file_error(self, line: int, column: int, message: str) -> None:
         """Add an error that has no node in the tree."""
         self._errors[self.at(line, column, "", message)] = None

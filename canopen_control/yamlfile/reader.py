@@ -167,6 +167,11 @@ def _root(text: str) -> yaml.Node | None:
     return yaml.compose(text, Loader=yaml.SafeLoader)
 
 
+_HINTS: Final = {
+    "mapping values are not allowed here": "; indent it like its neighbours; put a text with a colon in quotes",
+}
+
+
 def _compose(problems: Problems, text: str) -> yaml.Node | None:
     """Return PyYAML's root node, None if the text is empty or an error was reported."""
     try:
@@ -176,7 +181,8 @@ def _compose(problems: Problems, text: str) -> yaml.Node | None:
         mark, start = error.problem_mark or error.context_mark, error.context_mark
         context = f" ({error.context} at line {start.line + 1})" if error.context and start else ""
         line, column = (mark.line + 1, mark.column + 1) if mark else (0, 0)
-        problems.file_error(line, column, f"{error.problem or 'no YAML'}{context}")
+        problem = error.problem or "no YAML"
+        problems.file_error(line, column, f"{problem}{context}{_HINTS.get(problem, '')}")
     except yaml.reader.ReaderError as error:
         before = LINE_END.split(text[: error.position])
         code = ord(text[error.position])

@@ -178,6 +178,27 @@ def test_pdos_written_as_keys_of_their_own_are_one_mistake_each_and_are_read(tmp
     assert "expected" not in found
 
 
+def test_pdos_whose_keys_stand_beside_their_numbers_are_one_mistake(tmp_path):
+    """As in an example of ros2_canopen's manual: the keys of PDO 1 and 2 are at the height of `1:` and `2:`."""
+    text = """
+    master: {node_id: 1}
+    nodes:
+      left:
+        node_id: 2
+        dcf: TMCM-1270.eds
+        tpdo:
+          1:
+          enabled: true
+          mapping: [{index: 0x6041}]
+          2:
+          enabled: true
+          mapping: [{index: 0x6064}, {index: 0x606C}]
+    """
+    found = mistakes(tmp_path, text)
+    assert "'enabled' belongs to a PDO: indent the keys of each PDO below its number, `1:`" in found
+    assert found.count("bus.yml:") == 1, found
+
+
 def test_a_misspelt_key_of_a_node_and_of_defaults_is_no_question_of_which_one_counts(tmp_path):
     text = NESTED.replace("dcf: TMCM-1270.eds", "dcf: TMCM-1270.eds\n      driver_name: proxy")
     text = text.replace("{node_id: 2}", "{node_id: 2, driver_name: drive}")
