@@ -165,6 +165,8 @@ class StepTimer:
         command = self.command
         transition = transition_of(state, command) if state is not None and command is not None else None
         target, number = (transition.target, transition.number) if transition is not None else (goal, None)
+        if state is State.NOT_READY_TO_SWITCH_ON:
+            number = _AUTOMATIC[state]  # a self test or a commutation may take longer
         return TransitionTimedOut(now, state, target, command, number, statusword, gave_up)
 
 

@@ -96,9 +96,9 @@ class FaultResetFailed:
 class TransitionTimedOut:
     """Timeout of a transition: the drive did not go from `state` to `wanted` in time.
 
-    `transition` is the number of the transition requested by `command`; None if the drive had to act by itself or no
-    statusword was received. `gave_up`: enabling was abandoned, the goal is now DISABLED; otherwise the request is
-    repeated.
+    `transition` is the number of the transition requested by `command`, or of the one by itself to SWITCH ON DISABLED;
+    None if no statusword was received. `gave_up`: enabling was abandoned, the goal is now DISABLED; otherwise the
+    request is repeated.
     """
 
     time: int

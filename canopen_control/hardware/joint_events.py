@@ -301,6 +301,7 @@ class MotionWatch:
     def _look_direction(self, way: int, here: int, step: int, scale: float) -> None:
         """Count checks with a motion away from the target; a reversal during a profile does not count."""
         if abs(step) < _STEP * scale:
+            self.turns_away = self._ended_away(way, here, scale)
             self._rest, self._right, self._away = here, False, 0
             return
         if way * step > 0:
@@ -308,6 +309,15 @@ class MotionWatch:
         wrong = not self._right and way * step < 0 and abs(way) > _WAY * scale
         self._away = self._away + 1 if wrong else 0
         self.turns_away = self._away == WRONG_LOOKS
+
+    def _ended_away(self, way: int, here: int, scale: float) -> bool:
+        """Whether a motion too short for `WRONG_LOOKS` has led away from a target that was there when it began."""
+        if self._right or self._rest is None:
+            return False
+        moved = here - self._rest
+        asked = way + moved  # from where the motion began
+        least = _WAY * scale
+        return asked * moved < 0 and abs(asked) > least and abs(moved) > max(least, abs(asked) / 2)
 
 
 # One homing of one axis, from the request to the return to the previous mode (CiA 402-2, mode HM).

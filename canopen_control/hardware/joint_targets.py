@@ -48,7 +48,8 @@ _PROFILE: Final = (objects.PROFILE_VELOCITY, objects.PROFILE_ACCELERATION)
 _DEFAULT_STOP_S: Final = 0.5  # of a ramp where the drive tells no deceleration
 _VL_RUN: Final = 0x70  # bits 4, 5 and 6: enable ramp, unlock ramp, use the reference
 _INTERPOLATE: Final = 0x10
-_FAR: Final = 0.05  # rad (m) to a set-point, and rad/s (m/s): the drive cannot have reached it yet
+_FAR: Final = 0.01  # rad (m) to a set-point that the drive cannot have reached
+_FAST: Final = 0.05  # and rad/s (m/s) while it moves
 _WAY_CYCLES: Final = 2.0  # until a measured value is here, and a target at the drive
 _NEAR: Final = 1 << 30  # counts: closer than this no rounding makes a target lie beyond half a turn of its counter
 
@@ -634,13 +635,13 @@ class SetPointTarget(_PositionTarget):
                 self.output.set(handshake.target)
 
     def _under_way(self) -> bool:
-        """Whether the axis is moving, farther than `_FAR` from its set-point."""
+        """Whether the axis is moving fast, farther than `_FAR` from its set-point."""
         axis, target = self._axis, self._handshake.target
         velocity, position = axis.velocity, axis.position
         if target is None or velocity is None or position is None or not (velocity.fresh and position.fresh):
             return False
         far = abs(wrap_int32(target - axis.raw_position)) > _FAR * abs(axis.scale.pos_to_dev)
-        return far and abs(velocity.value * axis.scale.vel_from_dev) > _FAR
+        return far and abs(velocity.value * axis.scale.vel_from_dev) > _FAST
 
     def move(self, count: int, *, relative: bool) -> None:
         """Send one set-point in device units, without a controller."""

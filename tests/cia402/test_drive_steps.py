@@ -51,6 +51,9 @@ def test_the_event_names_the_transition_or_else_what_was_wanted_in_the_end():
     assert timer.timed_out(None, State.OPERATION_ENABLED, None, True, 100) == TransitionTimedOut(
         100, None, State.OPERATION_ENABLED, None, None, None, True
     )
+    slow = timer.timed_out(State.NOT_READY_TO_SWITCH_ON, State.OPERATION_ENABLED, 0x0600, True, 100)
+    assert slow.transition == 1
+    assert slow.text.endswith("not enabled; `transition_timeouts_ms: {1: 20000}` in bus.yml gives it more time")
 
 
 def test_to_enable_transition_16_is_asked_for_when_the_mode_is_confirmed():
