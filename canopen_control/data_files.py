@@ -31,7 +31,7 @@ def read_limited(path: Path, limit: int) -> bytes:
     OSError as raised by `open`.
     """
     if path.exists() and not path.is_file():
-        raise ValueError("it is a folder" if path.is_dir() else "it is no regular file")
+        raise ValueError("it is a folder" if path.is_dir() else "it is not a regular file")
     with path.open("rb") as file:
         data = file.read(limit + 1)
     if len(data) > limit:

@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[1] / PACKAGE
 STDLIB = frozenset(sys.stdlib_module_names)
 PURE = frozenset(
     """__future__ abc binascii bisect collections contextlib copy dataclasses datetime difflib enum functools heapq
-    itertools math operator pathlib re string struct types typing""".split()  # noqa: SIM905 - one name a line is no list
+    itertools math operator pathlib re string struct types typing""".split()  # noqa: SIM905 - one name a line is not a list
 )
 MARKS = frozenset({"mypy_extensions"})  # what may be derived from where it is compiled
 EVERYBODY = frozenset({"errors", "frame", "version"})

@@ -11,7 +11,7 @@ from canopen_control.personality import PersonalityError, personality_names, per
 from canopen_control.virtual.quirks import quirks_of
 
 NAMES = """copley delta elmo epos4 faulhaber festo ingenia ipos kinco leadshine nanotec schneider tmcm1270 vfd
-    zlac""".split()  # noqa: SIM905 - one name a line is no list
+    zlac""".split()  # noqa: SIM905 - one name a line is not a list
 
 
 def test_every_bundled_personality_has_sources_and_what_is_not_known():

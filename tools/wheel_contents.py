@@ -71,7 +71,7 @@ def _metadata(archive: zipfile.ZipFile, names: Sequence[str], tag: str, *, pure:
     if not all(value.startswith(tag) for value in told.get_all("Tag", [])):
         yield f"WHEEL has the tags {told.get_all('Tag')}, the file's name {tag}"
     if "canopen-control = " not in archive.read(f"{folder}/entry_points.txt").decode():
-        yield "the program canopen-control is no entry point"
+        yield "the program canopen-control is not an entry point"
     if "Typing :: Typed" not in archive.read(f"{folder}/METADATA").decode():
         yield "METADATA does not say that the package is typed"
 
@@ -87,7 +87,7 @@ def _extensions(names: Sequence[str], python: str, *, pure: bool) -> Iterator[st
 
 
 def _libraries(names: Sequence[str]) -> list[str]:
-    """Return the extension modules; what Fast DDS calls (callbacks_*.so) is no module of Python's."""
+    """Return the extension modules; what Fast DDS calls (callbacks_*.so) is not a module of Python's."""
     found = map(PurePosixPath, names)
     return [str(name) for name in found if ".so" in name.suffixes and not name.name.startswith("callbacks_")]
 

@@ -103,7 +103,7 @@ def whole_records(records: Records) -> int:
     """Return the number of records; LocalProtocolError if the last one is incomplete."""
     size = len(records)
     if size % RECORD_SIZE:
-        raise LocalProtocolError(f"{size} bytes are no whole number of {RECORD_SIZE}-byte records")
+        raise LocalProtocolError(f"{size} bytes are not a whole number of {RECORD_SIZE}-byte records")
     return size // RECORD_SIZE
 
 

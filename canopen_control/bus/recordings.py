@@ -426,7 +426,7 @@ class Recording:
         if self.path.is_dir():
             raise ConfigError(f"{path} is a folder, no recording; name one of its files")
         if not self.path.is_file():
-            raise ConfigError(f"no recording {path}" if not self.path.exists() else f"{path} is no regular file")
+            raise ConfigError(f"no recording {path}" if not self.path.exists() else f"{path} is not a regular file")
 
     def __iter__(self) -> Iterator[RecordedFrame]:
         self.skipped, self.problem, self._ends, count = 0, "", False, 0

@@ -39,7 +39,9 @@ def parse_end(text: str) -> tuple[float, float]:
     except ValueError:
         x = y = math.nan
     if not (math.isfinite(x) and math.isfinite(y)):
-        raise ConfigError(f"{text.strip()!r} is no end: write X Y, metres ahead and to the left, as in 0.012 -0.034")
+        raise ConfigError(
+            f"{text.strip()!r} is not an end: write X Y, metres ahead and to the left, as in 0.012 -0.034"
+        )
     return x, y
 
 
@@ -143,7 +145,7 @@ def choose_base(controllers: tuple[ControllerReading, ...], name: str | None) ->
     bases = [controller for controller in controllers if WHEEL_CALIBRATION in controller.offers]
     matches = [controller for controller in bases if controller.name == name] if name is not None else bases
     if name is not None and not matches:
-        raise ConfigError(f"{name!r} is no diff drive controller of the robot; it has: {names}")
+        raise ConfigError(f"{name!r} is not a diff drive controller of the robot; it has: {names}")
     if not matches:
         raise ConfigError(f"the robot has no diff drive controller, which is what UMBmark calibrates; it has: {names}")
     active = [controller for controller in matches if controller.active] or matches

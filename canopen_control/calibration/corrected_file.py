@@ -84,7 +84,7 @@ def _number(flat: Node, name: str) -> float | None:
     if node is None:
         return None
     if isinstance(node.value, bool) or not isinstance(node.value, int | float):
-        raise ConfigError(f"{node.path}:{node.line}:{node.column}: {name} is no number")
+        raise ConfigError(f"{node.path}:{node.line}:{node.column}: {name} is not a number")
     return float(node.value)
 
 

@@ -128,7 +128,7 @@ def _refuse_sizes(side: float, separation: float) -> None:
 def _refuse_run(number: int, run: SquareRun, side: float) -> None:
     if not (math.isfinite(run.x) and math.isfinite(run.y)):
         raise ImplausibleEnds(
-            f"run {number} ({run.direction.word}) ended at {run.x}, {run.y}: that is no place; measure it again"
+            f"run {number} ({run.direction.word}) ended at {run.x}, {run.y}: that is not a place; measure it again"
         )
     if (away := math.hypot(run.x, run.y)) > _FAR * side:
         raise ImplausibleEnds(

@@ -159,7 +159,7 @@ def calibrate(
         if wheels.factors != original and last.largest >= first.largest:
             raise ControlError(
                 f"the largest error is {1e3 * last.largest:.1f} mm with the corrected values and was "
-                f"{1e3 * first.largest:.1f} mm before: they are no gain; measure again, with more runs"
+                f"{1e3 * first.largest:.1f} mm before: they are not an improvement; measure again, with more runs"
             )
     except BaseException:
         if wheels.factors != original:

@@ -106,7 +106,7 @@ def _known(robot: CheckedRobot) -> Iterator[Finding]:
         if (drive := known_drive(identity.vendor_id, identity.product_code, words)) is None:
             continue
         section = bus.sections[name]
-        keys = {str(key) for key in section.keys()}  # noqa: SIM118 - a Node is no mapping
+        keys = {str(key) for key in section.keys()}  # noqa: SIM118 - a Node is not a mapping
         written = {entry.index for entry in node.boot.sdo}
         for key, text in proposals(drive, bus.master.sync_period, keys, written, _commanded(robot, name)):
             yield Finding(

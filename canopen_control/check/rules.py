@@ -83,7 +83,7 @@ def _frames(robot: CheckedRobot) -> Iterator[Finding]:
         joint = parents.get(child)
         line = _line(config, "odom_frame_id", "base_frame_id")
         if child not in description.links:
-            text = f"{name}: base_frame_id {child!r} is no link of {description.path}"
+            text = f"{name}: base_frame_id {child!r} is not a link of {description.path}"
             hint = nearest(child, description.links)
             yield Finding(
                 config.path, _line(config, "base_frame_id"), Severity.WARNING, text + hint, "use a link's name"
@@ -334,7 +334,7 @@ def _illegal_names(robot: CheckedRobot) -> Iterator[Finding]:
     for name, config in control.controllers.items():
         if not LEGAL_NAME.fullmatch(name):
             better = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "controller"
-            text = f"{name!r} is no legal node name: letters, digits and _ only"
+            text = f"{name!r} is not a legal node name: letters, digits and _ only"
             yield Finding(control.path, config.line, Severity.ERROR, text, f"call it {better!r}")
 
 
@@ -448,7 +448,7 @@ def _device(robot: CheckedRobot, tag: Ros2ControlSystem, joint: ControlJoint) ->
         return  # the mistake in its keys is told
     if name is not None and name not in nodes:
         title = f"actuator {name!r}" if robot.description.ros1 else f"device_name {name!r}"
-        text = f"joint {joint.name}: {title} is no node of {robot.bus.path}{nearest(name, nodes)}"
+        text = f"joint {joint.name}: {title} is not a node of {robot.bus.path}{nearest(name, nodes)}"
         yield Finding(path, joint.place.line, Severity.ERROR, text, "use a name that stands under nodes:")
     elif name is None and node_id is None:
         text = f"joint {joint.name} of {tag.name}: no device_name; the nodes of {robot.bus.path} are {', '.join(nodes)}"

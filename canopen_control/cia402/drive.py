@@ -694,7 +694,7 @@ class DriveMachine:
         switching_state: State = State.OPERATION_ENABLED,
     ) -> None:
         if disabled_state not in DISABLED_STATES:
-            raise LocalProtocolError(f"{name}: {disabled_state.name} is no state of a disabled drive")
+            raise LocalProtocolError(f"{name}: {disabled_state.name} is not a state of a disabled drive")
         self.name = name
         self.state: State | None = None
         self.statusword: int | None = None
@@ -1025,7 +1025,7 @@ class DriveMachine:
         may_enable = self.mode_request.may_enable and not self.held_in_switched_on
         command = self._intent.choose(self.state, self.statusword, self.standstill, may_enable)
         if self._switches or (self.state is State.QUICK_STOP_ACTIVE and self._intent.waits):
-            self.due = _AT_ONCE  # `standstill` is no input of update
+            self.due = _AT_ONCE  # `standstill` is not an input of update
         return command
 
     def _word(self, command: Command | None, now: int) -> int:

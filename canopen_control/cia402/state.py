@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
-# Statusword bits that are no part of the state (CiA 402-2, table 30).
+# Statusword bits that are not part of the state (CiA 402-2, table 30).
 VOLTAGE_ENABLED = 1 << 4
 WARNING = 1 << 7
 REMOTE = 1 << 9
 TARGET_REACHED = 1 << 10
 INTERNAL_LIMIT = 1 << 11
 
-# Controlword bits that are no part of a command (CiA 402-2, table 27).
+# Controlword bits that are not part of a command (CiA 402-2, table 27).
 MODE_SPECIFIC_BITS = 0x0270  # bits 4, 5, 6 and 9
 FAULT_RESET_BIT = 1 << 7
 HALT_BIT = 1 << 8
@@ -215,7 +215,7 @@ def next_command(state: State, goal: State) -> Command | None:
 
     Goals are SWITCH_ON_DISABLED, READY_TO_SWITCH_ON, SWITCHED_ON (all three: never upwards), OPERATION_ENABLED and
     QUICK_STOP_ACTIVE (reached in SWITCH_ON_DISABLED too). None: no command helps, because the drive is starting, in
-    a fault (only an explicit reset leaves it), or `goal` is no state to aim for.
+    a fault (only an explicit reset leaves it), or `goal` is not a state to aim for.
     """
     row = _NEXT.get(goal)
     return row.get(state) if row is not None else None

@@ -2,7 +2,7 @@
 
 Above it positions are radians (or metres) and velocities per second, below it they are the integers
 of 0x607A, 0x60FF, 0x6064 and 0x606C, with `_dev` or `raw` in the name. To the device is rounding to nearest, never
-truncation, since truncation of a small slow target is a standstill; what does not fit its object is no target. The
+truncation, since truncation of a small slow target is a standstill; what does not fit its object is not a target. The
 drive's position counter is 32 bits wide: differences are taken modulo 2**32, and a step that no motor can make is a
 jump (a reset encoder, a restarted drive), which is counted and never becomes motion.
 """
@@ -192,7 +192,7 @@ class PositionUnwrapper:
             return raw
         step = raw - last
         if most is not None and most < _HALF and -most <= step <= most and not self._pending:
-            self._raw = raw  # as ever: a step that is no jump, and not through the end of the counter
+            self._raw = raw  # as ever: a step that is not a jump, and not through the end of the counter
             self.count += step
             return self.count
         if not step and not self._pending:

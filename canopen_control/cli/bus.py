@@ -309,7 +309,7 @@ def _rule(rule: hub.DropState, nodes: Sequence[KnownNode]) -> str:
 def _interface(args: argparse.Namespace) -> str:
     name: str = args.interface
     if ":" in name:
-        raise ConfigError(f"{name} is no interface of the kernel: it exists as soon as a program opens it")
+        raise ConfigError(f"{name} is not an interface of the kernel: it exists as soon as a program opens it")
     return name
 
 
@@ -382,7 +382,7 @@ def _bitrate(text: str) -> int:
     if text == "off":
         return 0
     if not text.isdecimal():
-        raise ConfigError(f"{text!r} is no bit rate: write bit/s, such as 500000, or off")
+        raise ConfigError(f"{text!r} is not a bit rate: write bit/s, such as 500000, or off")
     return int(text)
 
 

@@ -237,7 +237,7 @@ def _old_verdicts(path: Path) -> dict[str, str]:
     except OSError as error:
         raise ConfigError(f"{path} cannot be read: {error.strerror}") from None
     except (ValueError, KeyError, TypeError):
-        raise ConfigError(f"{path} is no report of `conform --json`") from None
+        raise ConfigError(f"{path} is not a report of `conform --json`") from None
 
 
 def _write_file(name: str, data: bytes) -> None:

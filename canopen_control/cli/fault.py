@@ -142,7 +142,7 @@ def _node_id(text: str, choices: str) -> int:
             f"no node {text!r}{choices or ' is known: no robot runs there; a node id is 1 to 127'}"
         ) from None
     if not 1 <= node_id <= 127:
-        raise ConfigError(f"{text!r} is no node id: 1 to 127, or list")
+        raise ConfigError(f"{text!r} is not a node id: 1 to 127, or list")
     return node_id
 
 

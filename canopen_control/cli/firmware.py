@@ -131,7 +131,7 @@ def _date(text: str) -> ProgramDate:
         milliseconds = None if of_day is None else _milliseconds(of_day)
         return ProgramDate(datetime.date.fromisoformat(day), milliseconds)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no date: 2026-11-21, or 2026-11-21T14:30:00") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is not a date: 2026-11-21, or 2026-11-21T14:30:00") from None
 
 
 def _milliseconds(time: datetime.time) -> int:

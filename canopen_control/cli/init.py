@@ -154,7 +154,7 @@ def _ids(text: str) -> list[int]:
         except ValueError:
             node_id = 0
         if node_id not in _NODE_IDS:
-            raise ConfigError(f"--node-id {text}: {word.strip()!r} is no node id; they are 1 to 127, such as 2,3")
+            raise ConfigError(f"--node-id {text}: {word.strip()!r} is not a node id; they are 1 to 127, such as 2,3")
         ids.append(node_id)
     return ids
 

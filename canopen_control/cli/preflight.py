@@ -156,7 +156,9 @@ def _readings(direct: DirectBus, od: ObjectDictionary, node_id: int, title: str)
         if (padded := fitted(data, entry.data_type)) is None:
             place = f"0x{address[0]:04X}:{address[1]:02X} {entry.name}"
             yield PreflightStep(
-                "EDS", False, f"{title}: {place} answered {len(data)} bytes, which is no {entry.data_type.name}"
+                "EDS",
+                False,
+                f"{title}: {place} answered {len(data)} bytes, which is not a valid {entry.data_type.name}",
             )
             continue
         values[address] = int.from_bytes(padded, "little", signed=entry.data_type.signed)

@@ -78,7 +78,7 @@ def set_parameter(graph: Graph, args: argparse.Namespace) -> int:
 def typed(value: object, declared: str) -> tuple[str, Any]:
     """Return ROS type and value of a text; `declared` is the type of the parameter.
 
-    ConfigError for what is no value of a parameter.
+    ConfigError for what is not a value of a parameter.
     """
     if isinstance(value, list):
         element = declared.removesuffix("_array")

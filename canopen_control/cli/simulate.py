@@ -89,7 +89,9 @@ def _duration(text: str) -> int:
     except ValueError:
         duration = 0
     if duration <= 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is no time above 0: 1h, 5min, 30s, 500ms, or a number of seconds")
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a time above 0: 1h, 5min, 30s, 500ms, or a number of seconds"
+        )
     return duration
 
 

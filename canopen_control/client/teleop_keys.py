@@ -3,7 +3,7 @@
 Sans-IO, time is `now` in monotonic nanoseconds. A terminal reports no release of a key, only that
 a held key repeats: for the first time after 0.25 to 0.66 s, then some 25 times a second. So the first press moves for
 `first` seconds (longer than that delay, or every start would stutter), and once the key has repeated the motion ends
-`repeat` seconds after the last one. Any key that is no motion and no speed stops at once, as there.
+`repeat` seconds after the last one. Any key that is not a motion and no speed stops at once, as there.
 """
 
 from __future__ import annotations
@@ -221,5 +221,5 @@ class Teleop:
 
 def _note_of(name: str) -> str:
     if name in _UP_AND_DOWN or name in SIDEWAYS:
-        return f"{name}: sideways, up and down are no motions of this base; without shift it drives"
+        return f"{name}: sideways, up and down are not motions of this base; without shift it drives"
     return "the terminal has lost the focus: stopped" if name == "focus-out" else ""

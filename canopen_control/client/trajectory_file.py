@@ -104,7 +104,7 @@ def write_trajectory(path: str, joints: Sequence[str], points: Iterable[Trajecto
 def read_waypoints(text: str, joints: int, step: float) -> list[TrajectoryPoint]:
     """Return points with zero velocity from positions such as `0.4 -0.3; 0 0`, `step` s apart.
 
-    ConfigError for what is no position of each joint.
+    ConfigError for what is not a position of each joint.
     """
     waypoints = []
     for index, part in enumerate(text.split(";"), 1):

@@ -32,7 +32,7 @@ _BINS: Final = 5  # of a band, at least
 _SHARE: Final = 0.06  # of its frequency, a band
 _ROWS: Final = 16
 _BAR: Final = 40
-_LEAST_SPAN: Final = 3.0  # dB, of the bars: what noise does to a flat response is no picture
+_LEAST_SPAN: Final = 3.0  # dB, of the bars: what noise does to a flat response is not a picture
 
 
 @dataclass(frozen=True, slots=True)

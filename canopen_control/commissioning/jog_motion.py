@@ -53,13 +53,13 @@ def parse_quantity(text: str, kind: str) -> Quantity:
     units = [*filter(None, _KNOWN[kind]), *COUNTS[kind]]
     match = _TEXT.fullmatch(text.strip())
     if match is None:
-        raise ConfigError(f"{text!r} is no {kind}: a number and its unit, such as 10{units[0]} ({', '.join(units)})")
+        raise ConfigError(f"{text!r} is not a {kind}: a number and its unit, such as 10{units[0]} ({', '.join(units)})")
     unit = match[2].lower()
     if unit and unit not in units:
         raise ConfigError(f"{text!r}: there is no unit {match[2]!r} of a {kind}; there are: {', '.join(units)}")
     value = float(match[1])
     if not math.isfinite(value):
-        raise ConfigError(f"{text!r} is no {kind} that a drive could reach; give a finite number")
+        raise ConfigError(f"{text!r} is not a {kind} that a drive could reach; give a finite number")
     return Quantity(value, unit, kind)
 
 

@@ -149,14 +149,16 @@ def _value(text: str, data_type: DataType) -> Value:
     try:
         return bytes.fromhex(text.removeprefix("0x"))
     except ValueError:
-        raise ValueError(f"{text!r} is no {data_type.name}: write bytes in hexadecimal, as in DEADBEEF") from None
+        raise ValueError(
+            f"{text!r} is not a valid {data_type.name}: write bytes in hexadecimal, as in DEADBEEF"
+        ) from None
 
 
 def _real(text: str, data_type: DataType) -> float:
     try:
         return float(text)
     except ValueError:
-        raise ValueError(f"{text!r} is no {data_type.name}: a number is wanted") from None
+        raise ValueError(f"{text!r} is not a valid {data_type.name}: expected a number") from None
 
 
 def _whole(text: str, data_type: DataType) -> int:
@@ -165,7 +167,7 @@ def _whole(text: str, data_type: DataType) -> int:
     try:
         value = int(text, 0)
     except ValueError:
-        raise ValueError(f"{text!r} is no {data_type.name}: a whole number is wanted, decimal or 0x") from None
+        raise ValueError(f"{text!r} is not a valid {data_type.name}: expected a whole number, decimal or 0x") from None
     bits = data_type.bits or 0
     if data_type.signed and text.lower().startswith("0x") and data_type.maximum < value < 1 << bits:
         value -= 1 << bits
@@ -460,7 +462,7 @@ def why_fixed(entry: Entry) -> str:
     if not entry.writable:
         return f"is {'constant' if entry.access == 'const' else 'read-only'}"
     if axis_of(entry.index)[0] in MOTION:
-        return "moves the axis: use the buttons that are held, which end it when they are let go"
+        return "moves the axis: use the hold buttons, which stop it on release"
     if entry.index in _PROGRAM:
         return "is the drive's program: use Firmware"
     return "is a DOMAIN: bytes of any length" if entry.data_type is DataType.DOMAIN else ""

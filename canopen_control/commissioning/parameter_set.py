@@ -160,7 +160,7 @@ class ParameterSet:
     """Values of parameters of `node_id` by address, typed by `od`; `where` is the node or file, for messages.
 
     `date` is when a file was made (ISO 8601), "" where that is not known. `foreign` are objects that a file gives a
-    value of its own and that are no parameters: read-only ones, commands, live values.
+    value of its own and that are not parameters: read-only ones, commands, live values.
     """
 
     od: ObjectDictionary
@@ -415,10 +415,10 @@ def value_text(entry: Entry, value: Value) -> str:
 # Reads the parameters of a node through a service session: for a backup, a comparison, or before they are written.
 #
 # What the node refuses is left out and told with the reason. With `twice` everything is read a second time: what
-# differs then lives by itself, whatever the EDS says, and is no parameter.
+# differs then lives by itself, whatever the EDS says, and is not a parameter.
 
 
-_VARIES = "two readings differed, so it is no parameter"
+_VARIES = "two readings differed, so it is not a parameter"
 
 
 @dataclass(frozen=True, slots=True)

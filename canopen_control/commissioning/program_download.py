@@ -357,8 +357,8 @@ def refuse_stranger(session: NodeSession, identity: DeviceIdentity) -> None:
         differences = [difference for difference in differences if difference.startswith(_VENDOR)]
     if differences:
         raise ConfigError(
-            f"{session} is no device of that EDS: {', '.join(differences)}; nothing was sent; of a boot-loader with an "
-            "identity of its own that is known to be the drive's, leave --eds out"
+            f"{session} is not a device of that EDS: {', '.join(differences)}; nothing was sent; of a boot-loader "
+            "with an identity of its own that is known to be the drive's, leave --eds out"
         )
 
 

@@ -320,7 +320,7 @@ def parse_csv(text: str, place: str) -> NamedShot:
     """Parse a file of `csv_of`; ConfigError if it is invalid."""
     lines = list(csv.reader(io.StringIO(text)))
     if len(lines) < 2 or lines[0][:2] != [_TIME, _FROM_ZERO] or len(lines[0]) < 3:
-        raise ConfigError(f"{place} is no shot of a scope: it begins with time,t and the names of signals")
+        raise ConfigError(f"{place} is not a shot of a scope: it begins with time,t and the names of signals")
     names = tuple(lines[0][2:])
     try:
         rows = tuple(
@@ -328,7 +328,7 @@ def parse_csv(text: str, place: str) -> NamedShot:
         )
         zero = float(lines[1][0]) - float(lines[1][1])
     except (ValueError, IndexError):
-        raise ConfigError(f"{place}: a cell is no number; give a file that `scope -o` has written") from None
+        raise ConfigError(f"{place}: a cell is not a number; give a file that `scope -o` has written") from None
     if any(len(row) != len(names) for _, row in rows):
         raise ConfigError(f"{place}: a row has more or fewer cells than the first line")
     first = rows[0][0]

@@ -326,7 +326,7 @@ def parse_gain(text: str) -> tuple[LoopGain, GainObject]:
     except ValueError:
         scale = 0.0
     if not 0.0 < scale < float("inf"):
-        raise ConfigError(f"--gain {text}: {match[4]!r} is no scale; give a number above 0")
+        raise ConfigError(f"--gain {text}: {match[4]!r} is not a scale; give a number above 0")
     return GAIN_NAMES[match[1].lower()], GainObject(int(match[2], 16), int(match[3], 16), scale)
 
 

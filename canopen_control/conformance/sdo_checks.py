@@ -362,7 +362,7 @@ def _identity(node: CheckedNode) -> None:
             expect(value == entry.default, f"0x{value:X} in :{subindex:02X}", f"0x{entry.default:X} of the EDS")
 
 
-@_add("O07v", "7.5.2.21", "the vendor id of 0x1018 is not 0, which is no valid one", _SHOULD)
+@_add("O07v", "7.5.2.21", "the vendor id of 0x1018 is not 0, which is not a valid one", _SHOULD)
 def _vendor(node: CheckedNode) -> None:
     vendor = int.from_bytes(node.read(0x1018, 1), "little")
     expect(vendor != 0, "vendor id 0", "the vendor id that CiA assigned")

@@ -306,9 +306,9 @@ def node_options_mistake(arguments: Sequence[str]) -> str | None:
     words = [argument for argument in arguments if argument != "--ros-args"]
     for option, rule in zip(words[::2], [*words[1::2], ""], strict=False):
         if option not in ("-r", "--remap"):
-            return f"{option!r} is no remapping; give -r FROM:=TO here, and parameters in params_file"
+            return f"{option!r} is not a remapping; give -r FROM:=TO here, and parameters in params_file"
         if ":=" not in rule:
-            return f"{rule!r} after {option} is no remapping; give FROM:=TO"
+            return f"{rule!r} after {option} is not a remapping; give FROM:=TO"
     return None
 
 

@@ -122,7 +122,7 @@ def _of_names(params: GpioParams) -> Iterator[str]:
         for name, interfaces in lists.items():
             gpio = name.removesuffix(_LIST)
             if gpio not in params.gpios or gpio == name:
-                yield f"{key}.{name} is no GPIO{_LIST} of one of gpios{nearest(gpio, params.gpios)}"
+                yield f"{key}.{name} is not a GPIO{_LIST} of one of gpios{nearest(gpio, params.gpios)}"
             yield from _doubles(f"{key}.{name}", interfaces)
 
 
@@ -143,7 +143,7 @@ def _of_joints(params: GpioParams, joints: Sequence[str]) -> Iterator[str]:
     for name in params.outputs:
         joint, _, interface = name.rpartition("/")
         if joint in joints and interface in (POSITION, *MOVING):
-            yield f"{name} moves a joint and is no output; command it by a forward command controller"
+            yield f"{name} moves a joint and is not an output; command it by a forward command controller"
 
 
 def _doubles(key: str, names: Sequence[str]) -> Iterator[str]:

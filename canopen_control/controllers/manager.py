@@ -56,7 +56,7 @@ Bases = dict[str, tuple[str, ...]]
 Parameters = tuple["ParameterReading", ...]
 
 
-_NO_TRAJECTORIES: Final = "follows no trajectories; it is no joint trajectory controller"
+_NO_TRAJECTORIES: Final = "follows no trajectories; it is not a joint trajectory controller"
 
 
 def _command(
@@ -79,7 +79,7 @@ def _send_goal(controller: Controller, goal: AnyGoal, now: int) -> None:
     """Pass a goal to a controller that accepts goals."""
     if isinstance(goal, GripperGoal):
         if not isinstance(controller, Grips):
-            raise controller.refusal("moves no gripper; it is no gripper action controller")
+            raise controller.refusal("moves no gripper; it is not a gripper action controller")
         controller.grip(goal, now)
     elif isinstance(controller, FollowsTrajectories):
         controller.send_goal(goal, now)
@@ -210,14 +210,14 @@ class ControllerManager:
         """Return a controller with odometry; ControlError for another type."""
         controller = self.get(name)
         if not isinstance(controller, HasOdometry):
-            raise ControlError(f"{name} has no odometry; it is no base controller")
+            raise ControlError(f"{name} has no odometry; it is not a base controller")
         return controller
 
     def loops(self, name: str, action: str) -> ClosesLoops:
         """Return a controller with control loops; ControlError, with `action` in its sentence, for another type."""
         controller = self.get(name)
         if not isinstance(controller, ClosesLoops):
-            raise ControlError(f"{name} {action}; it is no PID controller")
+            raise ControlError(f"{name} {action}; it is not a PID controller")
         return controller
 
     def observe(self, observer: SwitchObserver) -> None:

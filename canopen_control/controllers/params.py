@@ -262,7 +262,7 @@ class LoopGains:
     """Gains of a PID loop, by the names of control_toolbox; ValueError for contradictory ones.
 
     Such are limits that exclude each other, and a back calculation whose time constant neither is given nor follows
-    from the gains: upstream then computes what is no number.
+    from the gains: upstream then computes what is not a number.
     """
 
     p: float = setting(0.0, help="proportional gain")

@@ -84,7 +84,7 @@ def make_controller(name: str, type_name: str) -> Controller:
     except (ImportError, AttributeError, TypeError) as error:
         raise ControlError(f"controller {name}: its type {type_name!r} cannot be loaded: {error}") from error
     if not isinstance(controller, Controller):
-        raise ControlError(f"controller {name}: {target} is no canopen_control.controllers.base.Controller")
+        raise ControlError(f"controller {name}: {target} is not canopen_control.controllers.base.Controller")
     return controller
 
 

@@ -525,7 +525,7 @@ class JointSeveral(Limited):
         """See `Limited`."""
         told: str | None = None
         for part in self._parts:
-            if period > 0.0 and part.passes(period):  # once more is no difference
+            if period > 0.0 and part.passes(period):  # once more is not a difference
                 continue
             if (text := part.enforce(period, clock)) is not None:
                 told = text if told is None else f"{told}; {text}"

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint
 
 
-# Outputs of devices that are no drives: from command interfaces to the RPDOs that carry them.
+# Outputs of devices that are not drives: from command interfaces to the RPDOs that carry them.
 #
 # An output is never restored: when its node was lost or has restarted, what stands commanded counts no more, and the
 # output stays as the device has it (its error value, its default) until another value is commanded. It is sent when it
@@ -132,7 +132,7 @@ def _bounds(entry: Entry) -> tuple[float, float]:
     return (-3.4e38, 3.4e38) if entry.data_type is DataType.REAL32 else (-1.7e308, 1.7e308)
 
 
-# Inputs of devices that are no drives: from a TPDO or by SDO to a state interface in units, nan while not known.
+# Inputs of devices that are not drives: from a TPDO or by SDO to a state interface in units, nan while not known.
 #
 # A value counts from the boot on, which reads it, until the node is lost, its TPDO is overdue (three event timers, or
 # the SYNCs that bus.yml allows), or the device calls it invalid. An input that only comes when it changes has no age:
@@ -341,7 +341,7 @@ class InputSignal:
 # What several values of a device make together: the velocity of an encoder, the orientation of an inclinometer.
 #
 # The velocity is the way between the two newest TPDOs by the time between them, and 0 when none comes for a while from
-# a device that sends when something changes. Two angles are no heading: the orientation is that of roll (`lateral`) and
+# a device that sends when something changes. Two angles give no heading: the orientation is roll (`lateral`) and
 # pitch (`longitudinal`) with yaw 0, as a quaternion; rates and accelerations, which an IMU has, are nan.
 
 
@@ -577,7 +577,7 @@ class DeviceParts:
                     self._parts.append(DevicePart(part, node, image, inputs))
             elif name is not None:
                 device = part.parameters.get("device_name") or part.parameters.get("node_id", "")
-                problems.append(f"{part.name}: {device!r} is no node of bus.yml{nearest(device, nodes)}")
+                problems.append(f"{part.name}: {device!r} is not a node of bus.yml{nearest(device, nodes)}")
         if problems:
             raise RobotConfigError("\n".join(problems))
         self.states: list[StateInterface] = [state for part in self._parts for state in part.states]

@@ -9,7 +9,7 @@ One interface of motion at a time, but for what feeds a position forward (`feed_
 change of an enabled drive is preceded by a cycle in which every target is at rest, since the new mode acts upon its
 target at once; whatever is not followed is held at the actual position, without velocity and effort. CSP, IP and CSV
 have no ramp in the drive, so the master ramps, also to a stop; PP and PV leave the way to the drive. What is more than
-half a turn of the counter away, or does not fit its object, is no target: the axis stands, and
+half a turn of the counter away, or does not fit its object, is not a target: the axis stands, and
 `out_of_range` of the axis is that target.
 """
 

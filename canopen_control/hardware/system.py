@@ -364,7 +364,9 @@ def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImag
         names = ", ".join(nodes)
         raise RobotConfigError(f'joint {joint.name}: it needs <param name="device_name">, a drive of bus.yml: {names}')
     if name not in nodes:
-        raise RobotConfigError(f"joint {joint.name}: device_name {name!r} is no node of bus.yml{nearest(name, nodes)}")
+        raise RobotConfigError(
+            f"joint {joint.name}: device_name {name!r} is not a node of bus.yml{nearest(name, nodes)}"
+        )
     node, image = nodes[name]
     return JointDrive(joint, node, image, _axis_of(joint))
 

@@ -77,7 +77,7 @@ class FeedForward:
         self._told = interface = self._foreign
         position, other_owner = self._commands[POSITION].owner, self._commands[interface].owner
         return (
-            f"its {interface} is commanded by {other_owner} and its position by {position}: that is no feed-forward, "
+            f"its {interface} is commanded by {other_owner} and its position by {position}: that is not feed-forward, "
             f"and not sent; deactivate {other_owner}"
         )
 

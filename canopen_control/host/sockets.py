@@ -89,7 +89,7 @@ def _distrust(status: os.stat_result) -> str:
     if stat.S_ISLNK(status.st_mode):
         return "it is a symbolic link; remove it"
     if not stat.S_ISDIR(status.st_mode):
-        return "it is no folder; remove it"
+        return "it is not a folder; remove it"
     if status.st_uid != os.getuid():
         return f"it belongs to user id {status.st_uid}, not to yours ({os.getuid()}); remove it or set XDG_RUNTIME_DIR"
     if stat.S_IMODE(status.st_mode) & 0o077:
@@ -127,7 +127,7 @@ def drive_name(channel: str, node_id: int) -> str:
 def check_name(name: str, longest: int = 32) -> str:
     """Return `name` if it is a valid name of a bus or a robot; ConfigError otherwise."""
     if len(name) > longest or not _NAME.fullmatch(name):
-        raise ConfigError(f"{name!r} is no name: use 1 to {longest} of A-Z a-z 0-9 _ -")
+        raise ConfigError(f"{name!r} is not a name: use 1 to {longest} of A-Z a-z 0-9 _ -")
     return name
 
 
@@ -214,7 +214,7 @@ def open_lock(path: Path) -> int:
         raise ConfigError(f"{path} cannot be a lock: {reason}; {advice}, and try again") from error
     if not stat.S_ISREG(os.fstat(fd).st_mode):
         os.close(fd)
-        raise ConfigError(f"{path} cannot be a lock: it is no file; remove it, and try again")
+        raise ConfigError(f"{path} cannot be a lock: it is not a file; remove it, and try again")
     return fd
 
 
@@ -280,7 +280,7 @@ def _remove_stale(path: Path) -> None:
     except FileNotFoundError:
         return
     if not stat.S_ISSOCK(status.st_mode):
-        raise ConfigError(f"{path} is no socket; remove it")
+        raise ConfigError(f"{path} is not a socket; remove it")
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         if _answers(probe, path):
             raise SocketInUse(path, peer_pid(probe))

@@ -175,7 +175,7 @@ def _check_own_target(motion: MotionKeys, node: Node, kind: str, number: int | N
     if kind == "torque" or (place := node.get(key)) is None:
         return
     if motion.own_target(kind) is None:
-        place.error(f"{key} {place.text!r} is no object: 0x60FF, or 0x60F6:08 with a subindex")
+        place.error(f"{key} {place.text!r} is not an object: 0x60FF, or 0x60F6:08 with a subindex")
     elif number is None and not (kind == "effort" and motion.torque_mode is not None):
         place.error(f"{key} needs {kind}_mode, the mode that takes it")
 
@@ -327,7 +327,9 @@ def _check_scales(keys: UnitKeys, node: Node) -> None:
     """Report zero scales, and scales that are not inverse to each other, so that command and feedback would differ."""
     for key in SCALES:
         if not 1e-15 < abs(getattr(keys, key)) < 1e15:
-            (node.get(key) or node).error(f"{key} {getattr(keys, key)!r} cannot be used: finite and not 0 is wanted")
+            (node.get(key) or node).error(
+                f"{key} {getattr(keys, key)!r} cannot be used: expected a finite number other than 0"
+            )
             return
     for name in ("pos", "vel"):
         scale = node.get(f"scale_{name}_to_dev") or node.get(f"scale_{name}_from_dev")
@@ -618,7 +620,7 @@ class _Reader:
                 place.error(f"unknown key {name!r}{text}")
 
     def _note_unused(self, node: Node, unused: dict[str, str]) -> None:
-        for key in node.keys():  # noqa: SIM118 - a Node is no mapping
+        for key in node.keys():  # noqa: SIM118 - a Node is not a mapping
             if key in unused:
                 self._unused.setdefault(key, f"has no meaning here: {unused[key]}")
 

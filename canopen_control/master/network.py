@@ -163,7 +163,7 @@ _TELLING: Final = {
     Evidence.NMT: (
         "other_master",
         Level.WARNING,
-        "bus {bus}: another program commands nodes: {seen}; if that is no tool of yours, another master is on the bus",
+        "bus {bus}: another program commands nodes: {seen}; if it is not your tool, another master is on the bus",
     ),
     Evidence.MASTER: (
         "other_master",

@@ -87,7 +87,7 @@ class NodePlan:
 
     `guard` is (guard time in ns, life time factor) of a node watched by guarding; `restore` and `save` are subindices
     of 0x1011 and 0x1010, 0 for neither; `software_version` is what 0x1F56:01 must hold, 0 for anything. `signals` are
-    those of a device that is no drive, and of `signals` in bus.yml, by name; `reads` is what the boot reads for them.
+    those of a device that is not a drive, and of `signals` in bus.yml, by name; `reads` is read for them at boot.
     `unsupervised` says why the death of the master would not stop its axes, "" where it does: after all writes.
     `expected` is what the scales of bus.yml count on and nothing writes: polarity, gear and feed, as in the EDS;
     `turns` are the position counts of one turn by axis (its offset), as bus.yml has them. `motors` is the order of the
@@ -571,7 +571,7 @@ def _plan_service(builder: PlanBuilder, index: int, identifier: int, why: str) -
         return
     if default is not None and not default & INVALID_BIT and is_restricted(default & 0x7FF):
         builder.remark(
-            "dcf", f"0x{index:04X} = 0x{default:X} in {builder.file} is no COB-ID; 0x{identifier:03X} is written"
+            "dcf", f"0x{index:04X} = 0x{default:X} in {builder.file} is not a COB-ID; 0x{identifier:03X} is written"
         )
     same = default is not None and default & (0x7FF | INVALID_BIT if index == EMCY else 0xFFFFFFFF) == identifier
     value = default if same else identifier

@@ -475,5 +475,5 @@ def _bytes_of(value: object, data_type: DataType) -> Value:
         try:
             return bytes.fromhex(value)
         except ValueError:
-            raise ValueError(f"{value!r} is no {data_type.name}: hex digits are wanted") from None
+            raise ValueError(f"{value!r} is not a valid {data_type.name}: expected hex digits") from None
     return value  # type: ignore[return-value]  # encode checks the type of the value

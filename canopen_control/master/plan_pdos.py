@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from canopen_control.profiles.profile_tables import SafeOutput
 
 
-# The signals of a device that is no drive: its profile's and those of `signals` in bus.yml, and what its boot writes.
+# Signals of a device other than a drive: its profile's and those of `signals` in bus.yml, and what its boot writes.
 #
 # Outputs are made safe without the master: their error modes (0x6206 and its like) say that they take their error
 # values (0x6207), which are written too. Analogue inputs are made to be sent: by events they only are once 0x6423 is
@@ -99,14 +99,14 @@ def _configured(
 def _object(builder: PlanBuilder, key: str, text: int | str) -> tuple[Entry, int | None] | None:
     address = (text, 0, None) if isinstance(text, int) else object_of(text)
     if address is None:
-        builder.complain(key, f"{text!r} is no object: 0x6401:01, or 0x6000:01.3 for bit 3 of one")
+        builder.complain(key, f"{text!r} is not an object: 0x6401:01, or 0x6000:01.3 for bit 3 of one")
         return None
     index, subindex, bit = address
     entry = builder.od.get(index, subindex)
     if entry is None:
         builder.complain(key, f"0x{index:04X}:{subindex:02X} is not in {builder.file}")
     elif (bits := entry.data_type.bits) is None:
-        builder.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} is no number")
+        builder.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} is not a number")
     elif bit is not None and bit >= bits:
         builder.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} has the bits 0 to {bits - 1}")
     else:
@@ -135,13 +135,13 @@ def _fits_type(builder: PlanBuilder, key: str, keys: SignalKeys, signal: Signal)
 def _fits_numbers(builder: PlanBuilder, key: str, keys: SignalKeys, signal: Signal) -> bool:
     wrong = []
     if keys.factor is not None and (keys.factor == 0 or not math.isfinite(keys.factor)):
-        wrong.append(("factor", f"{keys.factor:g} gives no value: finite and not 0 is wanted"))
+        wrong.append(("factor", f"{keys.factor:g} gives no value: expected a finite number other than 0"))
     if keys.offset is not None and not math.isfinite(keys.offset):
-        wrong.append(("offset", f"{keys.offset:g} gives no value: a finite number is wanted"))
+        wrong.append(("offset", f"{keys.offset:g} gives no value: expected a finite number"))
     if keys.safe is not None and not signal.output:
         wrong.append(("safe", f"{signal.name} is an input; only an output has a value without the master"))
     elif isinstance(keys.safe, float) and not math.isfinite(keys.safe):
-        wrong.append(("safe", f"{keys.safe:g} is no value: a finite number or keep is wanted"))
+        wrong.append(("safe", f"{keys.safe:g} is not a value: expected a finite number or keep"))
     if keys.max_rate is not None and signal.output:
         wrong.append(("max_rate", f"{signal.name} is an output; only an input can jump"))
     for name, text in wrong:

@@ -96,7 +96,7 @@ def encode(value: Value, data_type: DataType) -> bytes:
         return _encode_integer(value, data_type)
     if isinstance(value, bytes | bytearray | memoryview):
         return bytes(value)
-    raise ValueError(f"{value!r} is no {data_type.name}: bytes are wanted")
+    raise ValueError(f"{value!r} is not a valid {data_type.name}: expected bytes")
 
 
 def decode(data: bytes, data_type: DataType) -> Value:
@@ -152,7 +152,7 @@ def default_of(entry: Entry) -> Value:
 
 def _encode_text(value: Value, data_type: DataType) -> bytes:
     if not isinstance(value, str):
-        raise ValueError(f"{value!r} is no {data_type.name}: a string is wanted")
+        raise ValueError(f"{value!r} is not a valid {data_type.name}: expected a string")
     try:
         return value.encode(_TEXT[data_type])
     except UnicodeEncodeError:
@@ -167,12 +167,12 @@ def _decode_text(data: bytes, data_type: DataType) -> str:
     try:
         return bytes(data).decode(_TEXT[data_type]).rstrip("\0")
     except UnicodeDecodeError:
-        raise ValueError(f"{bytes(data).hex()} is no {data_type.name}: not UTF-16") from None
+        raise ValueError(f"{bytes(data).hex()} is not a valid {data_type.name}: not UTF-16") from None
 
 
 def _encode_real(value: Value, data_type: DataType) -> bytes:
     if not isinstance(value, int | float):
-        raise ValueError(f"{value!r} is no {data_type.name}: a number is wanted")
+        raise ValueError(f"{value!r} is not a valid {data_type.name}: expected a number")
     try:
         return REALS[data_type].pack(value)
     except (OverflowError, struct.error):
@@ -181,8 +181,8 @@ def _encode_real(value: Value, data_type: DataType) -> bytes:
 
 def _encode_integer(value: Value, data_type: DataType) -> bytes:
     if not isinstance(value, int):
-        raise ValueError(f"{value!r} is no {data_type.name}: a whole number is wanted")
+        raise ValueError(f"{value!r} is not a valid {data_type.name}: expected a whole number")
     low, high = data_type.minimum, data_type.maximum
     if not low <= value <= high:
-        raise ValueError(f"{value} is no {data_type.name}: it holds {low} to {high}")
+        raise ValueError(f"{value} is not a valid {data_type.name}: it holds {low} to {high}")
     return value.to_bytes(((data_type.bits or 0) + 7) // 8, "little", signed=data_type.signed)

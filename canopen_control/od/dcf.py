@@ -65,7 +65,7 @@ def encode_concise(entries: Iterable[tuple[int, int, bytes]]) -> bytes:
     parts = []
     for index, subindex, data in entries:
         if not (0 <= index <= 0xFFFF and 0 <= subindex <= 0xFF):
-            raise ValueError(f"0x{index:X}:{subindex:X} is no address of an object dictionary")
+            raise ValueError(f"0x{index:X}:{subindex:X} is not an address of an object dictionary")
         parts.append(_HEAD.pack(index, subindex, len(data)) + data)
     return _COUNT.pack(len(parts)) + b"".join(parts)
 

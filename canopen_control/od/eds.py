@@ -169,7 +169,7 @@ def _check_cob_id(entry: Entry, node_id: int, report: Report) -> None:
     # CiA 301, 7.3.5: restricted identifiers
     off = EXTENDED_BIT if entry.index == _SYNC else EXTENDED_BIT | INVALID
     if not identifier & off and is_restricted(identifier & 0x7FF):
-        text = f"{_where(entry)} ({clip(entry.name)}) is 0x{value:X}, which is no COB-ID that it may have"
+        text = f"{_where(entry)} ({clip(entry.name)}) is 0x{value:X}, which is not a COB-ID that it may have"
         report.warning(entry.line, "cob-id", f"{text} (CiA 301, table 40); it can never become active")
 
 
@@ -223,7 +223,7 @@ def _check_sub_number(info: ObjectInfo, count: int, place: str, report: Report) 
     try:
         declared = parse_number(text)[0]
     except ValueError:
-        report.warning(info.line, "sub-number", f"{place}: SubNumber={clip(text)} is no number; ignored")
+        report.warning(info.line, "sub-number", f"{place}: SubNumber={clip(text)} is not a number; ignored")
         return
     # CiA 306-1, 4.6.3.3
     if declared != count:
@@ -464,7 +464,7 @@ def _why_not(sections: Sections) -> str:
     if "device" in sections and "deviceinfo" not in sections:
         return "is an EtherNet/IP EDS (ODVA) and no CANopen one"
     first = next(iter(sections.values()))
-    return f"has no object sections such as [1000], so it is no CANopen EDS; it begins with [{clip(first.title)}]"
+    return f"has no object sections such as [1000], so it is not a CANopen EDS; it begins with [{clip(first.title)}]"
 
 
 def _range_types(sections: Sections) -> Iterator[tuple[int, RangeType]]:
@@ -528,7 +528,7 @@ class _Reader:
             if parent is None or not parent.get("compactsubobj"):
                 self.report.warning(section.line, "compact-unused", f"[{section.title}] has no CompactSubObj to fill")
         elif _LOOKS_LIKE_OBJECT.match(name):
-            self.report.warning(section.line, "section-unknown", f"[{clip(section.title)}] is no object; not used")
+            self.report.warning(section.line, "section-unknown", f"[{clip(section.title)}] is not an object; not used")
         elif _MODULE.fullmatch(name):
             text = f"[{section.title}]: a module's objects are kept as text and are not part of the dictionary"
             self.report.warning(section.line, "module", text)

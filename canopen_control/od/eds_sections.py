@@ -190,7 +190,7 @@ def _why_none(text: str) -> str:
         return "is empty"
     if "\n" not in text and len(text) < 1000:
         return f"holds only {clip(text)!r}: a symbolic link stored as text? use the file that it names"
-    return "has no sections, so it is no EDS"
+    return "has no sections, so it is not an EDS"
 
 
 class _Keys(dict[str, tuple[str, str]]):
@@ -442,7 +442,7 @@ class EntryReader:
         if data_type is not None:
             return data_type, True
         description = (
-            f"DataType={clip(section.get('datatype'))} is no basic type"
+            f"DataType={clip(section.get('datatype'))} is not a basic type"
             if "datatype" in section.values
             else f"[{section.title}] has no DataType"
         )
@@ -486,7 +486,7 @@ class EntryReader:
             parsed = parse_value(text, data_type, self.node_id)
         except ValueError as problem:
             reason = (
-                f"{section.spelled(key)}={clip(text)} is no {data_type.name} ({problem}); the entry is left without"
+                f"{section.spelled(key)}={clip(text)} is not a valid {data_type.name} ({problem}); the entry has none"
             )
             self.report.error(section.line_of(key), "value-form", reason)
             return _NO_VALUE
@@ -514,7 +514,7 @@ class EntryReader:
         try:
             parsed = parse_value(text, data_type, self.node_id)
         except ValueError as problem:
-            message = f"{section.spelled(key)}={clip(text)} is no {data_type.name} ({problem}); ignored"
+            message = f"{section.spelled(key)}={clip(text)} is not a valid {data_type.name} ({problem}); ignored"
             self.report.warning(section.line_of(key), "limit-form", message)
             return _NO_LIMIT
         return _Limit(parsed.value, parsed.relative) if isinstance(parsed.value, int | float) else _NO_LIMIT
@@ -649,7 +649,7 @@ def _read_list(section: Section, listed: dict[int, Pair], report: Report) -> Non
         try:
             index = parse_number(pair.value)[0]
         except ValueError:
-            report.warning(pair.line, "list-object", f"{pair.key}={clip(pair.value)} is no index; ignored")
+            report.warning(pair.line, "list-object", f"{pair.key}={clip(pair.value)} is not an index; ignored")
             continue
         first = listed.setdefault(index, pair)
         if first is not pair:

@@ -155,7 +155,7 @@ def _check(file: PhysicsFile, _problems: Problems) -> None:
             axis_address(name)
         except ValueError:
             axis.here.error(
-                f'{name!r} is no axis: write "3" for node 3, "3/1" for its axis 1, "BUS:3" of several buses'
+                f'{name!r} is not an axis: write "3" for node 3, "3/1" for its axis 1, "BUS:3" of several buses'
             )
         if axis.scale_pos_to_dev == 0.0:
             axis.here.error("scale_pos_to_dev is 0: write how many counts of the drive a rad of the joint is")
@@ -165,4 +165,4 @@ def _check(file: PhysicsFile, _problems: Problems) -> None:
         try:
             axis_address(name)
         except ValueError:
-            encoder.here.error(f'{name!r} is no node: write "5" for node 5, "BUS:5" of several buses')
+            encoder.here.error(f'{name!r} is not a node: write "5" for node 5, "BUS:5" of several buses')

@@ -189,12 +189,12 @@ class _Reader:
         except RobotConfigError as error:
             self.problems.append(str(error))
         except (OSError, UnicodeDecodeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else "it is no UTF-8 text"
+            reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
             self.problems.append(f"{path}: cannot be read: {reason}")
         else:
             if root.tag == "sdf":
                 return root
-            self.mistake(path, root, f"<{root.tag}> is no SDF, which begins with <sdf version=...>")
+            self.mistake(path, root, f"<{root.tag}> is not an SDF, which begins with <sdf version=...>")
         return None
 
     def scope(self, scope: _Scope, depth: int) -> None:
@@ -307,7 +307,7 @@ class _Reader:
         if quat:
             length = math.hypot(*values[3:])
             if not length:
-                self.mistake(path, element, "the quaternion of <pose> is 0; 0 0 0 1 is no rotation")
+                self.mistake(path, element, "the quaternion of <pose> is 0; 0 0 0 1 is not a rotation")
                 return ORIGIN
             return Pose((x, y, z), (values[6] / length, first / length, second / length, third / length))
         turn = math.radians if _is_yes(element.attributes.get("degrees", "")) else float
@@ -333,7 +333,7 @@ class _Reader:
         make = _SHAPES.get(shape.tag)
         if make is None:
             self.mistake(
-                link.path, shape, f"<{shape.tag}> is no shape of this physics; use one of {', '.join(_SHAPES)}"
+                link.path, shape, f"<{shape.tag}> is not a shape of this physics; use one of {', '.join(_SHAPES)}"
             )
             return
         solid = make(self, link.path, shape, self._name(link, element), place)

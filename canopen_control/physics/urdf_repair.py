@@ -163,11 +163,11 @@ def _check_inertia(link: ET.Element, description: UrdfDescription, notes: list[s
     try:
         xx, yy, zz, xy, xz, yz = (float(element.get(key, "0")) for key in _MOMENTS)
     except ValueError:
-        problems.append(f"{place}: its <inertia> has what is no number; correct it")
+        problems.append(f"{place}: its <inertia> has what is not a number; correct it")
         return
     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     if not np.isfinite(matrix).all():
-        problems.append(f"{place}: its <inertia> has what is no number; correct it")
+        problems.append(f"{place}: its <inertia> has what is not a number; correct it")
         return
     moments, axes = np.linalg.eigh(matrix)
     listed = ", ".join(f"{moment:.4g}" for moment in moments)

@@ -101,7 +101,7 @@ def _stands(sensor: WorldSensor, existing: Mapping[str, Any], path: str) -> bool
     for name, kind in zip(names, _PARTS[sensor.kind], strict=True):
         if existing[name].type != kind:
             type_name = kind.name.removeprefix("mjSENS_").lower()
-            raise PhysicsError(f"{path}: sensor {sensor.name}: {name} of the scene is no {type_name}")
+            raise PhysicsError(f"{path}: sensor {sensor.name}: {name} of the scene is not of type {type_name}")
     return True
 
 

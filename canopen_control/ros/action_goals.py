@@ -111,7 +111,7 @@ class JudgedActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, withou
             while len(self._refused) > _KEPT:
                 self._refused.popitem(last=False)
         with contextlib.suppress(StopIteration):
-            super()._execute_goal_request(waiting).send(None)  # it waits for nothing: its callbacks are no coroutines
+            super()._execute_goal_request(waiting).send(None)  # it waits for nothing: its callbacks are not coroutines
         handle = self.known(uuid)
         if handle is not None and handle.status == _ACCEPTED:  # nobody could be told
             _is_executing(handle)

@@ -129,7 +129,7 @@ def outputs_of(message: RosMessage, controller: ControllerReading) -> dict[str, 
             raise ValueError(f"{group}: {len(names)} interface_names with {len(values)} values; give as many")
         for name, value in zip((f"{group}/{name}" for name in names), values, strict=True):
             if name not in known:
-                raise ValueError(f"{name!r} is no output; there are: {', '.join(known) or 'none'}")
+                raise ValueError(f"{name!r} is not an output; there are: {', '.join(known) or 'none'}")
             if name in found:
                 raise ValueError(f"{name} is named twice")
             if not math.isfinite(value):

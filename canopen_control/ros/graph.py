@@ -43,7 +43,7 @@ def full_name(text: str, kind: str) -> str:
     match = _SHORT.fullmatch(text)
     if match is None or match[2] not in (None, kind):
         raise ConfigError(
-            f"{text!r} is no interface; write PACKAGE/{kind}/NAME, such as std_msgs/msg/Float64MultiArray"
+            f"{text!r} is not an interface; write PACKAGE/{kind}/NAME, such as std_msgs/msg/Float64MultiArray"
         )
     return f"{match[1]}/{kind}/{match[3]}"
 

@@ -2,8 +2,8 @@
 
 Rules (ros2_canopen): the services and topics of a node are `NAMESPACE/NODE/x`, where NODE is its key in
 bus.yml; its own `namespace` stands in the place of the bridge's, its own `remappings` are followed. Each axis of a node
-with several has its own below its name in `channel_names`, else below `NODE/JOINT` (ros2_canopen's `NODE/0` is no name
-that ROS allows). A name that ROS does not allow gets underscores in the place of what is not allowed.
+with several has its own below its name in `channel_names`, else below `NODE/JOINT` (`NODE/0` of ros2_canopen is not
+allowed by ROS). A name that ROS does not allow gets underscores in the place of what is not allowed.
 """
 
 from __future__ import annotations

@@ -58,7 +58,7 @@ def parse_address(text: str) -> Address:
     """Return the address of "0x6041", "6041:00" or "0x1008:00 str"; ValueError with a sentence."""
     match = _ADDRESS.fullmatch(text.strip())
     if match is None:
-        raise ValueError(f"{text!r} is no object; write INDEX[:SUB] [TYPE] in hexadecimal, such as 0x6083:00 u32")
+        raise ValueError(f"{text!r} is not an object; write INDEX[:SUB] [TYPE] in hexadecimal, such as 0x6083:00 u32")
     index, subindex, kind = match[1], match[2] or "0", match[3] or ""
     if kind not in ("", *_FORMATS, *_TEXTS):
         raise ValueError(f"{text!r}: no type {kind!r}; there are: {', '.join((*_FORMATS, *_TEXTS))}")

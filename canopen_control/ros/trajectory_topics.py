@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 # Trajectories of ROS as the robot's socket has them, and back, as plain numbers: this file imports no ROS.
 #
 # Rules (trajectory_msgs, control_msgs): an empty list says nothing of its quantity; a stamp of zero
-# begins at once; a tolerance of 0 is the controller's. What is no number is found here, since JSON has none such: the
+# begins at once; a tolerance of 0 is the controller's. Nonfinite numbers are detected here, since JSON has none: the
 # sentence is the one that the robot has for it.
 
 
@@ -96,7 +96,7 @@ def _told(tolerance: float) -> float:
 def pieces_of(trajectory: RosMessage) -> Iterator[list[TrajectoryPoint]]:
     """Yield the points of a JointTrajectory in lists, one per request, at least one.
 
-    ValueError with a sentence for too many points, and for one that has something in it that is no finite number.
+    ValueError with a sentence for too many points, and for one that has something in it that is not a finite number.
     """
     points = trajectory.points
     if len(points) > MAX_POINTS:
@@ -243,7 +243,7 @@ class SpeedScalingTopic(Endpoint):
     def _on_message(self, message: RosMessage) -> None:
         factor = message.factor
         if not 0.0 <= factor < math.inf:
-            self._ros.warn(self._topic, f"{self._topic}: {factor:g} is no factor of a speed; give 0 or more")
+            self._ros.warn(self._topic, f"{self._topic}: {factor:g} is not a factor of a speed; give 0 or more")
             return
         request = ScaleTrajectory(controller=self._controller, factor=factor)
         self._ros.hand_over(lambda: self._ros.ask(request, self._on_answer))

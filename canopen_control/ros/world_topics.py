@@ -160,7 +160,7 @@ class LaserScans(Endpoint):
 #
 # Published for each new true pose, with its stamp, once a base controller has told the name of its
 # odometry frame, so that RViz shows it in the same fixed frame as `odom`; a robot whose true pose nobody knows has no
-# publisher of it. It is no transform: a frame has one parent, and that of the base is its odometry's.
+# publisher of it. It is not a transform: a frame has one parent, and that of the base is its odometry's.
 
 
 class GroundTruth(Endpoint):

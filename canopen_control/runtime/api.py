@@ -325,7 +325,7 @@ class SimulationMethods:
 def _told(act: WorldAct) -> str:
     """Return the text of an event about a disturbance."""
     if isinstance(act, BlockJoint):
-        return f"{act.joint} is {'blocked' if act.on else 'let go'}"
+        return f"{act.joint} is {'blocked' if act.on else 'released'}"
     if isinstance(act, AddPayload):
         return f"a payload of {act.mass:g} kg is put on {act.on or _HEAVIEST}"
     if isinstance(act, PushRobot):
@@ -541,7 +541,7 @@ class ApiServer(RobotObserver):
         if name in manager.states:
             axes = twist_axes_of(manager.get(name))
             if not axes:
-                raise ControlError(f"{name} takes no twist; it is no base controller, command it by values")
+                raise ControlError(f"{name} takes no twist; it is not a base controller, command it by values")
             if request.lateral and _SIDEWAYS not in axes:
                 raise ControlError(f"{name} cannot drive sideways; it takes {' and '.join(axes)}")
         twist = {"linear.x": request.linear, _SIDEWAYS: request.lateral, "angular.z": request.angular}

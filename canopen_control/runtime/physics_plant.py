@@ -111,7 +111,7 @@ def check_physics(setup: RobotSetup) -> None:
             raise RobotConfigError(f"--physics: real drives may be on {channel}; use --can local:NAME, or vcan0")
         if parse_channel(channel).kind.in_process:
             raise RobotConfigError(
-                f"--physics: the drives on {channel} are no process of their own; use --can local:NAME"
+                f"--physics: the drives on {channel} do not run in a process of their own; use --can local:NAME"
             )
     if setup.world is not None:
         from canopen_control.physics.scene_file import read_world_description  # most robots are run without physics

@@ -40,7 +40,7 @@ _MISSED = 5  # periods without SYNC until it is set up again
 _RETRY_NS = 500_000_000
 _BLOCK, _BLOCKS = 64, 5  # SYNCs that are judged together, and so often before anything is changed
 _MOST_TRIMMED = 20  # this part of a period at most, and _LATENCY_US
-_LATENCY_US = 100  # beyond that it is no latency: the machine stands still at times
+_LATENCY_US = 100  # beyond that it is not latency: the machine stands still at times
 
 
 class SyncTask(Protocol):

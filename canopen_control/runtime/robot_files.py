@@ -292,7 +292,7 @@ def _not_launched(
     """Return a sentence about missing files and files that a launch file without a folder does not name."""
     for option, kind in (("--bus", "bus"), ("--controllers", "controllers"), ("--description", "description")):
         if any(text.endswith(f" or {option}") for text in (*no_bus, *missing)):
-            problem = f"names {files[kind]}, which is no file" if kind in files else f"names no {kind} file"
+            problem = f"names {files[kind]}, which is not a file" if kind in files else f"names no {kind} file"
             if kind != "bus" or kind in files:
                 yield f"{launch} {problem}; give it by {option}"
     yield from (text for text in missing if not text.startswith("give a robot folder or "))
@@ -314,7 +314,7 @@ def xacro_arguments(words: Iterable[str]) -> dict[str, str]:
     for word in words:
         name, is_pair, value = word.partition(":=")
         if not is_pair or not _ARGUMENT.fullmatch(name):
-            raise RobotConfigError(f"{word!r} is no argument of the description; those are NAME:=VALUE")
+            raise RobotConfigError(f"{word!r} is not an argument of the description; those are NAME:=VALUE")
         arguments[name] = value
     return arguments
 
@@ -490,7 +490,9 @@ def _more_buses(folder: Path, missing: list[str]) -> dict[str, Path]:
     buses = {name: path for name, path in files.items() if name.lower().rpartition("_")[2] not in _COPIES}
     for name, path in buses.items():
         if not _BUS_NAME.fullmatch(name) or name == MAIN_BUS:
-            missing.append(f"{path}: {name!r} is no name for a further bus: letters, digits, _ and -, not {MAIN_BUS!r}")
+            missing.append(
+                f"{path}: {name!r} is not a name for a further bus: letters, digits, _ and -, not {MAIN_BUS!r}"
+            )
     return buses
 
 

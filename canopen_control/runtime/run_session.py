@@ -249,7 +249,7 @@ class RunSession(RobotObserver):
         self.robot.fail(text)
 
     def children_ready(self, tries: int = _HEARING_TRIES) -> None:
-        """Boot the nodes once the child processes have written their first lines, which are no events."""
+        """Boot the nodes once the child processes have written their first lines, which are not events."""
         if self.robot.has_heard(self.supervisor.driven) or not tries:
             self._begin()
         else:

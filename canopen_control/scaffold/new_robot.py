@@ -1,8 +1,8 @@
 """Nodes, joints and base of a new robot, chosen from EDS files and checked before a file is written.
 
 Names of joints and controllers are names of ROS: letters, digits and _. Each axis of a drive is a joint. A device that
-is no drive is what its profile says: inputs and outputs by name, or of an encoder a joint that is measured; one whose
-profile nobody knows is a proxy. A bus of proxies alone has no description and no controllers.
+is not a drive has what its profile says: inputs and outputs by name, or of an encoder a measured joint; one
+with an unknown profile is a proxy. A bus of proxies alone has no description and no controllers.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _KINDS: Final = {
     Profile.CHARGER: "charger",
     Profile.ENERGY: "energy",
 }
-"""What a node is called that is no drive, before its node id."""
+"""What a node is called that is not a drive, before its node id."""
 FASTEST_MEASURED: Final = 30.0
 """How fast what an encoder measures may turn, in rad/s; a guess that is written into its files."""
 _MASTERS: Final = (1, *range(127, 1, -1))
@@ -175,7 +175,7 @@ def plan_robot(
     """Choose nodes, joints and PDOs; RobotConfigError lists all errors, one sentence per line.
 
     What is wrong with the devices is among the robot's `problems`. A drive that cannot be moved has no joint, and there
-    is no base then.
+    is not a base then.
     `interfaces` are what every joint may be commanded by, the best first; without any it is what the base needs.
     """
     check_robot_name(name)
@@ -268,7 +268,9 @@ def _wrong_joints(joints: Sequence[str], axes: int, devices: Sequence[Device]) -
     problems += [f"--joint {joint} is given twice" for joint in dict.fromkeys(joints) if joints.count(joint) > 1]
     if len(joints) > axes:
         drives = sum(bool(axes_of(device.od)) for device in devices)
-        names = f" ({len(devices) - drives} of the {len(devices)} nodes are no drives)" if len(devices) > drives else ""
+        names = (
+            f" ({len(devices) - drives} of the {len(devices)} nodes are not drives)" if len(devices) > drives else ""
+        )
         few = f"{drives} drive{'' if drives == 1 else 's'}" if axes == drives else f"{axes} axes"
         problems.append(f"{len(joints)} joints for {few}{names}; give a node id for each, or fewer --joint")
     return problems

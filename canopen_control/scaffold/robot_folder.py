@@ -174,7 +174,7 @@ def _control(joint: NewJoint) -> list[str]:
     ]
 
 
-# The controllers of devices that are no drives in a new ros2_controllers.yaml: outputs by name, and what is measured.
+# The controllers of devices that are not drives in a new ros2_controllers.yaml: outputs by name, and what is measured.
 #
 # A device with outputs gets a GPIO command controller, which tells its inputs too. A battery gets its broadcaster, any
 # other device one that contains all of its signals. The joint of an encoder is told by the joint state broadcaster.
@@ -229,7 +229,7 @@ _INPUTS: Final = DeviceController("broadcaster", "canopen_control/GpioBroadcaste
 
 # Writes the ros2_controllers.yaml of a new robot: what commands the joints, commented.
 #
-# The first controller that is no broadcaster is the one that `run` and `demo` activate: that of the base, else the one
+# The first controller other than a broadcaster is activated by `run` and `demo`: that of the base, else the one
 # for the joints of the better interface.
 
 
@@ -414,7 +414,7 @@ def write_robot(robot: NewRobot, parent: Path, *, force: bool = False) -> Writte
 def refuse_existing(folder: Path, *, force: bool) -> None:
     """Raise RobotConfigError for a folder that may not be written to."""
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise RobotConfigError(f"{folder} is there and is no folder; choose another name")
+        raise RobotConfigError(f"{folder} is there and is not a folder; choose another name")
     if folder.exists() and not force:
         raise RobotConfigError(f"{folder} is there already; choose another name, or overwrite its files with --force")
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 ANSWER_NS: Final = 2_000_000_000
 _RENEWED_NS: Final = 500_000_000  # maximum age of a velocity command that is renewed
 _KEPT: Final = 100  # number of reports kept
-_LEAST: Final = 5.0  # counts/s: slower is no motion
+_LEAST: Final = 5.0  # counts/s: slower is not a motion
 _WAY: Final = 0.02  # rad or m: a smaller distance to a target asks for no motion
 _COMMAND, _FOLLOWS = 0x18F, 0x0F  # controlword bits: operation enabled, no halt
 _SHOWN, _UNLIMITED = 0x86F, 0x27  # statusword bits: OPERATION ENABLED, no active limit (bit 11)

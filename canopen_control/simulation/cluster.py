@@ -55,7 +55,7 @@ def _connected(address: str) -> Iterator[Client]:
     from distributed import Client
 
     if not _ADDRESS.fullmatch(address):
-        raise ConfigError(f"--dask {address!r} is no address of a Dask cluster; one is tcp://host:8786")
+        raise ConfigError(f"--dask {address!r} is not an address of a Dask cluster; one is tcp://host:8786")
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # relevant messages are reported as sentences
     try:
         client = Client(address, timeout=_CONNECT_S, set_as_default=False)

@@ -131,7 +131,7 @@ class _Checked:
         if step.times:
             self._check_times(kind)
         if step.when and step.when not in _MOMENTS:
-            step.here.error(f"when: {step.when} is no state{nearest(step.when, _MOMENTS)}")
+            step.here.error(f"when: {step.when} is not a state{nearest(step.when, _MOMENTS)}")
         numbers, plant, times = tuple(values), tuple(step.plant.items()), tuple(step.times)
         yield ScenarioEvent(step.at_ns, kind, target, name, numbers, lasts, plant, step.axis, times, step.when)
 
@@ -149,7 +149,7 @@ class _Checked:
         if lasts is not None and not step.block:
             self._no("for", "payload, push and friction")
         if step.when and step.when not in _MOMENTS:
-            step.here.error(f"when: {step.when} is no state{nearest(step.when, _MOMENTS)}")
+            step.here.error(f"when: {step.when} is not a state{nearest(step.when, _MOMENTS)}")
         for world_act in happens:
             self._check_part(world_act)
             yield ScenarioEvent(step.at_ns, "world", for_ns=lasts, when=step.when, world=world_act)
@@ -192,7 +192,7 @@ class _Checked:
             self._step.check_name(None, name)
         elif kind == "axis":
             if name not in _ACTIONS:
-                here.error(f"name: {name or 'nothing'} is no action; there are: {', '.join(_ACTIONS)}")
+                here.error(f"name: {name or 'nothing'} is not an action; there are: {', '.join(_ACTIONS)}")
         elif name:
             here.error(f"name: does not go with {kind}")
 

@@ -361,18 +361,18 @@ def _opened(path: Path, read: Callable[[zipfile.ZipFile, FlightMeta], T]) -> T:
     try:
         with zipfile.ZipFile(path) as archive:
             if len(archive.infolist()) > _MOST_MEMBERS:
-                raise ConfigError(f"{path}: this is no flight recording: {len(archive.infolist())} files are in it")
+                raise ConfigError(f"{path}: this is not a flight recording: {len(archive.infolist())} files are in it")
             text = _content(archive, _META)
             file_format = _parsed(_META, text, FlightFormat)
             if (file_format.format, file_format.version) != (FORMAT, VERSION):
-                raise ConfigError(f"{path}: this is no flight recording that this version can read")
+                raise ConfigError(f"{path}: this is not a flight recording that this version can read")
             return read(archive, _parsed(_META, text, FlightMeta))
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror or error}") from error
     except FlightFileError as error:
-        raise ConfigError(f"{path}: this is no flight recording, or it is damaged: {error}") from error
+        raise ConfigError(f"{path}: this is not a flight recording, or it is damaged: {error}") from error
     except _UNREADABLE as error:
-        raise ConfigError(f"{path}: this is no flight recording: {error}") from error
+        raise ConfigError(f"{path}: this is not a flight recording: {error}") from error
 
 
 def _content(archive: zipfile.ZipFile, name: str) -> bytes:

@@ -109,7 +109,7 @@ class UrdfDocument:
             return default
         number = finite_number(text)
         if number is None:
-            self.error(element, f"{key}={text!r} of <{element.tag}> is no number")
+            self.error(element, f"{key}={text!r} of <{element.tag}> is not a number")
         return default if number is None else number
 
     def vector(
@@ -121,7 +121,7 @@ class UrdfDocument:
         numbers = [finite_number(word) for word in element.attributes[attribute].split()]
         if len(numbers) != 3 or None in numbers:
             text = element.attributes[attribute]
-            self.error(element, f"{attribute}={text!r} of <{element.tag}> is no three numbers")
+            self.error(element, f"{attribute}={text!r} of <{element.tag}> is not three numbers")
             return default
         x, y, z = (word or 0.0 for word in numbers)
         return x, y, z

@@ -193,7 +193,7 @@ def _read_stl(content: bytes) -> Mesh:
     if content[:5] == b"solid" and b"facet" in content[:1000]:
         return _as_stl(stl_triangles(content))
     if len(content) < 84:
-        raise ValueError("it is no STL file")
+        raise ValueError("it is not an STL file")
     faces = int.from_bytes(content[80:84], "little")
     if len(content) < 84 + 50 * faces:
         raise ValueError(f"{faces} faces are announced, and the file ends before")
@@ -204,7 +204,7 @@ def _read_stl(content: bytes) -> Mesh:
 
 def _read_glb(content: bytes) -> Mesh:
     if content[:4] != b"glTF":
-        raise ValueError("it is no binary glTF file")
+        raise ValueError("it is not a binary glTF file")
     return Mesh(content, "glb")
 
 

@@ -148,7 +148,7 @@ def options_of(number: str, expected: str) -> ProgramOptions:
         program = int(number or "1", 0)
         wanted = int(expected, 0) if expected.strip() else None
     except ValueError:
-        raise ConfigError(f"{number!r} and {expected!r}: a number is wanted, decimal or 0x") from None
+        raise ConfigError(f"{number!r} and {expected!r}: expected a number, decimal or 0x") from None
     if not 1 <= program <= 254:
         raise ConfigError(f"program {program}: programs are 1 to 254")
     if wanted is not None and not 0 <= wanted < 1 << 32:

@@ -159,7 +159,7 @@ def trajectory_motion(
     goal = SendTrajectory(
         controller=controller, joints=list(joints), points=[point], source=SOURCE, heartbeat=_HEARTBEAT_S
     )
-    cancel = CancelTrajectory(controller=controller, own=True, why="the page let go")
+    cancel = CancelTrajectory(controller=controller, own=True, why="the page released its button")
     return TeleopCommands(controller, goal, cancel, TrajectoryHeartbeat())
 
 

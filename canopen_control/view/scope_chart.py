@@ -26,7 +26,7 @@ _TIME_LABEL: Final[Options] = {
     "fontSize": 11,
     "showMinLabel": False,
     "showMaxLabel": False,
-}  # the ends are no round numbers
+}  # the ends are not round numbers
 _LINE: Final[Options] = {"color": "#16324f", "width": 1, "type": "solid"}
 
 

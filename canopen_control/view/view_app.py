@@ -295,7 +295,7 @@ class ViewApp:
         if page not in self._pages or not self.teleop:
             return  # it was closed while this was on its way
         if not self._dead_man.hold(page, motion, time.monotonic_ns()):
-            on_refusal("another page drives; it has to let go first")
+            on_refusal("another page drives; its button must be released first")
         elif self._letting_go is None:
             self._watch_hold()
 

@@ -8,7 +8,7 @@ From the outside in; a file imports those of its own line and of lines further d
 - their quirks: `quirks`, `power_quirks`, `motion_quirks`, `communication_quirks`, `quirk_base`
 - what both do to frames and to the node: `fault_frames`, `device_faults`
 - a node: `virtual_node`, of `communication_objects`, `node_pdos`, `device_store`
-- a device that is no drive: `io_device`
+- a device that is not a drive: `io_device`
 - a drive: `virtual_drive`
 - its modes of operation: `drive_modes`, `profile_modes`, `mode_base`
 - what moves and stops an axis: `power_machine`, `axis_motion`

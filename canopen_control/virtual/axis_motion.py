@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 #
 # A limit is reported once, when the motion ends at it (bit 11, and an EMCY where the device has one for it), and
 # forgotten with the next demand that leads away. The software limits 0x607D count when the lower one is the lower one;
-# a pair at the ends of its type is no limit.
+# a pair at the ends of its type is not a limit.
 
 
 UNIT_OBJECTS = (

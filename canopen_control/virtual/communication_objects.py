@@ -275,7 +275,7 @@ class ErrorControl:
         self._store, self._nmt, self._heartbeats, self._outbox = store, nmt, heartbeats, outbox
         self._model, self._axes = model, axes
         self._off_the_bus = False
-        self.function: PoweredAxis | None = None  # of a device that is no drive
+        self.function: PoweredAxis | None = None  # of a device that is not a drive
 
     def watch(self, periods: Mapping[int, int]) -> None:
         """Monitor the heartbeats of exactly these nodes: node id to consumer time in ns."""
@@ -525,7 +525,7 @@ class CommunicationObjects:
 
     def _group(self, subindex: int) -> list[Address]:
         first, last = _GROUPS.get(subindex, _MANUFACTURER)
-        # What the device shows, and the requests to save themselves, are no parameters.
+        # What the device shows, and the requests to save themselves, are not parameters.
         return [
             entry.address
             for entry in self._store.od

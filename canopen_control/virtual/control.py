@@ -217,5 +217,5 @@ def _holder(plant: Plant, name: str) -> object:
     """Return the owner of a plant's value: the plant, or the motor of a wheel; ConfigError without one."""
     holder = plant if hasattr(plant, name) else getattr(plant, "inner", plant)
     if name.startswith("_") or not isinstance(getattr(holder, name, None), int | float):
-        raise ConfigError(f"plant: {name!r} is no number of this plant")
+        raise ConfigError(f"plant: {name!r} is not a number of this plant")
     return holder

@@ -135,7 +135,7 @@ class ParameterFile:
             content = None
         nodes = content.get("nodes") if isinstance(content, dict) and content.get("format") == FORMAT else None
         if not isinstance(nodes, dict) or not all(isinstance(record, dict) for record in nodes.values()):
-            raise ConfigError(f"{self.path} is no store of virtual drives; name a new file, it will be made")
+            raise ConfigError(f"{self.path} is not a store of virtual drives; name a new file, it will be made")
         return nodes
 
     def _write(self) -> None:

@@ -130,7 +130,7 @@ _ROWS = (
     Fault(27, "transition_slow", "axis", "takes two seconds for every transition", "waits, holds its targets", quirk="transition_slow=2"),
     Fault(28, "power_stage_off", "axis", "its power stage loses the supply, no fault", "reports it, stops all axes, does not fight", switched=device.power_stage_off),
     Fault(28, "undervoltage", "axis", "under-voltage: FAULT, whose cause lasts", "names it; a reset says that the cause is still present", switched=device.supply_low),
-    Fault(30, "undefined_statusword", "axis", "shows a statusword that is no state (0x0001)", "keeps the last state for some cycles, then an error", switched=device.status_undefined),
+    Fault(30, "undefined_statusword", "axis", "shows a statusword that is not a state (0x0001)", "keeps the last state for some cycles, then an error", switched=device.status_undefined),
     Fault(31, "mode_display_stuck", "axis", "its mode display never changes", "no set-point in the new mode; time-out, old mode back", switched=device.mode_frozen),
     Fault(31, "mode_display_late", "axis", "changes its mode 200 ms late", "waits for the display", quirk="mode_display_late=0.2"),
     Fault(32, "pp_ack_missing", "axis", "never acknowledges a set-point (bit 12)", "time-out; bit 4 goes back to 0", switched=device.ack_missing),
@@ -151,17 +151,17 @@ _ROWS = (
     Fault(41, "local_control", "axis", "is under local control (bit 9 is 0)", "refuses to enable it, with words", switched=device.local_control),
     Fault(42, "parameter_clamped", "node", "takes at most 1000 for 0x6083, silently", "reads back and compares", quirk="parameter_clamped=1000"),
     Fault(43, "direction_inverted", "axis", "shows position and velocity with the wrong sign", "finds it in a jog test", switched=device.inverted),
-    Fault(47, "clock_fast", "node", "has a clock that is 100 ppm fast: in CSP it sees a set-point twice now and then", "goes on; a repeated set-point is no fault", switched=device.clock_off_by(100.0)),
-    Fault(47, "clock_slow", "node", "has a clock that is 100 ppm slow: in CSP it misses a set-point now and then", "goes on; a missed set-point is no fault", switched=device.clock_off_by(-100.0)),
+    Fault(47, "clock_fast", "node", "has a clock that is 100 ppm fast: in CSP it sees a set-point twice now and then", "goes on; a repeated set-point is not a fault", switched=device.clock_off_by(100.0)),
+    Fault(47, "clock_slow", "node", "has a clock that is 100 ppm slow: in CSP it misses a set-point now and then", "goes on; a missed set-point is not a fault", switched=device.clock_off_by(-100.0)),
     Fault(0, "rpdo_late", "node", "hears its RPDOs 3 ms late", "goes on; what the drive reports of its set-points shows the phase", quirk="rpdo_late=0.003"),
     Fault(0, "rpdo_lost", "node", "does not hear one RPDO of a hundred", "goes on; what the drive reports of its set-points counts the missed ones", switched=device.rpdos_lost(100)),
     Fault(0, "enabled_in_preop", "axis", "obeys controlword 15 in PRE-OPERATIONAL too, and set-points by SDO", "enables it in OPERATIONAL alone, as always", quirk="enabled_in_preop"),
     Fault(0, "warning", "axis", "sets the warning bit", "shows it, nothing stops", switched=device.warning),
     Fault(0, "device_error", "node", "reports an error of its hardware (0x5000) that lasts", "shows it", switched=device.hardware_error),
-    Fault(0, "input_stuck", "input", "its inputs stay at what they show (a device that is no drive)", "cannot know; a second sensor, or what it should do, tells", switched=device.inputs("stuck")),
-    Fault(0, "input_noise", "input", "its analogue inputs are noisy, by 2 % of the full scale (a device that is no drive)", "goes on", switched=device.inputs("noise")),
-    Fault(0, "input_jump", "input", "its analogue inputs are off by a quarter of the full scale (a device that is no drive)", "shows it; a limit in who uses it stops", switched=device.inputs("jump")),
-    Fault(0, "output_overload", "output", "its outputs are overloaded: it switches them off and reports 0x2310, which lasts (a device that is no drive)", "shows it; what stands commanded stays", switched=device.output_overload),
+    Fault(0, "input_stuck", "input", "its inputs stay at what they show (a device that is not a drive)", "cannot know; a second sensor, or what it should do, tells", switched=device.inputs("stuck")),
+    Fault(0, "input_noise", "input", "its analogue inputs are noisy, by 2 % of the full scale (a device that is not a drive)", "goes on", switched=device.inputs("noise")),
+    Fault(0, "input_jump", "input", "its analogue inputs are off by a quarter of the full scale (a device that is not a drive)", "shows it; a limit in who uses it stops", switched=device.inputs("jump")),
+    Fault(0, "output_overload", "output", "its outputs are overloaded: it switches them off and reports 0x2310, which lasts (a device that is not a drive)", "shows it; what stands commanded stays", switched=device.output_overload),
     Fault(0, "program_lost", "program", "has lost its program: it resets, and its boot-loader runs (a node with 0x1F51)", "stops all axes, does not take the boot-loader for the drive; `firmware` loads a program without its EDS", switched=device.program_lost),
     Fault(0, "program_damaged", "program", "changes a bit of a program on its way into the flash (a node with 0x1F51)", "says that the sum is wrong and starts nothing; the same command starts again", switched=device.program_damaged),
     Fault(0, "flash_fails", "program", "its flash fails after 1024 bytes of a program (a node with 0x1F51)", "says so and starts nothing; the same command starts again", switched=device.flash_failing),
@@ -171,7 +171,7 @@ _ROWS = (
 FAULTS: dict[str, Fault] = {fault.name: fault for fault in _ROWS}
 """All faults by name. Row 0: cheap extras that are not in the catalogue.
 
-Rows that are no switch: 16, 29, 35, 44 to 46 are what the drive does anyway, by its EDS, its option codes or its
+Rows that are not switch: 16, 29, 35, 44 to 46 are what the drive does anyway, by its EDS, its option codes or its
 device model; 19 is 18 from the start.
 """
 
@@ -247,7 +247,7 @@ class FaultSwitches:
         """Raise ConfigError for a fault that this kind of node does not support."""
         node = self._node
         if not fault.fits(node):
-            which = _DEVICES.get(fault.acts) or f"no drive, of a profile with {fault.acts}s"
+            which = _DEVICES.get(fault.acts) or f"not a drive and has a profile with {fault.acts}s"
             raise ConfigError(
                 f"{fault.name} is a fault of a device that is {which}; node {node.node_id} is {node.name}"
             )

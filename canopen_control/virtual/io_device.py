@@ -524,7 +524,7 @@ class Charger(SensorDevice):
 # An encoder counts `position` (rad, of a linear one m) in its steps (0x6001 with scaling on, else 0x6501), turned by
 # the code sequence, moved by the preset (0x6003) and begun again at the total range (0x6002); `velocity` lets the
 # position go on by itself, or the shaft of a virtual drive leads it (see `shaft`). 0x6200 is the event timer of its
-# first TPDO, and while one is set changes are no events. An inclinometer shows its angles with the resolution 0x6000,
+# first TPDO, and while one is set changes are not events. An inclinometer shows its angles with the resolution 0x6000,
 # which re-scales at once, inverted and moved as 0x6x11 to 0x6x14 say.
 
 

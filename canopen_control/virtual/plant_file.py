@@ -264,13 +264,13 @@ def _check(file: WorldFile, _problems: Problems) -> None:
         try:
             _address(name)
         except ValueError:
-            axis.here.error(f'{name!r} is no axis: write "3" for node 3, or "3/1" for its axis 1')
+            axis.here.error(f'{name!r} is not an axis: write "3" for node 3, or "3/1" for its axis 1')
     for name, encoder in file.encoders.items():
         for text in (name, encoder.axis):
             try:
                 _address(text)
             except ValueError:
-                encoder.here.error(f'{text!r} is no node: write "5" for node 5, of its `axis` "3" or "3/1"')
+                encoder.here.error(f'{text!r} is not a node: write "5" for node 5, of its `axis` "3" or "3/1"')
     if file.base is not None and file.base.left == file.base.right:
         file.base.here.error("left and right are two different nodes")
 

@@ -147,7 +147,7 @@ def seconds_of(value: float | str) -> float:
     """Return the seconds of ``1h``, ``5min``, ``5s``, ``500ms`` or a number; ValueError for other texts."""
     match = _TIME.fullmatch(str(value).strip())
     if match is None or float(match[1]) > _LONGEST_S:
-        raise ValueError(f"{value!r} is no time: 1h, 5min, 5s, 500ms, or a number of seconds")
+        raise ValueError(f"{value!r} is not a time: 1h, 5min, 5s, 500ms, or a number of seconds")
     return float(match[1]) * _FACTORS[match[2]]
 
 

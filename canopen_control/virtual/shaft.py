@@ -217,7 +217,7 @@ def open_shared(path: Path) -> int:
     status = os.fstat(fd)
     problem = ""
     if not stat.S_ISREG(status.st_mode):
-        problem = "it is no file"
+        problem = "it is not a file"
     elif status.st_uid != os.getuid():
         problem = f"it belongs to user id {status.st_uid}, not to yours ({os.getuid()})"
     elif status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):

@@ -272,7 +272,7 @@ def read_text(path: str | os.PathLike[str], error: type[ConfigError] = BusConfig
         problems.file_error(0, 0, f"cannot be read: {reason.strerror or reason}")
     except UnicodeDecodeError as reason:
         line = reason.object.count(b"\n", 0, reason.start) + 1
-        problems.file_error(line, 1, f"byte 0x{reason.object[reason.start]:02X} is no UTF-8; save the file as UTF-8")
+        problems.file_error(line, 1, f"byte 0x{reason.object[reason.start]:02X} is not UTF-8; save the file as UTF-8")
     except ValueError as reason:  # too large, missing, or a path with a zero byte
         problems.file_error(0, 0, f"cannot be read: {reason}")
     problems.raise_if_any(error)

@@ -114,7 +114,7 @@ def test_whole_records_are_counted_in_every_kind_of_buffer(kind):
 
 
 def test_a_cut_record_is_the_callers_mistake():
-    with pytest.raises(LocalProtocolError, match="17 bytes are no whole number of 16-byte records"):
+    with pytest.raises(LocalProtocolError, match="17 bytes are not a whole number of 16-byte records"):
         whole_records(bytes(17))
 
 

@@ -402,7 +402,7 @@ def test_the_name_says_the_format(tmp_path):
     with pytest.raises(ConfigError, match=r"x\.log is a folder, no recording; name one of its files"):
         Recording(folder)
     os.mkfifo(tmp_path / "x.asc")
-    with pytest.raises(ConfigError, match="is no regular file"):
+    with pytest.raises(ConfigError, match="is not a regular file"):
         Recording(tmp_path / "x.asc")
     with pytest.raises(ConfigError, match="cannot be written"):
         RecordingWriter("/nowhere/x.blf")

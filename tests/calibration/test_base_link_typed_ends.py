@@ -28,7 +28,7 @@ def test_who_types_nonsense_is_asked_again():
     ends.before("run 1")
     assert ends.end("run 1", HERE) == (0.01, -0.02)
     assert told[0] == "run 1"
-    assert ["is no end" in each for each in told[1:]] == [True, True]
+    assert ["is not an end" in each for each in told[1:]] == [True, True]
 
 
 def test_who_has_left_ends_it():
@@ -52,7 +52,7 @@ def test_a_file_gives_its_ends_in_order(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("0 0\nhere\n1\n", r"ends.txt:2: 'here' is no end.*\n.*ends.txt:3: '1' is no end"),
+        ("0 0\nhere\n1\n", r"ends.txt:2: 'here' is not an end.*\n.*ends.txt:3: '1' is not an end"),
         ("0 0\n", "has 1 ends, and 2 squares are driven"),
         (None, "cannot be read"),
     ],

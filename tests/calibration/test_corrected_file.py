@@ -94,7 +94,7 @@ def test_a_value_that_is_no_number_is_told_with_its_place(tmp_path):
         lambda: write_corrected(tmp_path / "a.yaml", tmp_path / "b.yaml", "base", VALUES),
         lambda: given_in(tmp_path / "a.yaml", "base", NAMES),
     ):
-        with pytest.raises(ConfigError, match=rf"a\.yaml:2:\d+: {LEFT} is no number"):
+        with pytest.raises(ConfigError, match=rf"a\.yaml:2:\d+: {LEFT} is not a number"):
             work()
     assert not (tmp_path / "b.yaml").exists()
 

@@ -97,7 +97,7 @@ def test_a_drive_that_bus_yml_does_not_have(name, tmp_path):
     texts = found(changed(tmp_path, name, description=edits))
     assert len(texts) == count
     assert re.fullmatch(
-        rf".*:\d+: error: joint \w+: {told} is no node of bus\.yml, did you mean '{right}'\?; "
+        rf".*:\d+: error: joint \w+: {told} is not a node of bus\.yml, did you mean '{right}'\?; "
         "use a name that stands under nodes:",
         texts[0],
     )
@@ -140,7 +140,7 @@ def test_a_name_that_no_node_may_have(name, tmp_path):
     (told,) = found(folder)
     line = line_of(folder, "controllers", wrong) + ("ros1" not in name)  # the line of the type
     assert re.fullmatch(
-        rf"ros2_controllers\.yaml:{line}: error: '{wrong}' is no legal node name: letters, digits and _ only; "
+        rf"ros2_controllers\.yaml:{line}: error: '{wrong}' is not a legal node name: letters, digits and _ only; "
         f"call it '{FIRST[name]}'",
         told,
     )
@@ -339,7 +339,7 @@ def test_a_plugin_that_nobody_knows_is_no_mistake_where_an_option_overrules_it(t
 
 def test_on_mock_hardware_no_joint_needs_a_node(tmp_path):
     files = changed(tmp_path, "robby", bus={"left_drive:": "other_drive:"})
-    assert "device_name 'left_drive' is no node of" in errors(files)[0]
+    assert "device_name 'left_drive' is not a node of" in errors(files)[0]
     assert errors(files, mock=True) == []
 
 

@@ -47,8 +47,8 @@ def test_an_odometry_frame_that_is_a_link_already_and_a_base_that_is_none(name, 
     files = changed(tmp_path / "2", name, controllers={f"base_frame_id: {right}": f"base_frame_id: {right[:-1]}"})
     line = line_of(files, "controllers", "base_frame_id")
     assert found(files) == [
-        f"ros2_controllers.yaml:{line}: warning: {BASES[name][0]}: base_frame_id '{right[:-1]}' is no link of {links}, "
-        f"did you mean '{right}'?; use a link's name"
+        f"ros2_controllers.yaml:{line}: warning: {BASES[name][0]}: base_frame_id '{right[:-1]}' is not a link of "
+        f"{links}, did you mean '{right}'?; use a link's name"
     ]
 
 

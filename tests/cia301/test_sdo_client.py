@@ -711,7 +711,7 @@ class TestBlock:
         assert said(client) == ["603#8000200002000405", "603#2100200005000000"]
 
     def test_the_chunked_kilobyte_that_canopen_cannot_write_arrives(self, client):
-        """Issue 618 of the `canopen` package: 1024 bytes are no multiple of a segment."""
+        """Issue 618 of the `canopen` package: 1024 bytes are not a multiple of a segment."""
         store = MemoryStore({(0x1F50, 1): b""})
         line = Line(client, SdoServer(NODE, store, block_size=100))
         request = client.write(0x1F50, 1, bytes(range(256)) * 12, block=True)

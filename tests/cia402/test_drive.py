@@ -150,7 +150,7 @@ def test_a_disabled_drive_may_be_left_higher_but_is_never_lifted_there(state, ta
 
 
 def test_a_state_that_no_disabled_drive_has_is_refused():
-    with pytest.raises(LocalProtocolError, match="OPERATION_ENABLED is no state of a disabled drive"):
+    with pytest.raises(LocalProtocolError, match="OPERATION_ENABLED is not a state of a disabled drive"):
         DriveMachine("x", disabled_state=State.OPERATION_ENABLED)
 
 

@@ -125,12 +125,12 @@ def test_the_bit_rate_and_its_load(ports, capsys):
         (["status", "virtual:x"], 2, "only local: buses and CAN interfaces can be looked at"),
         (["status", "can7"], 2, "no CAN interface 'can7'"),
         (["fault", "vcan0", "clear"], 2, "local: buses only"),
-        (["fault", "local:none", "bitrate", "fast"], 2, "'fast' is no bit rate"),
+        (["fault", "local:none", "bitrate", "fast"], 2, "'fast' is not a bit rate"),
         (["up", "can0", "--bitrate", "x"], 2, "invalid int value"),
         (["up", "vcan0", "--bitrate", "500000"], 2, "has no bit rate"),
         (["down", "can7"], 2, "no CAN interface 'can7'"),
-        (["up", "local:x"], 2, "local:x is no interface of the kernel"),
-        (["down", "slcan:/dev/ttyACM0"], 2, "slcan:/dev/ttyACM0 is no interface of the kernel"),
+        (["up", "local:x"], 2, "local:x is not an interface of the kernel"),
+        (["down", "slcan:/dev/ttyACM0"], 2, "slcan:/dev/ttyACM0 is not an interface of the kernel"),
     ],
 )
 def test_what_does_not_work_is_one_sentence(arguments, code, message, capsys):

@@ -126,7 +126,7 @@ def test_a_real_base_is_not_driven_where_nobody_can_be_asked(invented, capsys, m
         ("calibrate -o mine.yaml", "--output is for a copy of a robot's YAML; name the robot's folder"),
         ("calibrate robby -o there.yaml", "there.yaml is there already; give another --output, or --overwrite"),
         ("calibrate nobody", "nobody"),
-        ("calibrate --controller robby_forward_controller", "is no diff drive controller of the robot"),
+        ("calibrate --controller robby_forward_controller", "is not a diff drive controller of the robot"),
     ],
 )
 def test_mistakes_are_told_before_anything_moves(floor, tmp_path, capsys, words, sentence):

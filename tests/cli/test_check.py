@@ -94,7 +94,7 @@ def test_an_argument_that_the_description_does_not_have_is_an_error_with_the_nea
 
 def test_a_urdf_has_no_arguments(capsys):
     assert main(["check", "arm6", "prefix:=a"]) == 2
-    assert "arm6.urdf: error: it is no xacro, so it has no arguments; leave prefix:= away" in capsys.readouterr().out
+    assert "arm6.urdf: error: it is not a xacro, so it has no arguments; leave prefix:= away" in capsys.readouterr().out
 
 
 @pytest.mark.rest

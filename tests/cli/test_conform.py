@@ -47,7 +47,7 @@ def test_what_cannot_be_tested_is_one_sentence_and_exit_code_2(bus, capsys, tmp_
     assert "add --yes" in capsys.readouterr().err
     (tmp_path / "no.json").write_text("[1]")
     assert main(["conform", "5", *CAN, "--against", str(tmp_path / "no.json")]) == 2
-    assert "is no report of `conform --json`" in capsys.readouterr().err
+    assert "is not a report of `conform --json`" in capsys.readouterr().err
 
 
 def test_a_full_disk_is_one_sentence_after_the_report(bus, capsys):

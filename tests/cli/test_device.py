@@ -1,4 +1,4 @@
-"""The verb device: the verb drive for devices that are no drives, with inputs set by the verb fault."""
+"""The verb device: the verb drive for devices that are not drives, with inputs set by the verb fault."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ def test_a_difference_ends_with_1_and_names_both_values(bus, backup, capsys):
     output = capsys.readouterr()
     _head, line = output.out.splitlines()
     assert line.split() == ["0x6081:00", "Profile", "velocity", "77", "0"]
-    assert output.err == ""  # another serial number is no news
+    assert output.err == ""  # another serial number is not news
 
 
 @pytest.mark.rest

@@ -47,7 +47,7 @@ def test_a_recording_becomes_a_table(tmp_path, capsys):
 
 def test_what_cannot_be_is_a_sentence(tmp_path, capsys):
     assert main(["export", "dbc"]) == 2
-    assert "give the robot whose layout is wanted" in capsys.readouterr().err
+    assert "give the robot to export" in capsys.readouterr().err
     assert main(["export", "dbc", "robby", "-o", "/nowhere/x.dbc"]) == 2
     assert "/nowhere/x.dbc cannot be written: No such file or directory" in capsys.readouterr().err
     empty = tmp_path / "x.log"

@@ -72,7 +72,7 @@ def test_what_a_fault_does_is_a_sentence_whatever_it_is_of(capsys):
         (["5", "silent", "on"], "--can CHANNEL"),
         (["5", "silent", "on", "--can", "local:a/b"], "local:a/b"),
         (["left_drive", "silent", "on", "--can", CAN], "no node 'left_drive' is known: no robot runs there"),
-        (["129", "silent", "on", "--can", CAN], "'129' is no node id"),
+        (["129", "silent", "on", "--can", CAN], "'129' is not a node id"),
         (["list", "silent"], "takes no more words"),
     ],
 )

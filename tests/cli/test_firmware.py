@@ -70,7 +70,7 @@ def test_the_date_of_a_program_is_told_and_compared(bus, tmp_path, capsys, expec
 def test_what_is_no_date_is_told(program, capsys, text):
     with pytest.raises(SystemExit):
         main(["firmware", "3", program, "--expect-date", text])
-    assert "is no date: 2026-11-21" in capsys.readouterr().err
+    assert "is not a date: 2026-11-21" in capsys.readouterr().err
 
 
 def test_a_flash_that_fails_is_told_and_the_same_command_mends_it(bus, program, capsys):
@@ -90,7 +90,7 @@ def test_a_node_without_program_download_is_told(bus, program, capsys):
 def test_another_product_an_enabled_drive_and_bad_files_send_nothing(bus, program, tmp_path, capsys):
     before = bus.nodes[3].program.image
     assert main(["firmware", "3", program, *bus.options, "--eds", TMCM]) == 2
-    assert "node 3 is no device of that EDS: vendor 0x00000286 in the EDS" in capsys.readouterr().err
+    assert "node 3 is not a device of that EDS: vendor 0x00000286 in the EDS" in capsys.readouterr().err
     empty = tmp_path / "empty.bin"
     empty.touch()
     eds = str(data_path("eds", TMCM))

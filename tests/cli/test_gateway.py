@@ -122,7 +122,7 @@ def test_on_the_bus_of_a_robot_only_other_nodes_are_served(private_folders, gate
         ([*ON_BUS, "--tcp", "70000"], 2, "port: 0 to 65535"),
         ([*ON_BUS, "--tcp", "1", "--unix", "x"], 2, "not allowed with argument"),
         ([*ON_BUS, "--unix", "no/such/folder/x"], 2, "no folder no/such/folder for the socket"),
-        ([*ON_BUS, "--unix", "a_file"], 2, "a_file is no socket; remove it"),
+        ([*ON_BUS, "--unix", "a_file"], 2, "a_file is not a socket; remove it"),
         ([*ON_BUS, "--unix", "x" * 200], 2, "choose another path"),
         ([*ON_BUS, "--unix", "open/x"], 2, "every user may replace files in open"),
     ],

@@ -77,9 +77,9 @@ def test_an_io_module_alone_is_a_bus_without_joints(here, capsys):
 
 
 BAD = {
-    "an id that is none": ([*TMCM, "--node-id", "0"], "--node-id 0: '0' is no node id; they are 1 to 127"),
-    "an id above 127": ([*TMCM, "--node-id", "2,128"], "'128' is no node id"),
-    "no number": ([*TMCM, "--node-id", "two"], "'two' is no node id"),
+    "an id that is none": ([*TMCM, "--node-id", "0"], "--node-id 0: '0' is not a node id; they are 1 to 127"),
+    "an id above 127": ([*TMCM, "--node-id", "2,128"], "'128' is not a node id"),
+    "no number": ([*TMCM, "--node-id", "two"], "'two' is not a node id"),
     "an id twice": ([*TMCM, "--node-id", "3,3"], "node id 3 is given twice"),
     "more joints than drives": ([*TMCM, "--node-id", "3", "--joint", "a", "--joint", "b"], "2 joints for 1 drive;"),
     "a base with one drive": ([*TMCM, "--node-id", "3", "--base", "diff"], "--base diff has two drives"),

@@ -103,7 +103,7 @@ def test_a_drive_whose_units_nobody_tells_is_turned_in_counts(private_folders, n
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (("--velocity", "nan", "--for", "1"), "'nan' is no velocity that a drive could reach"),
+        (("--velocity", "nan", "--for", "1"), "'nan' is not a velocity that a drive could reach"),
         (("--velocity", "0", "--for", "1"), "that moves nothing"),
         (("--velocity", "500rpm", "--for", "1"), "500rpm is beyond the limit of 6.28 rad/s (60.0 rpm); raise that"),
         (("--position", "20turns"), "20turns is beyond the limit of 3600.0 deg; raise that, if it is safe: --max-tr"),

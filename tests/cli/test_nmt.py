@@ -97,7 +97,7 @@ def test_a_node_that_does_not_obey_is_named_and_the_exit_code_is_1(private_folde
         (["start", "130", *ON_BUS], "node ids are 1 to 127"),
         (["jump", "3", *ON_BUS], "invalid choice: 'jump'"),
         (["start", "3", "--can", "nonsense"], "no such CAN interface"),
-        (["start", "3", *ON_BUS, "--wait", "x"], "no time in seconds above 0"),
+        (["start", "3", *ON_BUS, "--wait", "x"], "not a time in seconds above 0"),
         (["start", "3", *ON_BUS, "--name", "x"], "not allowed with argument --can"),
         (["start"], "the following arguments are required: NODE"),
     ],

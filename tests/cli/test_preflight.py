@@ -308,7 +308,7 @@ def test_what_could_not_be_turned_is_said_and_not_covered_by_the_pass(monkeypatc
         (["--mock"], "unrecognized arguments: --mock"),
         (["--no-drives"], "unrecognized arguments: --no-drives"),
         (["--real"], "unrecognized arguments: --real"),
-        (["--speed", "5", "--yes"], "'5' is no speed above 0 and up to 1 rad/s"),
+        (["--speed", "5", "--yes"], "'5' is not a speed above 0 and up to 1 rad/s"),
     ],
 )
 def test_a_mistake_of_the_user_is_one_sentence_and_exit_code_2(options, words, capsys, monkeypatch):

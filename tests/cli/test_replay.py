@@ -123,7 +123,7 @@ def test_a_wrong_speed_is_a_sentence(log, capsys):
     with pytest.raises(SystemExit) as exit_:
         main(["replay", log, "--speed", "0"])
     assert exit_.value.code == 2
-    assert "is no speed from 0.001 to 1000" in capsys.readouterr().err
+    assert "is not a speed from 0.001 to 1000" in capsys.readouterr().err
 
 
 @pytest.fixture

@@ -44,10 +44,10 @@ def test_a_scenario_is_played(capsys, tmp_path):
     ("words", "said"),
     [
         (["nobody"], "nobody"),
-        (["robby", "--for", "0"], "'0' is no time above 0"),
-        (["robby", "--for", "soon"], "'soon' is no time above 0"),
-        (["robby", "--seed", "red"], "'red' is no seed"),
-        (["robby", "--speed", "0"], "'0' is no speed"),
+        (["robby", "--for", "0"], "'0' is not a time above 0"),
+        (["robby", "--for", "soon"], "'soon' is not a time above 0"),
+        (["robby", "--seed", "red"], "'red' is not a seed"),
+        (["robby", "--speed", "0"], "'0' is not a speed"),
         (["robby", "--faults", "silnt"], "did you mean 'silent'?"),
         (["robby", "--faults", ""], "--faults '': a name is empty"),
         (["robby", "--faults", "silent,"], "--faults 'silent,': a name is empty"),
@@ -83,8 +83,8 @@ def test_a_campaign_runs_many_seeds(capsys, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--seeds", "0"], "'0' is no number of seeds"),
-        (["--seeds", "2", "--jobs", "0"], "'0' is no number of processes"),
+        (["--seeds", "0"], "'0' is not a number of seeds"),
+        (["--seeds", "2", "--jobs", "0"], "'0' is not a number of processes"),
         (["--jobs", "2"], "--jobs is for a campaign"),
         (["--out", "x"], "--out is for a campaign"),
         (["--seeds", "2", "--scenario", "x.yml"], "--scenario is for one simulation"),

@@ -75,7 +75,7 @@ def test_a_file_that_breaks_off_is_shown_and_said(tmp_path, capsys):
     assert main(["trace", "robby", "--file", str(path)]) == 0
     out, err = capsys.readouterr()
     assert "SYNC" in out
-    assert "1 line is no frame of classic CAN, left out" in err
+    assert "1 line is not a frame of classic CAN, left out" in err
     path.write_text("")
     assert main(["trace", "robby", "--file", str(path)]) == 1
     assert "no frame is in it" in capsys.readouterr().err
@@ -86,7 +86,7 @@ def test_a_file_that_breaks_off_is_shown_and_said(tmp_path, capsys):
     [
         (["--service", "pod"], "no service 'pod'"),
         (["--id", "zz"], "hexadecimal"),
-        (["--count", "0"], "no whole number above 0"),
+        (["--count", "0"], "not a whole number above 0"),
         (["--for", "-1"], "seconds above 0"),
     ],
 )

@@ -108,7 +108,7 @@ def test_what_cannot_be_played_or_recorded_is_a_sentence(arm, words, text, capsy
     [
         (["record", "-o", "x.yaml", "--for", "0.1"], "no joint has moved meanwhile"),
         (["cancel"], "follows no trajectory; there is nothing to cancel"),
-        (["cancel", "--controller", "joint_state_broadcaster"], "it is no joint trajectory controller"),
+        (["cancel", "--controller", "joint_state_broadcaster"], "it is not a joint trajectory controller"),
     ],
 )
 def test_where_nothing_is_to_be_done_it_says_so(arm, words, text, capsys):

@@ -40,7 +40,7 @@ def test_a_port_is_a_number(port, capsys):
     with pytest.raises(SystemExit) as end:
         main(["view", "--port", port])
     assert end.value.code == 2
-    assert "is no port" in capsys.readouterr().err
+    assert "is not a port" in capsys.readouterr().err
 
 
 def test_an_address_that_cannot_be_bound_is_a_sentence(mock_robot, capsys):

@@ -37,7 +37,7 @@ def test_answers_are_structures(drive):
 
 
 def test_what_is_refused_is_told_in_its_words(drive):
-    with pytest.raises(RemoteError, match="'colour' is no number of this plant") as refused:
+    with pytest.raises(RemoteError, match="'colour' is not a number of this plant") as refused:
         drive.ask(SetPlant(numbers={"colour": 1.0}))
     assert refused.value.kind == "ConfigError"
 

@@ -54,12 +54,12 @@ def test_text_becomes_the_bytes_of_its_type(text, data_type, data):
 @pytest.mark.parametrize(
     ("text", "data_type", "said"),
     [
-        ("300", DataType.INTEGER8, "300 is no INTEGER8: it holds -128 to 127"),
-        ("0x1FF", DataType.INTEGER8, "511 is no INTEGER8"),
-        ("-1", U16, "-1 is no UNSIGNED16"),
-        ("1.5", U16, "a whole number is wanted"),
-        ("ten", F32, "a number is wanted"),
-        ("yes", DataType.BOOLEAN, "a whole number is wanted"),
+        ("300", DataType.INTEGER8, "300 is not a valid INTEGER8: it holds -128 to 127"),
+        ("0x1FF", DataType.INTEGER8, "511 is not a valid INTEGER8"),
+        ("-1", U16, "-1 is not a valid UNSIGNED16"),
+        ("1.5", U16, "expected a whole number"),
+        ("ten", F32, "expected a number"),
+        ("yes", DataType.BOOLEAN, "expected a whole number"),
         ("XY", DataType.DOMAIN, "write bytes in hexadecimal"),
         ("1e99", F32, "too large for REAL32"),
     ],

@@ -27,8 +27,8 @@ def test_limits_are_those_of_the_eds_and_else_of_the_type():
         ("11", r"0x2000:00 gain takes -5 to 10 by its EDS, and not 11; nothing was written"),
         ("-6", "takes -5 to 10"),
         ("70000", "0x2000:00 gain: value .*holds -32768 to 32767; nothing was written"),
-        ("fast", "'fast' is no INTEGER16"),
-        ("", "is no INTEGER16"),
+        ("fast", "'fast' is not a valid INTEGER16"),
+        ("", "is not a valid INTEGER16"),
     ],
 )
 def test_a_value_that_the_object_cannot_take_is_refused_before_anything_is_sent(text, words):

@@ -65,7 +65,7 @@ def test_what_differs_between_two_readings_is_left_out():
     found, left_out = read_parameters(session)
     assert (0x6081, 0) not in found.values
     assert [str(each) for each in left_out] == [
-        "0x6081:00 Profile velocity: two readings differed, so it is no parameter"
+        "0x6081:00 Profile velocity: two readings differed, so it is not a parameter"
     ]
 
 
@@ -328,7 +328,7 @@ def test_a_value_that_is_none_is_told_with_its_line(tmp_path):
     number = next(at for at, line in enumerate(lines) if line.startswith("ParameterValue="))
     lines[number] = "ParameterValue=many"
     path.write_text("\n".join(lines))
-    with pytest.raises(EdsError, match=rf"backup\.dcf:{number + 1}: ParameterValue=many is no .*; correct it"):
+    with pytest.raises(EdsError, match=rf"backup\.dcf:{number + 1}: ParameterValue=many is not a .*; correct it"):
         read_backup(path)
 
 

@@ -165,13 +165,13 @@ def test_a_stranger_is_refused_but_its_loader_is_not(frames):
     session.od = replace(
         session.od, entries={**session.od.entries, (0x1018, 2): replace(session.od[0x1018, 2], default=7)}
     )
-    with pytest.raises(ConfigError, match="node 5 is no device of that EDS: product"):
+    with pytest.raises(ConfigError, match="node 5 is not a device of that EDS: product"):
         refuse_stranger(session, session.identity())
     refuse_stranger(session, DeviceIdentity(device_type=0))
     session.od = replace(
         session.od, entries={**session.od.entries, (0x1018, 1): replace(session.od[0x1018, 1], default=8)}
     )
-    with pytest.raises(ConfigError, match="no device of that EDS: vendor"):
+    with pytest.raises(ConfigError, match="not a device of that EDS: vendor"):
         refuse_stranger(session, DeviceIdentity(device_type=0))
 
 

@@ -59,11 +59,11 @@ def test_what_was_written_is_read_back(samples, trigger):
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("", "is no shot of a scope"),
-        ("time_s,command\n0,1\n", "is no shot of a scope"),
-        ("time,t,a\n", "is no shot of a scope"),
-        ("time,t,a\n1,0,x\n", "a cell is no number"),
-        ("time,t,a\n1\n", "a cell is no number"),
+        ("", "is not a shot of a scope"),
+        ("time_s,command\n0,1\n", "is not a shot of a scope"),
+        ("time,t,a\n", "is not a shot of a scope"),
+        ("time,t,a\n1,0,x\n", "a cell is not a number"),
+        ("time,t,a\n1\n", "a cell is not a number"),
         ("time,t,a\n1,0,2,3\n", "more or fewer cells"),
     ],
 )

@@ -129,12 +129,12 @@ def test_a_signal_is_meant_by_address_or_name():
 
 @pytest.mark.parametrize("text", ["", "5", "5:", ":0x6064"])
 def test_what_is_no_signal_is_told_with_what_one_is(text):
-    with pytest.raises(ConfigError, match="is no signal; write NODE:OBJECT"):
+    with pytest.raises(ConfigError, match="is not a signal; write NODE:OBJECT"):
         node_of(text)
 
 
 @pytest.mark.parametrize(
-    ("text", "why"), [("5:0x1008", "is no number that can be read"), ("5:0x5FFE", "has no 0x5FFE:00")]
+    ("text", "why"), [("5:0x1008", "is not a number that can be read"), ("5:0x5FFE", "has no 0x5FFE:00")]
 )
 def test_what_cannot_be_shown_is_told(text, why):
     with pytest.raises(ConfigError, match=why):

@@ -259,7 +259,7 @@ def test_a_named_gain_is_an_object_and_a_scale():
     [
         ("velocity_p", "say which object holds which gain"),
         ("speed=0x3210:01*1", "the gains are velocity_p, velocity_i, position_p, velocity_feed_forward"),
-        ("velocity_p=0x3210:01*zero", "'zero' is no scale"),
+        ("velocity_p=0x3210:01*zero", "'zero' is not a scale"),
         ("velocity_p=0x3210:01*-1", "give a number above 0"),
         ("velocity_p=0x3210:01*nan", "give a number above 0"),
         ("velocity_p=0x3210:01*inf", "give a number above 0"),

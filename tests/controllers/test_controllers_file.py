@@ -97,8 +97,8 @@ def test_fallbacks_are_controllers_that_are_known(control):
             ControlError,
             "is of type string, setting it",
         ),
-        (texts("new.node_options_args", "-p", "a:=1"), ControlError, "'-p' is no remapping; give -r FROM:=TO here"),
-        (texts("new.node_options_args", "-r"), ControlError, "'' after -r is no remapping"),
+        (texts("new.node_options_args", "-p", "a:=1"), ControlError, "'-p' is not a remapping; give -r FROM:=TO here"),
+        (texts("new.node_options_args", "-r"), ControlError, "'' after -r is not a remapping"),
         (texts("new.colour", "red"), ControlError, "of a controller there are: type, params_file"),
     ],
 )
@@ -146,7 +146,7 @@ def flat(config) -> dict[str, object]:
 
 @pytest.mark.parametrize(
     ("options", "mistake"),
-    [("[-r, '~/commands:=/speeds']", None), ("[-p, 'x:=1']", "'-p' is no remapping"), ("-r", "'' after")],
+    [("[-r, '~/commands:=/speeds']", None), ("[-p, 'x:=1']", "'-p' is not a remapping"), ("-r", "'' after")],
 )
 def test_the_arguments_of_a_controllers_node_are_remappings(tmp_path, options, mistake):
     path = tmp_path / "ros2_controllers.yaml"

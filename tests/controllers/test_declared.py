@@ -98,7 +98,7 @@ def test_before_they_are_read_they_are_those_of_the_file():
         ("cmd_vel_timout", "double", 0.2, "was not declared.*'cmd_vel_timeout'"),
         ("anything", "double", 0.2, "'anything' cannot be set because it was not declared$"),
         ("cmd_vel_timeout", "integer", 1, "'cmd_vel_timeout' is of type double, setting it to integer is not allowed"),
-        ("cmd_vel_timeout", "double", True, "True is no number"),
+        ("cmd_vel_timeout", "double", True, "True is not a number"),
     ],
 )
 def test_what_cannot_be_set_is_refused_as_rclcpp_does(base, name, kind, value, why):

@@ -37,8 +37,8 @@ def test_an_output_is_safe_at_zero_unless_another_value_is_written_or_it_is_kept
     [
         ({"gpios": []}, "no 'gpios'; give it"),
         ({"gpios": ["io", "io"]}, "gpios names one twice"),
-        ({"command_interfaces": {"i": {"interfaces": ["lamp"]}}}, "command_interfaces.i.interfaces is no GPIO"),
-        ({"state_interfaces": {"io": {"lamp": ["lamp"]}}}, "state_interfaces.io.lamp is no GPIO.interfaces"),
+        ({"command_interfaces": {"i": {"interfaces": ["lamp"]}}}, "command_interfaces.i.interfaces is not a GPIO"),
+        ({"state_interfaces": {"io": {"lamp": ["lamp"]}}}, "state_interfaces.io.lamp is not a GPIO.interfaces"),
         ({"command_interfaces": {"io": {"interfaces": ["lamp", "lamp"]}}}, "names one twice: lamp, lamp"),
         ({"safe_values": {"io": {"lmp": 1.0}}}, "safe_values.io.lmp is none of command_interfaces"),
         ({"safe_values": {"io": {"lamp": math.inf}}}, "safe_values.io.lamp is inf; give a finite number"),
@@ -60,6 +60,6 @@ def test_every_mistake_is_told_at_once():
 @pytest.mark.parametrize("interface", ["position", "velocity", "effort", "acceleration"])
 def test_what_moves_a_joint_is_no_output(interface):
     both = {"gpios": ["wheel"], "command_interfaces": {"wheel": {"interfaces": [interface]}}}
-    with pytest.raises(RobotConfigError, match="moves a joint and is no output"):
+    with pytest.raises(RobotConfigError, match="moves a joint and is not an output"):
         read(joints=("wheel",), **both)
     assert read(joints=("arm",), **both).outputs == [f"wheel/{interface}"]

@@ -53,11 +53,15 @@ GOAL = TrajectoryGoal(JointTrajectory(("l",), [Point([1.0], time=1)]))
     [
         (lambda control: control.command("states", [1.0], 0), "takes no commands; it only reads states", 1),
         (lambda control: control.command("left", {"l/velocity": 1.0}, 0), "takes no values by the names of its", 1),
-        (lambda control: control.send_goal("left", GOAL, 0), "follows no trajectories; it is no joint trajectory", 1),
-        (lambda control: control.send_goal("left", GripperGoal(0.0), 0), "it is no gripper action controller", 1),
-        (lambda control: control.follower("left"), "left follows no trajectories; it is no joint trajectory", 0),
-        (lambda control: control.base("left"), "left has no odometry; it is no base controller", 0),
-        (lambda control: control.loops("left", "takes no x"), "left takes no x; it is no PID controller", 0),
+        (
+            lambda control: control.send_goal("left", GOAL, 0),
+            "follows no trajectories; it is not a joint trajectory",
+            1,
+        ),
+        (lambda control: control.send_goal("left", GripperGoal(0.0), 0), "it is not a gripper action controller", 1),
+        (lambda control: control.follower("left"), "left follows no trajectories; it is not a joint trajectory", 0),
+        (lambda control: control.base("left"), "left has no odometry; it is not a base controller", 0),
+        (lambda control: control.loops("left", "takes no x"), "left takes no x; it is not a PID controller", 0),
     ],
 )
 def test_what_is_not_taken_is_refused_and_counted_where_it_would_move_something(request_it, sentence, counted):

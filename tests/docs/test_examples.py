@@ -46,7 +46,7 @@ RUNS = {
         ],
     ),
 }
-#: what is no program on its own -> where it is run
+#: what is not a program on its own -> where it is run
 ELSEWHERE = {
     "attach": "below, with a robot that runs",
     "bare_socket": "below, with a robot that runs",

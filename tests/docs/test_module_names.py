@@ -31,7 +31,7 @@ def missing_files(text, files):
 
 
 def missing_modules(text, package):
-    """Return the dotted names in a text whose second part is no module of its subpackage, and no name that it has."""
+    """Return the dotted names in a text whose second part is neither a module nor a name of its subpackage."""
     found = []
     for name in DOTTED.findall(text):
         folder, second = name.split(".")[:2]

@@ -28,10 +28,12 @@ INSTEAD = {
     r"\bis told\b(?! (to|apart))": "is reported",
     r"\b(is|are) no safety function": "is not a safety function",
     r"\bas of `": "same as for",
+    r"(?<!there )\b(?:is|are) no (?!longer\b|faster\b|news\b|concern\b|failure there\b)": "is not a",
 }
 WORDS = re.compile("|".join(INSTEAD), re.IGNORECASE)
 #: programs do not want, and what they say has a subject
-IN_MESSAGES = re.compile("|".join([*INSTEAD, r"\b(?:nobody|somebody)\b", r"\bwants?\b"]), re.IGNORECASE)
+MORE = (r"\b(?:nobody|somebody)\b", r"\bwants?\b", r"\b(?:is|are) wanted\b", r"\blet go\b")
+IN_MESSAGES = re.compile("|".join([*INSTEAD, *MORE]), re.IGNORECASE)
 #: how a message of the program begins that a page quotes, and whose words are the message's
 QUOTED = re.compile(r"^`.*`$", re.MULTILINE)
 

@@ -556,5 +556,5 @@ def test_all_mistakes_of_a_part_are_told_at_once(tmp_path):
 
 def test_a_part_of_another_name_says_which_node_it_is(tmp_path):
     wrong = '<param name="device_name">io1</param>'
-    with pytest.raises(RobotConfigError, match=r"'io1' is no node of bus\.yml, did you mean 'io'"):
+    with pytest.raises(RobotConfigError, match=r"'io1' is not a node of bus\.yml, did you mean 'io'"):
         DeviceBench("device-named", with_device(tmp_path, EDS, ("di0",), parameters=wrong))

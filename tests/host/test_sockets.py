@@ -125,7 +125,7 @@ def test_a_folder_that_others_may_enter_is_refused(run_folder, mode):
 
 def test_a_file_in_its_place_is_refused(run_folder):
     (run_folder / "canopen_control").write_text("")
-    with pytest.raises(ConfigError, match="no folder"):
+    with pytest.raises(ConfigError, match="not a folder"):
         runtime_dir()
 
 
@@ -165,13 +165,13 @@ def test_a_name_is_short_and_plain(name):
     if 1 <= len(name) <= 32 and set(name) <= allowed:
         assert check_name(name) == name
     else:
-        with pytest.raises(ConfigError, match="is no name"):
+        with pytest.raises(ConfigError, match="is not a name"):
             check_name(name)
 
 
 @pytest.mark.parametrize("name", ["", "..", "a/b", "a b", "a.b", "x" * 33, "ä", "a\n", "a\0b"])
 def test_what_could_lead_out_of_the_folder_is_no_name(run_folder, name):
-    with pytest.raises(ConfigError, match="is no name"):
+    with pytest.raises(ConfigError, match="is not a name"):
         socket_path("bus", name)
 
 
@@ -288,7 +288,7 @@ def test_one_that_is_too_busy_to_accept_is_alive(run_folder, monkeypatch):
 def test_a_file_in_the_sockets_place_is_not_removed(run_folder):
     path = socket_path("bus", "b")
     path.write_text("precious")
-    with pytest.raises(ConfigError, match="is no socket; remove it"):
+    with pytest.raises(ConfigError, match="is not a socket; remove it"):
         listen(path)
     assert path.read_text() == "precious"
     assert list_sockets("bus") == []

@@ -48,7 +48,7 @@ def test_the_library_runs_a_robot_while_the_block_lasts(stage, private_folders, 
     assert not any("drive --node-id" in line for line in processes_of(private_folders).values())
     with pytest.raises(CanopenError):
         robot.status()
-    robot.shutdown()  # once more is no error
+    robot.shutdown()  # once more is not an error
 
 
 def test_an_exception_in_the_block_stops_the_robot_and_is_not_swallowed(stage, private_folders):

@@ -132,7 +132,7 @@ def test_stop_ramps_and_disables_and_enable_goes_on(stage, robot, commanding):
     assert stage.call("axis", "enable", "all").wait() == 0
     assert eventually(lambda: all(abs(each.speed) > 0.99 * SPEED for each in probes.values()))
     assert stage.call("stop").wait() == 0
-    assert stage.call("stop").wait() == 0  # what is reached is no error
+    assert stage.call("stop").wait() == 0  # what is reached is not an error
 
 
 @pytest.mark.parametrize(("node", "mine"), [("left_drive", {3}), ("2", {2}), ("all", {3, 2})])

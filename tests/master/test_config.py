@@ -92,7 +92,7 @@ def test_who_is_waited_for(tmp_path, keys, required):
         ("effort_mode: 4, torque_mode: 10", "`torque_mode` and `effort_mode` mean the same"),
         ("gear_ratio: 2.0", "gear_ratio needs counts_per_revolution"),
         ("counts_per_revolution: 1600, gear_ratio: [1]", "motor turns, joint turns"),
-        ("scale_vel_to_dev: 0.0", "finite and not 0 is wanted"),
+        ("scale_vel_to_dev: 0.0", "expected a finite number other than 0"),
         ("transition_timeouts_ms: {17: 100}", "no transition 17"),
     ],
 )
@@ -424,7 +424,7 @@ def test_ten_different_mistakes_are_ten_messages_with_the_right_lines(tmp_path):
         6: "duplicate key 'node_id' (first at line 3)",
         11: "200 is out of range 1..127",
         14: "0x1008:00 Manufacturer device name cannot be mapped into a TPDO",
-        15: "1.5 is no UNSIGNED32: a whole number is wanted",
+        15: "1.5 is not a valid UNSIGNED32: expected a whole number",
         17: "no file 'missing.eds'",
         20: "node id 3 is already that of right",
         23: "counts_per_revolution and scale_pos_to_dev say the same twice",

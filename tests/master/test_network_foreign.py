@@ -74,7 +74,7 @@ def test_a_tool_is_told_as_one_and_a_master_after_it_as_one(robby):
     say(robby, "000#0103")
     robby.run(1000)
     assert "NMT 0x000 (start, node 3)" in told(robby)[-1].text
-    assert "if that is no tool of yours" in told(robby)[-1].text
+    assert "if it is not your tool" in told(robby)[-1].text
     master_like(robby, 1.0, "080#")
     say(robby, "603#4000100000000000", "000#0103")
     robby.run(1000)

@@ -209,8 +209,8 @@ def test_a_write_is_encoded_as_the_eds_types_its_object():
     ("address", "value", "words"),
     [
         ((0x5999, 0), 1, "0x5999:00 is not in TMCM-1270.eds"),
-        ((0x6083, 0), 1.5, "a whole number is wanted"),
-        ((0x6083, 0), "fast", "a whole number is wanted"),
+        ((0x6083, 0), 1.5, "expected a whole number"),
+        ((0x6083, 0), "fast", "expected a whole number"),
         ((0x1000, 0), 1, "it cannot be written"),
     ],
 )

@@ -117,13 +117,13 @@ def test_all_mistakes_are_told_at_once_with_their_places(tmp_path):
     said = str(caught.value)
     for line, text in (
         (7, "no signal 'di99' of the device's profile, did you mean 'di9'?; give its object"),
-        (8, "'6401x' is no object: 0x6401:01, or 0x6000:01.3 for bit 3 of one"),
+        (8, "'6401x' is not an object: 0x6401:01, or 0x6000:01.3 for bit 3 of one"),
         (9, "0x6401:09 is not in generic_cia401.eds"),
         (10, "0x6000:01 Digital input 8 bits 1 has the bits 0 to 7"),
-        (11, "0x1008:00 Manufacturer device name is no number"),
+        (11, "0x1008:00 Manufacturer device name is not a number"),
         (12, "u8 has 8 bits, 0x6401:01 16"),
-        (13, "0 gives no value: finite and not 0 is wanted"),
-        (14, "inf gives no value: a finite number is wanted"),
+        (13, "0 gives no value: expected a finite number other than 0"),
+        (14, "inf gives no value: expected a finite number"),
         (15, "di0 is an input; only an output has a value without the master"),
         (16, "a second signal 'di0'; name each once"),
         (17, "do1 is an output; only an input can jump"),

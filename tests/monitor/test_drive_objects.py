@@ -255,7 +255,7 @@ def test_a_second_undo_waits_for_the_first(edited, monkeypatch):
         ("velocity=5", r"velocity is \d+ objects; name one, as 0x"),
         ("0x6041=5", "read-only; nothing was written"),
         ("0x60FF=5", "moves the axis"),
-        ("0x6081=fast", "'fast' is no UNSIGNED32: .*; nothing was written"),
+        ("0x6081=fast", "'fast' is not a valid UNSIGNED32: .*; nothing was written"),
         ("0x9999=1", "no object '0x9999' in the EDS"),
     ],
 )

@@ -137,21 +137,21 @@ def test_decoding_knows_no_error_but_value_error(data, data_type):
 @pytest.mark.parametrize("data_type", INTEGERS)
 def test_numbers_beyond_the_type_are_refused(data_type):
     for value in (data_type.minimum - 1, data_type.maximum + 1):
-        with pytest.raises(ValueError, match=f"{value} is no {data_type.name}: it holds"):
+        with pytest.raises(ValueError, match=f"{value} is not a valid {data_type.name}: it holds"):
             encode(value, data_type)
 
 
 @pytest.mark.parametrize(
     ("value", "data_type", "sentence"),
     [
-        ("5", DataType.UNSIGNED8, "a whole number is wanted"),
-        (5.0, DataType.UNSIGNED8, "a whole number is wanted"),
-        ("x", DataType.REAL32, "a number is wanted"),
+        ("5", DataType.UNSIGNED8, "expected a whole number"),
+        (5.0, DataType.UNSIGNED8, "expected a whole number"),
+        ("x", DataType.REAL32, "expected a number"),
         (1e39, DataType.REAL32, "too large"),
         (10**400, DataType.REAL64, "too large"),
-        (5, DataType.VISIBLE_STRING, "a string is wanted"),
+        (5, DataType.VISIBLE_STRING, "expected a string"),
         ("\ud800", DataType.VISIBLE_STRING, "characters"),
-        ("text", DataType.DOMAIN, "bytes are wanted"),
+        ("text", DataType.DOMAIN, "expected bytes"),
     ],
 )
 def test_values_of_another_kind_are_refused(value, data_type, sentence):

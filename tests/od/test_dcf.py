@@ -69,7 +69,7 @@ def test_any_bytes_are_downloads_or_a_value_error(data):
 
 @pytest.mark.parametrize(("index", "subindex"), [(0x10000, 0), (-1, 0), (0, 256)])
 def test_addresses_that_cannot_be_are_refused(index, subindex):
-    with pytest.raises(ValueError, match="no address"):
+    with pytest.raises(ValueError, match="not an address"):
         encode_concise([(index, subindex, b"")])
 
 
@@ -287,7 +287,7 @@ def test_values_that_do_not_fit_are_refused():
     od = parse(eds(data_type=5)).od
     with pytest.raises(ValueError, match="0x2001:00 is not in the object dictionary"):
         configured(od, {(0x2001, 0): 1})
-    with pytest.raises(ValueError, match="256 is no UNSIGNED8"):
+    with pytest.raises(ValueError, match="256 is not a valid UNSIGNED8"):
         dcf_text(od, 3, 500_000, {(0x2000, 0): 256})
 
 

@@ -171,9 +171,9 @@ def test_a_pdo_has_two_records():
         ("0x1FE", ""),
         ("0x80000000", ""),
         (None, "0x1800:01 (Thing) has no DefaultValue"),
-        ("0", "0x1800:01 (Thing) is 0x0, which is no COB-ID"),
-        ("0x601", "0x1800:01 (Thing) is 0x601, which is no COB-ID"),
-        ("0x40000000", "0x1800:01 (Thing) is 0x40000000, which is no COB-ID"),
+        ("0", "0x1800:01 (Thing) is 0x0, which is not a COB-ID"),
+        ("0x601", "0x1800:01 (Thing) is 0x601, which is not a COB-ID"),
+        ("0x40000000", "0x1800:01 (Thing) is 0x40000000, which is not a COB-ID"),
     ],
 )
 def test_a_cob_id_that_is_unknown_or_none_is_named(cob_id, words):
@@ -595,7 +595,7 @@ def test_a_file_of_absurd_size_is_refused_before_it_is_read(tmp_path):
         file.truncate(40_000_000_000)
     with pytest.raises(EdsError, match=r"it has 40000\.0 MB, 32 MB are enough"):
         read_eds(path)
-    with pytest.raises(EdsError, match="it is no regular file"):
+    with pytest.raises(EdsError, match="it is not a regular file"):
         read_eds("/dev/zero")
 
 

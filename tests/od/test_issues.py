@@ -4,8 +4,8 @@ from canopen_control.od.issues import Issue, Report, Severity
 
 
 def test_an_issue_names_file_line_severity_and_code():
-    issue = Issue("a.eds", 7, "value-form", Severity.ERROR, "DefaultValue=x is no number")
-    assert str(issue) == "a.eds:7: error: DefaultValue=x is no number [value-form]"
+    issue = Issue("a.eds", 7, "value-form", Severity.ERROR, "DefaultValue=x is not a number")
+    assert str(issue) == "a.eds:7: error: DefaultValue=x is not a number [value-form]"
 
 
 def test_a_report_collects_by_severity():

@@ -55,7 +55,7 @@ def test_an_empty_file_is_an_empty_floor(tmp_path):
         ("angle: 8", "angle: 80", "angle"),
         ("size: [0.3, 0.3, 0.3]", "size: [0.3, 0, 0.3]", "size: the three lengths of a box are above 0"),
         ("to: [4, 2]", "to: [0, 2]", "a wall goes from one point to another one"),
-        ("at: 10s", "at: soon", "'soon' is no time"),
+        ("at: 10s", "at: soon", "'soon' is not a time"),
         (
             "friction: 0.2}",
             "friction: 0.2, block: x}",

@@ -157,7 +157,7 @@ def test_a_mesh_is_its_convex_parts_and_what_differs_from_gazebo_is_told(tmp_pat
         ("<include/>", "<include> has no <uri>"),
         (
             model(link(SHAPE.format("<heightmap/>"))),
-            "<heightmap> is no shape of this physics; use one of box, sphere, ",
+            "<heightmap> is not a shape of this physics; use one of box, sphere, ",
         ),
         (model(link(SHAPE.format("<mesh><uri>no.stl</uri></mesh>"))), "mesh no.stl: there is no file "),
         (model(link(SHAPE.format("<mesh/>"))), "<mesh> has no <uri>"),
@@ -195,7 +195,7 @@ def test_what_cannot_stand_is_one_sentence_with_its_line(tmp_path, inside, messa
             sdf(model(link(BOX))),
             "hall.sdf:2:1: there is no <world> in it; give the file of a world, not that of a model",
         ),
-        ("<robot/>", "hall.sdf:1:1: <robot> is no SDF"),
+        ("<robot/>", "hall.sdf:1:1: <robot> is not an SDF"),
         ("text", "hall.sdf:1:1: no XML"),
         (sdf('<world name="a"/><world name="b"/>'), "hall.sdf:3:18: a second <world>"),
         (None, "hall.sdf: cannot be read: No such file or directory"),

@@ -75,7 +75,7 @@ def test_what_is_fixed_to_it_may_have_the_mass():
         ("package://nowhere_at_all/a.stl", "no package nowhere_at_all with this file"),
         ("part.ply", ".ply is not read; .stl, .obj, .dae, .glb are"),
         ("part.glb", ".glb is drawn, and not simulated; STL, OBJ and DAE are"),
-        ("broken.stl", "it is no STL file"),
+        ("broken.stl", "it is not an STL file"),
         ("flat.obj", "it is flat"),
         ("gone.stl", "there is no file"),
     ],
@@ -167,7 +167,7 @@ def test_moments_that_are_not_above_zero_are_a_mistake_with_the_line_of_their_li
 
 
 def test_a_number_of_an_inertia_that_is_none_is_a_mistake():
-    with pytest.raises(PhysicsError, match=r"link part: its <inertia> has what is no number"):
+    with pytest.raises(PhysicsError, match=r"link part: its <inertia> has what is not a number"):
         repair(with_inertia((1, 1, "nan", 0, 0, 0)))
 
 

@@ -31,7 +31,7 @@ def test_an_encoder_is_looked_at_more_often(tmp_path):
 def test_an_encoder_on_no_joint_is_told_with_its_line(tmp_path):
     with pytest.raises(PhysicsError, match=r"physics\.yml:7:17: there is no joint 'left_weel_joint' .* did you mean"):
         robby(tmp_path, ENCODERS.replace("{{joint: left_wheel_joint, gear", "{{joint: left_weel_joint, gear"))
-    with pytest.raises(PhysicsError, match="'x' is no node"):
+    with pytest.raises(PhysicsError, match="'x' is not a node"):
         robby(tmp_path, ENCODERS.replace('"5"', '"x"'))
 
 

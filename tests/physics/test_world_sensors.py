@@ -94,5 +94,5 @@ def test_where_the_scene_has_not_all_of_them_the_link_measures():
 
 
 def test_another_sensor_of_that_name_is_told():
-    with pytest.raises(PhysicsError, match="sensor imu: my_accel of the scene is no accelerometer"):
+    with pytest.raises(PhysicsError, match="sensor imu: my_accel of the scene is not of type accelerometer"):
         in_scene('<velocimeter name="my_accel" site="here"/>', WorldSensor("imu", IMU, "tip", scene="my"))

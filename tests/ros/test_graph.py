@@ -81,7 +81,7 @@ def test_the_short_name_of_a_type_is_understood(text):
 
 @pytest.mark.parametrize("text", ["String", "std_msgs/srv/String", "std_msgs.msg.String", "", "a/b/c"])
 def test_what_is_no_name_of_a_type_is_one_sentence(text):
-    with pytest.raises(ConfigError, match="is no interface"):
+    with pytest.raises(ConfigError, match="is not an interface"):
         full_name(text, "msg")
 
 

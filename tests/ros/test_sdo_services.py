@@ -28,7 +28,7 @@ def test_an_object_is_written_in_hexadecimal_with_or_without_a_type(text, addres
 
 @pytest.mark.parametrize("text", ["", "x", "0x60411", "0x6041:100", "0x6041 u128", "speed"])
 def test_what_is_no_object_is_a_sentence(text):
-    with pytest.raises(ValueError, match=r"is no object|no type"):
+    with pytest.raises(ValueError, match=r"is not an object|no type"):
         parse_address(text)
 
 
@@ -190,7 +190,7 @@ def test_objects_of_every_type_are_read_with_the_reason_where_it_fails(objects, 
     assert values[2]["integer_value"] == -1
     assert values[4]["byte_array_value"] == list(b"12345678")
     assert values[5]["string_value"].endswith("0x5FFF:00: abort 0x06020000 (object does not exist)")
-    assert values[6]["string_value"].startswith("'nonsense' is no object")
+    assert values[6]["string_value"].startswith("'nonsense' is not an object")
 
 
 @pytest.mark.ros

@@ -125,7 +125,7 @@ def test_another_client_can_cancel_it_and_own_cancels_only_ones_own(
     [
         ({"position": 9.0}, "the limits of joint_6, got 9"),
         ({"max_effort": -1.0}, "with a max_effort of -1"),
-        ({"controller": "joint_state_broadcaster"}, "is no gripper action controller"),
+        ({"controller": "joint_state_broadcaster"}, "is not a gripper action controller"),
         ({"controller": "arm_controller"}, "arm_controller is unloaded"),
     ],
 )

@@ -163,9 +163,9 @@ def test_the_bus_that_a_hardware_plugin_names_is_read_where_nothing_else_names_o
 @pytest.mark.parametrize("name", ["bus_can.yml", "bus_a b.yml", "bus_.yml"])
 def test_a_further_bus_needs_a_name_that_a_channel_may_have(tmp_path, name):
     folder = robot(tmp_path / "r", "bus.yml", name, "ros2_controllers.yaml", "x.urdf")
-    with pytest.raises(RobotConfigError, match="is no name for a further bus"):
+    with pytest.raises(RobotConfigError, match="is not a name for a further bus"):
         find_robot(str(folder))
-    with pytest.raises(RobotConfigError, match="is no name for a further bus"):
+    with pytest.raises(RobotConfigError, match="is not a name for a further bus"):
         find_buses(str(folder))
 
 
@@ -226,7 +226,7 @@ def test_arguments_of_the_description_are_pairs(tmp_path):
     assert files.arguments == {"prefix": "c", "side": ""}
     assert files.mappings(mock=True) == {"use_mock_hardware?": "true", "prefix": "c", "side": ""}
     for word in ("prefix=a", ":=a", "a b:=c", "x"):
-        with pytest.raises(RobotConfigError, match="is no argument of the description; those are NAME:=VALUE"):
+        with pytest.raises(RobotConfigError, match="is not an argument of the description; those are NAME:=VALUE"):
             find_robot(str(folder), arguments=[word])
 
 

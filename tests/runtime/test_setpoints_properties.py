@@ -124,4 +124,6 @@ def test_a_run_tells_how_well_the_joints_followed_and_that_no_set_point_was_miss
         assert (figures.repeated, figures.skipped) == (0, 0)
         assert 0.0 < figures.rms <= figures.worst == figures.worst_since_enable < 0.02
     quick = max(abs(b[0] - a[0]) for a, b in itertools.pairwise(taken[2]))
-    assert figures.worst < 0.5 * quick / 1043037.8, "less than the way of a cycle: the dead time of the bus is no error"
+    assert figures.worst < 0.5 * quick / 1043037.8, (
+        "less than the way of a cycle: the dead time of the bus is not an error"
+    )

@@ -298,7 +298,7 @@ def test_silence_counts_while_this_process_is_on_time_and_ends_with_an_answer():
     assert silence.look(10 * SECOND, None) == 3 * look, "this process was held up, and so may the child have been"
     assert silence.look(10 * SECOND + look, None) == 4 * look
     assert silence.look(10 * SECOND + 2 * look, 10 * SECOND + 1) == 0
-    assert silence.look(10 * SECOND + 3 * look, 10 * SECOND + 1) == look, "what was heard before is no answer"
+    assert silence.look(10 * SECOND + 3 * look, 10 * SECOND + 1) == look, "what was heard before is not an answer"
 
 
 ANSWERS = """

@@ -65,7 +65,7 @@ def test_a_device_that_is_no_drive_has_no_joint():
         ("device_4", []),
         ("joint_1_drive", ["joint_1"]),
     ]
-    with pytest.raises(RobotConfigError, match=r"1 joints for 0 drives \(1 of the 1 nodes are no drives\)"):
+    with pytest.raises(RobotConfigError, match=r"1 joints for 0 drives \(1 of the 1 nodes are not drives\)"):
         plan_robot("cell", [module(4)], joints=["lamp"])
 
 

@@ -359,7 +359,7 @@ def test_what_is_no_folder_is_never_written_over(tmp_path, kind):
         place.write_text("mine")
     else:
         place.symlink_to(tmp_path)
-    with pytest.raises(RobotConfigError, match="is there and is no folder"):
+    with pytest.raises(RobotConfigError, match="is there and is not a folder"):
         new_robot(tmp_path, data_path("eds", "generic_cia402.eds"), force=True)
 
 

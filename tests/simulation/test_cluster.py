@@ -117,7 +117,7 @@ def test_a_worker_of_another_version_is_told(campaign):
 
 @pytest.mark.parametrize("address", ["localhost", "foo://x:1", "", "tcp://:8786", "tcp://host:port"])
 def test_what_is_no_address_is_told(campaign, address):
-    with pytest.raises(ConfigError, match="is no address of a Dask cluster"):
+    with pytest.raises(ConfigError, match="is not an address of a Dask cluster"):
         list(run_on_cluster(campaign, SEEDS, address))
 
 

@@ -53,7 +53,7 @@ steps:
     ("step", "said"),
     [
         ("{at: 1s, do: dance}", "do: dance is nothing that can be done"),
-        ("{at: soon, do: stop}", "'soon' is no time"),
+        ("{at: soon, do: stop}", "'soon' is not a time"),
         (
             "{at: 1s, do: command, target: robby_foward_controller, values: [1]}",
             "did you mean 'robby_forward_controller'?",
@@ -62,7 +62,7 @@ steps:
         ("{at: 1s, node: 3, fault: silnt}", "no fault 'silnt', did you mean 'silent'?"),
         ("{at: 1s, node: 3, quirk: brake_dely}", "no quirk 'brake_dely', did you mean 'brake_delay'?"),
         ("{at: 1s, node: 3, quirk: brake_delay=99}", "its strength is a number, 0.001 to 60 s"),
-        ("{at: 1s, do: axis, name: fly}", "name: fly is no action"),
+        ("{at: 1s, do: axis, name: fly}", "name: fly is not an action"),
         ("{at: 1s, do: stop, for: 2s}", "for: does not go with stop"),
         ("{at: 1s, do: stop, values: [2]}", "values: does not go with stop"),
         ("{at: 1s, do: stop, name: it}", "name: does not go with stop"),
@@ -139,7 +139,7 @@ def test_a_step_waits_for_a_state_that_there_is(tmp_path):
     text = scenario_text(read_steps.acts, seed=0, duration_ns=S)
     assert "when: axis power BRAKING" in text
     assert read(tmp_path, text).acts == read_steps.acts
-    with pytest.raises(ScenarioError, match=r"when: NMT STOPED is no state, did you mean 'NMT STOPPED'"):
+    with pytest.raises(ScenarioError, match=r"when: NMT STOPED is not a state, did you mean 'NMT STOPPED'"):
         read(tmp_path, "steps:\n  - {at: 1s, do: kill, when: NMT STOPED}\n")
 
 
@@ -181,7 +181,7 @@ def test_what_happens_in_the_world_is_written_and_read(tmp_path):
         ("{at: 1s, friction: 1, block: left_wheel_joint}", "a step has one of payload, push, block and friction"),
         ("{at: 1s, friction: 1, node: 3}", "a step has one of payload, push, block and friction"),
         ("{at: 1s, friction: 1, do: stop}", "a step has one of payload, push, block and friction"),
-        ("{at: 1s, friction: 1, when: now}", "when: now is no state"),
+        ("{at: 1s, friction: 1, when: now}", "when: now is not a state"),
         ("{at: 1s, do: world}", "a step says what happens: do, fault, plant, or with physics payload"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Robots with devices that are no drives beside robby's two: bus.yml, description and controllers for them."""
+"""Robots with devices that are not drives beside robby's two: bus.yml, description and controllers for them."""
 
 from __future__ import annotations
 

@@ -21,9 +21,9 @@ class TransformBuffer:
             parent, child = transform["header"]["frame_id"], transform["child_frame_id"]
             place, turn = (tuple(map(transform["transform"][part].get, names)) for part, names in _PARTS)
             if not parent or not child or "/" in (parent[0], child[0]) or parent == child:
-                raise ValueError(f"{parent!r} to {child!r} is no transform")
+                raise ValueError(f"{parent!r} to {child!r} is not a transform")
             if not math.isclose(math.hypot(*turn), 1.0, abs_tol=1e-3) or not all(map(math.isfinite, place)):
-                raise ValueError(f"{child}: {place} {turn} is no pose")
+                raise ValueError(f"{child}: {place} {turn} is not a pose")
             if self._parents.setdefault(child, parent) != parent:
                 raise ValueError(f"{child} has two parents: {parent} and {self._parents[child]}")
             if fixed:

@@ -57,7 +57,7 @@ def test_what_is_written_is_read():
 
 @pytest.mark.parametrize("line", ["stop", "soon stop", "1.0", "1.0 stop latch", "1.0 fly", "1.0 stop 'latch=no"])
 def test_what_is_no_action_is_refused_by_its_line(line):
-    with pytest.raises(ValueError, match=r"is no action|there is no"):
+    with pytest.raises(ValueError, match=r"is not an action|there is no"):
         read_script([line])
 
 

@@ -369,7 +369,7 @@ def test_whatever_is_changed_is_refused_in_a_sentence_or_reported(whole, data):
     except ConfigError as error:
         refusal = str(error)
     if facts is None:
-        assert refusal.startswith(f"{path}: this is no flight recording")
+        assert refusal.startswith(f"{path}: this is not a flight recording")
     else:
         assert facts.summary
         assert page_of(facts).startswith("<!doctype html>")

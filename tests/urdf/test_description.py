@@ -88,13 +88,13 @@ def test_every_mistake_is_told_at_once_with_its_place():
     assert [line.split(":")[1] for line in found] == sorted([line.split(":")[1] for line in found], key=int)
     expected = [
         "r.urdf:3:3: joint shoulder: type 'revolut', did you mean 'revolute'?",
-        "r.urdf:5:5: xyz='1 2' of <origin> is no three numbers",
-        "r.urdf:7:5: velocity='fast' of <limit> is no number",
+        "r.urdf:5:5: xyz='1 2' of <origin> is not three numbers",
+        "r.urdf:7:5: velocity='fast' of <limit> is not a number",
         "r.urdf:9:3: joint grip: <child link=...> is missing",
         "r.urdf:9:3: joint grip: no link 'uper', did you mean 'upper'?",
         "r.urdf:18:3: <ros2_control name='arm'>: type 'sistem', did you mean 'system'?",
         "r.urdf:23:5: <ros2_control> names joint 'sholder', no such joint, did you mean 'shoulder'?",
-        "r.urdf:25:7: min='low' of <command_interface> is no number",
+        "r.urdf:25:7: min='low' of <command_interface> is not a number",
         "r.urdf:32:5: <gpoi> has no place in <ros2_control>, did you mean 'gpio'?",
     ]
     assert found == expected

@@ -67,6 +67,6 @@ def test_mistakes_are_collected_once_each_in_the_order_of_lines():
         document.raise_if_any()
     assert str(caught.value).splitlines() == [
         "r.urdf:2:1: <b> has no name",
-        "r.urdf:2:1: x='nan' of <b> is no number",
-        "r.urdf:2:1: y='1 2 z' of <b> is no three numbers",
+        "r.urdf:2:1: x='nan' of <b> is not a number",
+        "r.urdf:2:1: y='1 2 z' of <b> is not three numbers",
     ]

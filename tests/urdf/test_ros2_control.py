@@ -65,7 +65,7 @@ def test_ros2_controls_own_spelling_is_read_and_ros_1s_beside_it_has_no_effect()
     [
         ("SimpleTransmission", "DifferentialTransmission", "its type is 'transmission_interface/Differ.*Simple"),
         ("VelocityJointInterface", "VelocityJointInterfac", "did you mean 'VelocityJointInterface'"),
-        (">30<", ">many<", "'many' of <mechanicalReduction> is no number"),
+        (">30<", ">many<", "'many' of <mechanicalReduction> is not a number"),
         (">30<", ">0<", "<mechanicalReduction> is 0"),
         ('joint name="wheel_joint"><hard', 'joint name="weel_joint"><hard', "did you mean 'wheel_joint'"),
     ],

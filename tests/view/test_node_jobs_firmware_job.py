@@ -79,7 +79,7 @@ def test_a_node_that_the_robot_controls_an_enabled_one_and_a_stranger_are_refuse
     with pytest.raises(DriveError, match="is enabled; nothing was written"):
         load_program(session, work(), NEW, ProgramOptions())
     session.identity_differences = lambda: ["vendor 0x1 in the EDS, 0x2 found"]
-    with pytest.raises(ConfigError, match="is no device of that EDS"):
+    with pytest.raises(ConfigError, match="is not a device of that EDS"):
         load_program(session, work(), NEW, ProgramOptions())
     assert session.transfers.written == []
 
@@ -126,6 +126,6 @@ def test_a_file_that_cannot_be_a_program_is_told(image, words):
 def test_what_a_person_writes_is_checked():
     assert options_of("", "") == ProgramOptions(1, None)
     assert options_of("2", "0x1A2B") == ProgramOptions(2, 0x1A2B)
-    for number, expected, words in (("x", "", "a number is wanted"), ("0", "", "1 to 254"), ("1", "-1", "32 bits")):
+    for number, expected, words in (("x", "", "expected a number"), ("0", "", "1 to 254"), ("1", "-1", "32 bits")):
         with pytest.raises(ConfigError, match=words):
             options_of(number, expected)

@@ -376,7 +376,7 @@ def test_without_teleop_nobody_drives_and_who_comes_second_is_told(robot, play):
 
     play(refuse, teleop=False)
     play(both)
-    assert told == ["another page drives; it has to let go first"]
+    assert told == ["another page drives; its button must be released first"]
 
 
 def test_the_end_of_the_view_ends_what_it_drives(robot, play):

@@ -113,7 +113,7 @@ def test_zeros_divide_nothing_and_without_a_feed_constant_a_unit_is_a_count():
 
 @pytest.mark.parametrize(("unit", "of_one_rpm"), [(0x00B44700, 1.0), (0xFFB44700, 0.1), (0x00000000, 0.0)])
 def test_velocities_are_in_the_rpm_that_0x60a9_names(unit, of_one_rpm):
-    from support.virtualbench import servo_od  # the unit is no object of every servo
+    from support.virtualbench import servo_od  # the unit is not an object of every servo
 
     from canopen_control.od.model import DataType, Entry
     from canopen_control.virtual.device import make_device

@@ -26,7 +26,7 @@ def written(tmp_path, text=GROUP):
     [
         ("world: hall.yml", "", "say in which file it stands where each robot begins"),
         ("group-b", "group-a", "a bus has a channel of its own"),
-        ('{"2": EDS}', '{"200": EDS}', "'200' is no node id: 1 to 127"),
+        ('{"2": EDS}', '{"200": EDS}', "'200' is not a node id: 1 to 127"),
         ("mujoco", "gazebo", "engine"),
         ("plant: b.yml, ", "", "plant"),
     ],

@@ -193,8 +193,8 @@ def test_a_node_that_moves_no_base_has_no_true_pose(controlled):
         ("fault", {"name": "nonsense"}, "ConfigError", "no fault 'nonsense'"),
         ("inputs", {"value": 1, "axis": 4}, "ConfigError", "the node has no axis 4; it has: 0"),
         ("plant", {"numbers": {}, "axis": 4}, "ConfigError", "the node has no axis 4"),
-        ("plant", {"numbers": {"_STEP_NS": 1}}, "ConfigError", "no number"),
-        ("plant", {"numbers": {"follow": 1}}, "ConfigError", "no number"),
+        ("plant", {"numbers": {"_STEP_NS": 1}}, "ConfigError", "not a number"),
+        ("plant", {"numbers": {"follow": 1}}, "ConfigError", "not a number"),
     ],
 )
 def test_what_it_cannot_do_is_an_error_in_words(controlled, method, params, kind, words):

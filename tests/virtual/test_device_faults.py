@@ -337,7 +337,7 @@ def test_outputs_that_are_overloaded_are_off_at_the_terminals_and_told():
 
 
 def test_outputs_are_overloaded_where_there_are_some():
-    with pytest.raises(ConfigError, match="a device that is no drive, of a profile with outputs"):
+    with pytest.raises(ConfigError, match="a device that is not a drive and has a profile with outputs"):
         FaultSwitches(virtual(406).node).set("output_overload", True, 0)
 
 

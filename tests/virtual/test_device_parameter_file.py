@@ -86,7 +86,7 @@ def test_a_store_that_cannot_be_written_fails_with_an_abort_and_keeps_nothing(tm
 def test_a_file_that_is_something_else_is_refused_and_left_alone(tmp_path, text):
     path = tmp_path / "s"
     path.write_text(text)
-    with pytest.raises(ConfigError, match="is no store of virtual drives"):
+    with pytest.raises(ConfigError, match="is not a store of virtual drives"):
         ParameterFile(path, print)
     assert path.read_text() == text
 

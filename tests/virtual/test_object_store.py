@@ -116,7 +116,7 @@ def test_hooks_on_what_is_not_there_do_nothing():
     values.preset(0x3000, 0, 1)
     assert not values.has(0x3000)
     assert values.number(0x3000, default=7) == 7
-    assert values.number(0x2003, default=7) == 7  # a string is no number
+    assert values.number(0x2003, default=7) == 7  # a string is not a number
 
 
 def test_a_reset_restores_the_power_on_values_of_its_range():

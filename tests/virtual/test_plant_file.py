@@ -100,9 +100,9 @@ def test_a_wheel_has_the_plant_of_its_axis_inside(tmp_path):
     ("text", "words"),
     [
         ('axes: {"3": {kind: lag, inertia: 2}}', "a plant of kind lag has no inertia"),
-        ('axes: {"x": {kind: lag}}', "'x' is no axis"),
-        ('axes: {"300": {kind: lag}}', "'300' is no axis"),
-        ('axes: {"3/9": {kind: lag}}', "'3/9' is no axis"),
+        ('axes: {"x": {kind: lag}}', "'x' is not an axis"),
+        ('axes: {"300": {kind: lag}}', "'300' is not an axis"),
+        ('axes: {"3/9": {kind: lag}}', "'3/9' is not an axis"),
         ('axes: {"3": {kind: rubber}}', "rubber"),
         ('axes: {"3": {kind: lag, time_constant: 0}}', "time_constant"),
         (BASE.replace("right: 6", "right: 5"), "two different nodes"),

@@ -130,7 +130,7 @@ def test_the_tmcm_1270_takes_its_position_for_home_without_power_by_method_35():
     assert bench.statusword & 0x1000
     assert bench.state == "READY_TO_SWITCH_ON"
     bench.drive.mover.displace(100.0, bench.now)
-    bench.control(0x16)  # the level is no edge
+    bench.control(0x16)  # the level is not an edge
     assert bench.position == 100
 
 

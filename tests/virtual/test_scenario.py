@@ -52,7 +52,7 @@ def test_times_are_seconds_or_milliseconds(text, seconds):
 
 @pytest.mark.parametrize("text", ["", "soon", "-1s", "5m", "1e3s", "nan", "9999999"])
 def test_other_times_are_refused(text):
-    with pytest.raises(ValueError, match="no time"):
+    with pytest.raises(ValueError, match="not a time"):
         seconds_of(text)
 
 
@@ -73,7 +73,7 @@ def test_every_mistake_is_told_at_once_with_its_line(tmp_path):
     said = str(caught.value)
     for line, words in (
         (2, "there is no node 9"),
-        (3, "no time"),
+        (3, "not a time"),
         (4, "did you mean 'silent'"),
         (5, "either a fault, a quirk or a plant"),
         (6, "either a fault, a quirk or a plant"),
@@ -117,7 +117,7 @@ def test_steps_happen_in_their_time_and_one_that_cannot_is_told():
             active.append(list(node.switches.active))
         assert active[:2] == [["silent"], []]
         assert node.drives[0].mover.plant.external == -50.0
-        assert said == ["node 5: scenario: plant: 'colour' is no number of this plant"]
+        assert said == ["node 5: scenario: plant: 'colour' is not a number of this plant"]
         control.close()
         host.close()
         port.close()

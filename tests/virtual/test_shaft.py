@@ -118,8 +118,8 @@ def test_the_load_is_behind_its_backlash_also_of_a_wheel():
 def test_mistakes_are_told_with_their_line(tmp_path):
     with pytest.raises(WorldError) as caught:
         worlds(tmp_path, text='encoders: {"x": {axis: "3/9", counts_per_revolution: 0}}%s')
-    assert "'x' is no node" in str(caught.value) or "counts_per_revolution" in str(caught.value)
-    with pytest.raises(WorldError, match=r"'3/9' is no node: write \"5\" for node 5"):
+    assert "'x' is not a node" in str(caught.value) or "counts_per_revolution" in str(caught.value)
+    with pytest.raises(WorldError, match=r"'3/9' is not a node: write \"5\" for node 5"):
         worlds(tmp_path, text='encoders: {"5": {axis: "3/9", counts_per_revolution: 1}}%s')
     with pytest.raises(ConfigError, match="cannot be shared"):
         ShaftFile(tmp_path / "nowhere" / "shafts").get(3, 0)

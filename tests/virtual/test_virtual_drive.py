@@ -390,7 +390,7 @@ def test_a_fault_is_reset_by_the_edge_and_only_when_its_cause_is_gone():
     bench.control(0x80)
     assert bench.state == "FAULT"
     bench.drive.power.causes.clear()
-    bench.control(0x80)  # the level is no edge
+    bench.control(0x80)  # the level is not an edge
     assert bench.state == "FAULT"
     bench.control(0x00)
     bench.control(0x8F)  # the edge, with an enable behind it that does not count
@@ -569,7 +569,7 @@ def test_gains_may_change_while_it_moves_and_go_with_a_reset():
 
 
 def test_a_velocity_mode_goes_on_from_where_the_shaft_is():
-    """What the velocity loop did not make up for is no jump for the position mode that comes after it."""
+    """What the velocity loop did not make up for is not a jump for the position mode that comes after it."""
     plant = LoadedPlant(friction=0.0)
     bench = tuned(plant, p=50_000, i=500_000)
     plant.stalled = True

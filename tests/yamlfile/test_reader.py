@@ -238,7 +238,7 @@ def test_files_are_read_as_utf8_and_what_cannot_be_read_is_the_callers_error(tmp
     assert load(file, Drive) == Drive(4, scale=2.0)
     assert tree(file).get("scale").line == 2
     file.write_bytes(b"node_id: 4\nscale: \xff\n")
-    with pytest.raises(RobotConfigError, match=r"drive.yml:2:1: byte 0xFF is no UTF-8"):
+    with pytest.raises(RobotConfigError, match=r"drive.yml:2:1: byte 0xFF is not UTF-8"):
         load(file, Drive, error=RobotConfigError)
     with pytest.raises(RobotConfigError, match=r"none.yml: cannot be read: No such file"):
         load(tmp_path / "none.yml", Drive, error=RobotConfigError)
@@ -345,5 +345,5 @@ def test_a_file_of_absurd_size_is_refused_before_it_is_read(tmp_path):
         file.truncate(9_000_000_000)
     with pytest.raises(BusConfigError, match=r"cannot be read: it has 9000\.0 MB, 8 MB are enough"):
         read_text(path)
-    with pytest.raises(BusConfigError, match="it is no regular file"):
+    with pytest.raises(BusConfigError, match="it is not a regular file"):
         read_text("/dev/zero")

@@ -167,7 +167,7 @@ def _seconds(text: str) -> float:
     except ValueError:
         value = 0.0
     if not 0.0 < value < 1e6:
-        raise argparse.ArgumentTypeError(f"{text!r} is no time, such as 90s, 30m or 2h")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a time, such as 90s, 30m or 2h")
     return value
 
 

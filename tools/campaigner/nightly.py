@@ -143,7 +143,7 @@ def main(arguments: Sequence[str]) -> int:
     parser = _parser()
     args = parser.parse_args(arguments)
     if args.hours is not None and not 0 < args.hours <= 1000:
-        parser.error(f"--hours: {args.hours:g} is no time in hours above 0")
+        parser.error(f"--hours: {args.hours:g} is not a time in hours above 0")
     if args.seeds < 1 or args.jobs < 1:
         parser.error("--seeds and --jobs are numbers from 1 on")
     try:

@@ -297,7 +297,7 @@ def read_script(lines: Iterable[str]) -> list[Action]:
             words = shlex.split(line)
             action = Action(float(words[0]), words[1], dict(_parameter(word) for word in words[2:]))
         except (IndexError, ValueError):
-            raise ValueError(f"{line.strip()!r} is no action, such as: 1.50 stop latch=no") from None
+            raise ValueError(f"{line.strip()!r} is not an action, such as: 1.50 stop latch=no") from None
         if action.kind not in KINDS:
             raise ValueError(f"{line.strip()!r}: there is no {action.kind!r}; there are: {', '.join(sorted(KINDS))}")
         actions.append(action)

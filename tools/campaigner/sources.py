@@ -116,7 +116,7 @@ class SocketStream(threading.Thread):
         return answered
 
     def _send(self, client: RobotClient, values: list[float]) -> bool:
-        """Command; returns whether it was taken. A refusal is no end of the stream, as with any joystick."""
+        """Command; returns whether it was taken. A refusal is not an end of the stream, as with any joystick."""
         try:
             client.ask(CommandController(controller=CONTROLLER, values=values, source=self.source, dead_man=True))
         except RemoteError as error:

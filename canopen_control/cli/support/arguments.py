@@ -23,7 +23,7 @@ def number(title: str, accept: Callable[[float], bool]) -> Callable[[str], float
         except ValueError:
             value = math.nan
         if not (math.isfinite(value) and accept(value)):
-            raise argparse.ArgumentTypeError(f"{text!r} is no {title}")
+            raise argparse.ArgumentTypeError(f"{text!r} is not a {title}")
         return value
 
     return read
@@ -38,7 +38,7 @@ def whole_number(title: str, numbers: range) -> Callable[[str], int]:
         except ValueError:
             value = None
         if value is None or value not in numbers:
-            raise argparse.ArgumentTypeError(f"{text!r} is no {title}")
+            raise argparse.ArgumentTypeError(f"{text!r} is not a {title}")
         return value
 
     return read
@@ -89,7 +89,7 @@ def whole(text: str) -> int:
     try:
         return int(text, 0)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no whole number, decimal or 0x") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number, decimal or 0x") from None
 
 
 def finite(text: str) -> float:
@@ -97,7 +97,7 @@ def finite(text: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
     if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text} is no value that a drive could reach")
+        raise argparse.ArgumentTypeError(f"{text} is not a value that a drive could reach")
     return value

@@ -213,7 +213,7 @@ def open_frames(path: str, bus: str | None = None) -> Source:
 def report_gaps(source: Source) -> None:
     """Print the gaps of a source on standard error after reading, and the reason of an early end."""
     if source.skipped:
-        lines = "1 line is no frame" if source.skipped == 1 else f"{source.skipped} lines are no frames"
+        lines = "1 line is not a frame" if source.skipped == 1 else f"{source.skipped} lines are not frames"
         print(f"canopen-control: {source.path}: {lines} of classic CAN, left out", file=sys.stderr)
     if source.problem:
         print(f"canopen-control: {source.problem}", file=sys.stderr)

@@ -2,7 +2,7 @@
 
 Progress is for standard error, so that results stay clean; work that is quickly done says
 nothing; what it left on a terminal is wiped before anything else is printed. Without a terminal (a log, a pipe) there
-are no control characters. JSON is ASCII, and a number that is not finite is null.
+are not control characters. JSON is ASCII, and a number that is not finite is null.
 """
 
 from __future__ import annotations

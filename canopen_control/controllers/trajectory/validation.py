@@ -1,6 +1,6 @@
 """Checks of trajectories: the rules of joint_trajectory_controller in their order, then limits of the joints.
 
-Rules (ros2_controllers jazzy): the first rule that is broken rejects. Ours, and safer: what is no number,
+Rules (ros2_controllers jazzy): the first rule that is broken rejects. Ours, and safer: what is not a number,
 is beyond the limits of its joint, names a joint twice or begins far from where the joint is, is rejected as well.
 """
 

@@ -44,7 +44,7 @@ class Codecs:
         try:
             self.codec(name)[0](message, body)
         except (struct.error, TypeError, AttributeError, OverflowError) as error:
-            raise ValueError(f"this is no {name}: {error}") from error
+            raise ValueError(f"this is not a valid {name}: {error}") from error
         return bytes(body)
 
     def decode(self, name: str, body: bytes) -> Any:  # noqa: ANN401 - a message of the class of that name
@@ -134,7 +134,7 @@ def _encode_string(value: str, body: bytearray) -> None:
 def _decode_string(body: memoryview, at: int) -> tuple[str, int]:
     length, at = _length(body, at)
     _demand(body, at, length)
-    # as rosidl_generator_py: text that is no UTF-8 is a message all the same
+    # as rosidl_generator_py: text that is not UTF-8 is a message all the same
     return str(body[at : at + max(length - 1, 0)], "utf-8", "replace"), at + length
 
 

@@ -241,7 +241,7 @@ class DriveState(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """State of a node: NMT state such as "OPERATIONAL" and errors; `world` if its axes belong to one.
 
     `error_register` is 0x1001, `errors` are the EMCY codes that are active, `faults` those that are switched on,
-    `quirks` too, as they are written. `signals` are those of a device that is no drive.
+    `quirks` too, as they are written. `signals` are those of a device that is not a drive.
     """
 
     node_id: int

@@ -40,7 +40,7 @@ def plain_value(value: object) -> PlainValue:
 def number_of(value: Scalar) -> float:
     """Return a double in its form on the wire as a number; ValueError if it is invalid."""
     if isinstance(value, bool):
-        raise ValueError(f"{value} is no number")
+        raise ValueError(f"{value} is not a number")
     return _SPECIAL[value] if isinstance(value, str) and value in _SPECIAL else float(value)
 
 

@@ -273,7 +273,7 @@ def _movers(content: PageContent, reading: NodeReading) -> str:
         candidate.name for candidate in active if any(claim.rpartition("/")[0] in joints for claim in candidate.claims)
     ]
     if not reading.axes:
-        return sentence("It is no drive: nothing moves it.")
+        return sentence("It is not a drive: nothing moves it.")
     if not names:
         return sentence("No active controller commands it.")
     return sentence(f"{', '.join(names)} command{'s' if len(names) == 1 else ''} it; the page drives through it.")

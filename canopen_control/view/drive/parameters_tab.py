@@ -194,7 +194,7 @@ _RESTORE: Final = (
     "Only differences are written, then everything is read back. If the drive refuses a value, all previous "
     "values are restored. Node id, bit rate and another drive's calibration stay."
 )
-_TOO_LONG: Final = f"A DCF of {jobs.MOST_PARAMETER_BYTES} bytes at most is wanted"
+_TOO_LONG: Final = f"The DCF must have at most {jobs.MOST_PARAMETER_BYTES} bytes"
 
 
 class ParametersTab:

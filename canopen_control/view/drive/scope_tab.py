@@ -103,7 +103,7 @@ class ScopeTab:
             for button in (self._keep, self._drop):
                 button.props("outline dense")
         self._drop.visible = False
-        too_long = f"a CSV of {_MOST_BYTES} bytes at most is wanted"
+        too_long = f"the CSV must have at most {_MOST_BYTES} bytes"
         self._upload = FileUpload(
             "Overlay a CSV", self._take_overlay, lambda: show_notice("Not read", too_long), _MOST_BYTES
         )
@@ -276,7 +276,7 @@ def read_overlay(data: bytes, name: str, shown: NamedShot | None) -> NamedShot:
     try:
         overlay = parse_csv(data.decode("utf-8-sig"), name)
     except (UnicodeDecodeError, csv.Error):
-        raise ConfigError(f"{name} is no text; give a file that a scope has saved as CSV") from None
+        raise ConfigError(f"{name} is not text; give a file that a scope has saved as CSV") from None
     if shown is not None and not any(overlay.place(signal_name) is not None for signal_name in shown.names):
         raise ConfigError(f"{name} holds {', '.join(overlay.names)}, nothing of {', '.join(shown.names)}")
     return overlay

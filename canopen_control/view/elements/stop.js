@@ -1,4 +1,4 @@
-// STOP is no part of the toolkit: it is there with the first lines of the page, and works before, without and after it.
+// STOP is not part of the toolkit: it is there with the first lines of the page, and works before, without and after it.
 (() => {
   const button = document.getElementById("cc-stop-button"), told = document.getElementById("cc-stop-told");
   const dead = document.getElementById("cc-dead-next");

@@ -52,7 +52,7 @@ class WorldPanel:
                 self._joint = ui.select(joints, label="joint", value=next(iter(joints), None)).props("dense")
                 self._joint.style("min-width: 9em")
                 _button("Block", partial(self._block, True))
-                _button("Let go", partial(self._block, False))
+                _button("Release", partial(self._block, False))
             with ui.element("div").classes("cc-row"):
                 self._grip = _number("friction", 0.2)
                 _button("Set the floor", self._friction)
@@ -84,7 +84,7 @@ class WorldPanel:
 
     async def _block(self, on: bool) -> None:
         if joint := self._joint.value:
-            await self._act(BlockJoint(joint=joint, on=on), f"{joint} {'blocked' if on else 'let go'}")
+            await self._act(BlockJoint(joint=joint, on=on), f"{joint} {'blocked' if on else 'released'}")
 
     async def _friction(self) -> None:
         if (grip := _read(self._grip)) is None:

@@ -17,7 +17,7 @@ def test_whole_numbers(text, number):
 def test_what_is_no_node_id_is_told_with_what_is(text):
     with pytest.raises(argparse.ArgumentTypeError) as caught:
         node_id(text)
-    assert str(caught.value) == f"{text!r} is no node id: 1 to 127"
+    assert str(caught.value) == f"{text!r} is not a node id: 1 to 127"
 
 
 def test_node_ids():
@@ -26,14 +26,14 @@ def test_node_ids():
 
 @pytest.mark.parametrize("text", ["0", "-1", "61", "soon", "nan", "inf"])
 def test_a_timeout_is_above_0_and_at_most_a_minute(text):
-    with pytest.raises(argparse.ArgumentTypeError, match="is no time in seconds above 0 and up to 60"):
+    with pytest.raises(argparse.ArgumentTypeError, match="is not a time in seconds above 0 and up to 60"):
         timeout_seconds(text)
     assert timeout_seconds("0.5") == 0.5
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "soon", "nan", "inf", "1e10"])
 def test_a_time_is_finite_and_above_0(text):
-    with pytest.raises(argparse.ArgumentTypeError, match="is no time in seconds above 0"):
+    with pytest.raises(argparse.ArgumentTypeError, match="is not a time in seconds above 0"):
         seconds(text)
     assert seconds("0.5") == 0.5
 
@@ -43,15 +43,15 @@ def test_what_is_no_whole_number_within_its_bounds_is_told_with_what_is(text):
     read = whole_number("tooth: 1 to 10", range(1, 11))
     with pytest.raises(argparse.ArgumentTypeError) as caught:
         read(text)
-    assert str(caught.value) == f"{text!r} is no tooth: 1 to 10"
+    assert str(caught.value) == f"{text!r} is not a tooth: 1 to 10"
     assert (read("10"), read("0xA")) == (10, 10)
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "-inf"])
 def test_a_command_is_finite(text):
-    with pytest.raises(argparse.ArgumentTypeError, match="no value that a drive could reach"):
+    with pytest.raises(argparse.ArgumentTypeError, match="not a value that a drive could reach"):
         finite(text)
-    with pytest.raises(argparse.ArgumentTypeError, match="'x' is no number"):
+    with pytest.raises(argparse.ArgumentTypeError, match="'x' is not a number"):
         finite("x")
 
 

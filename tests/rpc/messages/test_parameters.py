@@ -23,7 +23,7 @@ VALUES = st.sampled_from(sorted(KINDS)).flatmap(lambda kind: st.tuples(st.just(k
 
 
 def same(one, other):
-    """Compare as ROS does: not a number is equal to itself, and 1 is no 1.0."""
+    """Compare as ROS does: not a number is equal to itself, and 1 is not 1.0."""
     if isinstance(one, list):
         return len(one) == len(other) and all(map(same, one, other))
     return type(one) is type(other) and (one == other or (one != one and other != other))

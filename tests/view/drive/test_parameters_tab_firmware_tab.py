@@ -69,7 +69,7 @@ def test_a_file_that_cannot_be_one_and_a_number_that_is_none_are_told(loaded):
         tab._number.value = "fifth"
         tab.show(page.content())
         user.find("Load it into the drive").click()
-        await user.should_see("Not begun: 'fifth' and '': a number is wanted")
+        await user.should_see("Not begun: 'fifth' and '': expected a number")
         return text, off
 
     text, off = played(act)

@@ -187,7 +187,7 @@ def test_a_file_that_was_saved_is_laid_below_the_shot_and_a_bad_one_is_told(bega
     both, label, can_be_dropped = played(act)
     assert both == ["left_drive:0x606C (old.csv)", "left_drive:0x606C"]
     assert (label, can_be_dropped) == ("old.csv", True)
-    assert told == ["photo.csv is no text; give a file that a scope has saved as CSV"]
+    assert told == ["photo.csv is not text; give a file that a scope has saved as CSV"]
 
 
 def test_an_overlay_has_a_signal_of_the_shot():

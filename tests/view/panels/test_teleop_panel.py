@@ -188,7 +188,7 @@ def test_an_arm_has_a_slider_for_each_joint_and_goes_there_while_its_button_is_h
     assert (goes.moving.controller, goes.moving.joints) == ("arm", ["left", "lift"])
     assert (point.positions, point.velocities) == ([0.4, 0.4], [0.0, 0.0])
     assert point.time_from_start == pytest.approx(1.5 * 0.3 / (0.5 * 0.2))  # half of the lift's limit, 0.2 m/s
-    assert goes.resting == CancelTrajectory(controller="arm", own=True, why="the page let go")
+    assert goes.resting == CancelTrajectory(controller="arm", own=True, why="the page released its button")
 
 
 def test_an_arm_of_which_a_joint_is_unknown_is_not_moved():

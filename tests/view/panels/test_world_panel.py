@@ -50,7 +50,7 @@ def test_what_a_person_asks_for_happens_and_stands_in_the_events():
         link = seen(ui.select)[0]
         link.value = "fork"
         field("kg").value = -2
-        for number, button in enumerate(("Put on", "Push", "Block", "Let go", "Set the floor"), 1):
+        for number, button in enumerate(("Put on", "Push", "Block", "Release", "Set the floor"), 1):
             user.find(button).click()
             await settle(lambda number=number: len(world.acts) == number)
             link.value = "the heaviest link"
