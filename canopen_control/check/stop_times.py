@@ -259,12 +259,12 @@ class _Values:
     """The values of a node's objects after its boot."""
 
     def __init__(self, config: BusConfig, name: str) -> None:
-        self._od = config.dictionaries[name]
+        self._od, self._address = config.dictionaries[name], config.plans[name].address
         self._written = {(write.index, write.subindex): write.data for write in config.plans[name].writes}
 
     def __call__(self, index: int, subindex: int = 0) -> int | None:
         """Return a value, None if it is unknown."""
-        data = self._written.get((index, subindex))
+        data = self._written.get(self._address(index, subindex))
         if data is not None:
             return int.from_bytes(data, "little", signed=index & 0x7FF in _CODES)
         entry = self._od.get(index, subindex)

@@ -22,7 +22,7 @@ from canopen_control.cia402.modes import (
     mode_words,
     supported_modes,
 )
-from canopen_control.cia402.motors import motors_of
+from canopen_control.cia402.motors import MODES, motors_of
 from canopen_control.cia402.objects import axis_index
 from canopen_control.cia402.units import INT32_MAX, INT32_MIN, Scale, counts_per_revolution, is_feed
 from canopen_control.errors import ConfigError, DriveError, RobotConfigError, SdoAbort
@@ -166,7 +166,22 @@ def _feeds(axis: AxisProcessData, interface: str) -> bool:
 def _served(axis: AxisProcessData, interface: str) -> tuple[int, ...]:
     """Return the modes that serve a command interface, those with a target in bus.yml first."""
     own = [mode for mode, name in axis.own_modes.items() if name == interface]
-    return (*own, *(mode for mode in _SERVED[interface] if mode not in own))
+    return (*own, *(mode for mode in _SERVED[interface] if mode not in own and _starts_alone(axis, mode)))
+
+
+def _starts_alone(axis: AxisProcessData, mode: int) -> bool:
+    """Whether a motion of an axis in a mode starts without bits of a controlword that other axes have too."""
+    return axis.node.plan.motors is None or mode in MODES
+
+
+def require_own_start(axis: AxisProcessData, mode: int) -> None:
+    """Raise DriveError for a mode that would start the motions of all motors behind one controlword."""
+    if not _starts_alone(axis, mode):
+        possible = ", ".join(map(mode_name, MODES))
+        raise DriveError(
+            f"{axis.who}: {mode_words(mode)} starts a motion by bits of the controlword, which is that of all its "
+            f"motors; without such bits are {possible}"
+        )
 
 
 def _is_mapped(axis: AxisProcessData, mode: int) -> bool:

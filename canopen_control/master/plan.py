@@ -127,6 +127,16 @@ class NodePlan:
         """Time after which a silent node counts as lost, by heartbeat or guarding; 0 without supervision."""
         return self.heartbeat_timeout_ns or (self.guard[0] * self.guard[1] if self.guard else 0)
 
+    def carried(self, pdos: Sequence[PlannedPdo]) -> set[tuple[int, int]]:
+        """Return the objects of all axes that PDOs of the node carry, with those that axes share."""
+        carried = {(mapped.index, mapped.subindex) for pdo in pdos for mapped in pdo.objects}
+        shared = {} if self.motors is None else self.motors.shared
+        return carried.union(*(shared.get(address, ()) for address in carried))
+
+    def address(self, index: int, subindex: int = 0) -> tuple[int, int]:
+        """Return the device's address of an object of an axis."""
+        return (index, subindex) if self.motors is None else self.motors.address(index, subindex)
+
 
 @dataclass(frozen=True, slots=True)
 class PlanInput:

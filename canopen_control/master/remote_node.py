@@ -285,9 +285,7 @@ class RemoteNode:
 
     def write(self, index: int, subindex: int, data: bytes, done: Callable[[SdoRequest], None] | None = None) -> None:
         """Download an object of an axis; `done` is called with the request at its end, with or without success."""
-        place = self._places.get((index, subindex))
-        address = (index, subindex) if place is None else place.address
-        self.sdo.write(*address, data).context = done
+        self.sdo.write(*self.plan.address(index, subindex), data).context = done
         self._wake()
 
     def lost(self, now: int, text: str, *, kind: str = "bus_lost") -> None:

@@ -14,7 +14,7 @@ from canopen_control.cia402.homing import require_method
 from canopen_control.cia402.modes import OperationMode, mode_words, require_mode
 from canopen_control.cia402.state import POWERED_STATES, State
 from canopen_control.errors import ControlError, DriveError, UnknownName
-from canopen_control.hardware.axis_parameters import listed_modes
+from canopen_control.hardware.axis_parameters import listed_modes, require_own_start
 from canopen_control.hardware.axis_statechart import Action
 from canopen_control.hardware.system import with_partners
 from canopen_control.master.keys import MotionKeys
@@ -238,6 +238,7 @@ def _home_axes(joints: Sequence[JointDrive], method: int | None) -> None:
     """Start homing of all these axes, or of none; ControlError or DriveError."""
     for joint in joints:
         _require_there(joint)
+        require_own_start(joint.axis, OperationMode.HM)
         require_mode(OperationMode.HM, listed_modes(joint.axis, joint.parameters))
         if method is not None:
             require_method(method, joint.parameters.homing_methods)
@@ -255,6 +256,7 @@ def _change_mode(joints: Sequence[JointDrive], text: str) -> None:
                 f"{joint.axis.who}: {mode_words(mode)} is not in bus.yml; give it there with its target, such as "
                 f"`velocity_mode: {mode}` and `velocity_target: 0x60FF`"
             )
+        require_own_start(joint.axis, mode)
         require_mode(mode, listed_modes(joint.axis, joint.parameters))
         joint.targets.require_claim(mode)
     for joint in joints:

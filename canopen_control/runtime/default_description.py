@@ -190,7 +190,7 @@ def _uncontrolled(plan: NodePlan, axis: int) -> str:
     """Return why an axis is only a proxy: controlword or statusword missing in its PDOs; "" for neither."""
     for base, pdos, kind in ((CONTROLWORD, plan.rpdos, "RPDO"), (STATUSWORD, plan.tpdos, "TPDO")):
         index = axis_index(base, axis)
-        if not any(entry.index == index for pdo in pdos for entry in pdo.objects):
+        if (index, 0) not in plan.carried(pdos):
             return (
                 f"no {kind} carries 0x{index:04X} {object_name(index)}: it is a proxy, and cannot be enabled; "
                 "map it in bus.yml to move it"
@@ -200,7 +200,7 @@ def _uncontrolled(plan: NodePlan, axis: int) -> str:
 
 def _untargeted(plan: NodePlan, axis: int) -> str:
     """Return the reason why an axis has no target in an RPDO, "" if it has one."""
-    carried = {(entry.index, entry.subindex) for pdo in plan.rpdos for entry in pdo.objects}
+    carried = plan.carried(plan.rpdos)
     if any((axis_index(index, axis), subindex) in carried for index, subindex in serving_objects(TARGET)):
         return ""
     place, speed = (axis_index(index, axis) for index in (TARGET_POSITION, TARGET_VELOCITY))

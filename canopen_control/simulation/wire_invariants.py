@@ -179,10 +179,11 @@ _TRANSMISSION: Final = 2
 
 def _holds(device: VirtualNode, write: PlannedWrite) -> bool:
     """Whether a drive has the value of a write; values that it need not keep count as kept."""
-    if write.optional or not write.compare or write.index in _PROCEDURES or write.address not in device.od:
+    od = device.od if device.motors is None else device.motors.device
+    if write.optional or not write.compare or write.index in _PROCEDURES or write.address not in od:
         return True
-    entry = device.od.get(*write.address)
-    value = device.store.get(*write.address)
+    entry = od.get(*write.address)
+    value = device.get(*write.address)
     if entry is None or (write.pdo is not None and write.subindex == _TRANSMISSION and not entry.writable):
         return True  # used as the node has it
     if isinstance(value, int) and entry.data_type.is_integer:

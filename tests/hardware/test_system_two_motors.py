@@ -7,7 +7,7 @@ from support.two_motors import robot as make_robot
 from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.cia402.state import State
 from canopen_control.data_files import data_path
-from canopen_control.errors import BusConfigError
+from canopen_control.errors import BusConfigError, DriveError
 from canopen_control.hardware.axis_statechart import Action
 from canopen_control.od.issues import Severity
 from canopen_control.runtime.robot_files import find_robot
@@ -76,6 +76,7 @@ def test_a_fault_of_one_motor_stops_the_other_along_its_ramp(robot, motor):
     assert device.drives[1 - motor].state is not State.OPERATION_ENABLED
     faulty = ("left", "right")[motor]
     assert any(f"{faulty}: fault" in event.sentence for event in made.events)
+    assert any(faulty in event.sentence and "0x7305" in event.sentence for event in made.events)
     made.reset_faults()
     made.run(0.5)
     assert State.OPERATION_ENABLED not in states(made)  # a fault reset enables nothing
@@ -171,3 +172,35 @@ def test_a_drive_with_one_motor_has_no_motors_in_subindices(tmp_path):
 def test_joints_that_cannot_be_two_motors_are_refused(tmp_path, options, words):
     found = check_robot(find_robot(str(folder(tmp_path, **options))), CheckOptions()).findings
     assert [str(each) for each in found if each.severity is Severity.ERROR and words in str(each)]
+
+
+@pytest.mark.parametrize(
+    ("action", "options", "words"),
+    [(Action.HOME, {}, "HM starts a motion by bits of the controlword"), (Action.MODE, {"mode": "PP"}, "PP starts")],
+)
+def test_what_would_start_both_motors_is_refused(robot, action, options, words):
+    core = robot().simulated.core
+    with pytest.raises(DriveError, match=words):
+        core.axis(action, "wheels", lambda _error: None, **options)
+
+
+def test_a_drive_that_restarts_is_enabled_again(robot):
+    made = robot()
+    made.command("vel", 2.0, 2.0, seconds=10)
+    made.run(0.5)
+    made.drives[NODE].power_off(0.5)
+    made.run(2)
+    assert not made.moving
+    made.enable()
+    made.command("vel", 1.0, -1.0, seconds=1)
+    made.run(0.8)
+    assert speeds(made) == pytest.approx([1.0, -1.0], rel=0.02)
+    assert made.breaches == []
+
+
+def test_the_time_to_a_stop_is_that_of_each_motor(tmp_path):
+    bus = folder(tmp_path) / "bus.yml"
+    bus.write_text(bus.read_text().replace("0x6084, sub_index: 2, value: 20000", "0x6084, sub_index: 2, value: 5000"))
+    stops = check_robot(find_robot(str(tmp_path)), CheckOptions()).stops
+    asked = [case.by for stop in stops for case in stop.cases if case.cause == "a stop is asked"]
+    assert asked == ["ramp of 0x6084 (20000)", "ramp of 0x6084 (5000)"]

@@ -3,6 +3,7 @@
 import pytest
 from support.busalone import IO, AloneBench, write_drives, write_io, write_two_axis_drive
 from support.generic import write_generic
+from support.two_motors import folder
 
 from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.errors import ConfigError, ControlError, DriveError, RobotConfigError
@@ -315,3 +316,11 @@ def test_two_axes_of_one_name_are_refused_with_their_node(tmp_path):
     ):
         read_robot(find_robot(str(config)))
     assert len(errors(check(config))) == 1
+
+
+def test_both_motors_behind_one_controlword_have_a_joint(tmp_path):
+    folder(tmp_path)
+    for name in ("cart.urdf", "ros2_controllers.yaml"):
+        (tmp_path / name).unlink()
+    setup = read_robot(find_robot(str(tmp_path)))
+    assert [joint.name for tag in setup.description.hardware for joint in tag.joints] == ["wheels_0", "wheels_1"]

@@ -1,5 +1,6 @@
 import pytest
 from support.simulated import Judged
+from support.two_motors import dictionary
 from support.virtualbench import tmcm
 
 from canopen_control.master.plan_builder import PlannedWrite
@@ -9,6 +10,7 @@ from canopen_control.runtime.setup import read_robot
 from canopen_control.simulation.answer_invariants import AnswerInvariants
 from canopen_control.simulation.simulation_run import SimulationRun
 from canopen_control.simulation.wire_invariants import ConfigurationInvariants, _holds
+from canopen_control.virtual.device import make_device
 
 WIDE = "tools/campaigner/robots/wide"
 
@@ -78,3 +80,11 @@ def test_a_wide_object_is_decoded_as_it_is():
     run.close()
     assert [each.rule for each in told][:1] == ["shown_wrong"]
     assert "0x2000:00 of counter is 320255973501901, it is 81985529216486895" in told[0].text
+
+
+@pytest.mark.parametrize(("value", "holds"), [(20000, True), (1, False)])
+def test_a_value_of_the_second_of_two_motors_is_looked_at_in_its_subindex(value, holds):
+    device = make_device(dictionary(), 2)
+    device.store.set(0x6883, 0, value)
+    write = PlannedWrite(0x6083, 2, (20000).to_bytes(4, "little"), "a ramp", data_type=DataType.UNSIGNED32)
+    assert _holds(device, write) is holds
