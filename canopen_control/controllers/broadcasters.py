@@ -347,10 +347,10 @@ class SensorBroadcaster(Controller):
     """Broadcaster of state interfaces in a fixed order; "" marks an absent one."""
 
     is_broadcaster: ClassVar[bool] = True
-    moves_joints: ClassVar[bool] = False
 
     def __init__(self, name: str, type_name: str = "") -> None:
         super().__init__(name, type_name)
+        self.params = self.reads()
         self._names: list[str] = []
         self._sources: list[tuple[int, StateInterface]] = []
         self._values: list[float] = []
@@ -391,10 +391,7 @@ class IMUSensorBroadcaster(SensorBroadcaster):
     title: ClassVar[str] = "IMU"
     reads: ClassVar[type[ImuParams]] = ImuParams
     tells: ClassVar[type[Sample] | None] = ImuSample
-
-    def __init__(self, name: str, type_name: str = "") -> None:
-        super().__init__(name, type_name)
-        self.params = ImuParams()
+    params: ImuParams
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; RobotConfigError with all mistakes."""
@@ -422,10 +419,7 @@ class RangeSensorBroadcaster(SensorBroadcaster):
     title: ClassVar[str] = "Range sensor"
     reads: ClassVar[type[RangeParams]] = RangeParams
     tells: ClassVar[type[Sample] | None] = RangeSample
-
-    def __init__(self, name: str, type_name: str = "") -> None:
-        super().__init__(name, type_name)
-        self.params = RangeParams()
+    params: RangeParams
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; RobotConfigError with all mistakes."""
@@ -491,10 +485,7 @@ class PoseBroadcaster(SensorBroadcaster):
         "Its transform: `tf.KEY`": PoseTransform,
     }
     tells: ClassVar[type[Sample] | None] = PoseSample
-
-    def __init__(self, name: str, type_name: str = "") -> None:
-        super().__init__(name, type_name)
-        self.params = PoseParams()
+    params: PoseParams
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; RobotConfigError with all mistakes."""
@@ -535,10 +526,7 @@ class BatteryStateBroadcaster(SensorBroadcaster):
         "Each battery: `BATTERY.KEY`": BatteryFacts,
     }
     tells: ClassVar[type[Sample] | None] = BatteriesSample
-
-    def __init__(self, name: str, type_name: str = "") -> None:
-        super().__init__(name, type_name)
-        self.params = BatteryParams()
+    params: BatteryParams
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; RobotConfigError with all mistakes."""
@@ -627,7 +615,6 @@ class _StateBroadcaster(Controller):
     title: ClassVar[str] = "GPIO and diagnostics"
     reads: ClassVar[type[StateParams]] = StateParams
     is_broadcaster: ClassVar[bool] = True
-    moves_joints: ClassVar[bool] = False
     chosen: tuple[str, ...] = ()
 
     def __init__(self, name: str, type_name: str = "") -> None:

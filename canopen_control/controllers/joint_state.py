@@ -36,7 +36,6 @@ class JointStateBroadcaster(Controller):
     title: ClassVar[str] = "Joint states"
     reads: ClassVar[type[BroadcasterParams]] = BroadcasterParams
     is_broadcaster: ClassVar[bool] = True
-    moves_joints: ClassVar[bool] = False
     tells: ClassVar[type[Sample] | None] = JointStatesSample
 
     def __init__(self, name: str, type_name: str = "") -> None:

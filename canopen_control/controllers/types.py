@@ -1,4 +1,4 @@
-"""Controller types by the names that ros2_controllers.yaml uses.
+"""Controller types by their names in ros2_controllers.yaml.
 
 A type is imported when the first controller of it is loaded; what is not in the table comes from
 the entry point group `canopen_control.controllers` of any installed package.

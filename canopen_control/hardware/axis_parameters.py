@@ -134,6 +134,34 @@ def choose_mode(axis: AxisProcessData, parameters: AxisParameters, interface: st
     return mode_for_interface(POSITION if interface == TARGET else interface, listed)
 
 
+def leading_interface(axis: AxisProcessData, parameters: AxisParameters, interfaces: Collection[str]) -> str:
+    """Return the leading one of interfaces claimed together; DriveError if the combination is invalid.
+
+    Beside a position in CSP there may be its velocity and effort, whose offsets RPDOs carry.
+    """
+    if len(interfaces) == 1:
+        return next(iter(interfaces))
+    node, names = axis.node, " and ".join(interfaces)
+    if POSITION not in interfaces:
+        raise DriveError(f"joint {axis.joint}: {names} cannot be commanded together")
+    if (mode := choose_mode(axis, parameters, POSITION)) is not OperationMode.CSP:
+        raise DriveError(
+            f"joint {axis.joint}: {names} can be commanded together in mode CSP alone, and position is "
+            f"commanded in {mode_name(mode)}; give {node.name} position_mode: 8 in bus.yml, or command the "
+            "position alone"
+        )
+    outputs = {VELOCITY: axis.velocity_offset, EFFORT: axis.torque_offset}
+    for interface in interfaces:
+        if interface != POSITION and outputs.get(interface) is None:
+            index = objects.VELOCITY_OFFSET if interface == VELOCITY else objects.TORQUE_OFFSET
+            raise DriveError(
+                f"joint {axis.joint}: {names} can be commanded together where an RPDO carries "
+                f"0x{axis.index(index):04X}; give {node.name} feed_forward: [{interface}] in bus.yml, or "
+                "command the position alone"
+            )
+    return POSITION
+
+
 def serving_objects(interface: str) -> tuple[tuple[int, int], ...]:
     """Return index and subindex, on axis 0, of the targets of all modes that serve a command interface."""
     return tuple(TARGET_OBJECTS[mode] for mode in _SERVED[interface])

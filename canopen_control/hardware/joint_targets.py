@@ -99,32 +99,6 @@ class JointTargets:
         target = make_target(mode, self._axis, self._machine)
         return None if target is None else target.interface
 
-    def leading_interface(self, interfaces: Collection[str]) -> str:
-        """Return the leading one of interfaces claimed together; DriveError if the combination is invalid.
-
-        Beside a position in CSP there may be its velocity and effort, whose offsets RPDOs carry.
-        """
-        if len(interfaces) == 1:
-            return next(iter(interfaces))
-        node, names = self._axis.node, " and ".join(interfaces)
-        if POSITION not in interfaces:
-            raise DriveError(f"joint {self._axis.joint}: {names} cannot be commanded together")
-        if (mode := self.mode_for(POSITION)) is not OperationMode.CSP:
-            raise DriveError(
-                f"joint {self._axis.joint}: {names} can be commanded together in mode CSP alone, and position is "
-                f"commanded in {mode_name(mode)}; give {node.name} position_mode: 8 in bus.yml, or command the "
-                "position alone"
-            )
-        for interface in interfaces:
-            if interface != POSITION and not self.feed_forward.carries(interface):
-                index = objects.VELOCITY_OFFSET if interface == VELOCITY else objects.TORQUE_OFFSET
-                raise DriveError(
-                    f"joint {self._axis.joint}: {names} can be commanded together where an RPDO carries "
-                    f"0x{self._axis.index(index):04X}; give {node.name} feed_forward: [{interface}] in bus.yml, or "
-                    "command the position alone"
-                )
-        return POSITION
-
     def claim(self, interface: str | None, beside: Collection[str] = ()) -> None:
         """Select the claimed interface, or none, and its mode; `beside` lists its feed-forward interfaces.
 

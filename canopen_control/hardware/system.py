@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.objects import AXES
 from canopen_control.errors import ControlError, DriveError, RobotConfigError, UnknownInterface, nearest
+from canopen_control.hardware.axis_parameters import leading_interface
 from canopen_control.hardware.axis_statechart import STOPPED, StopGroup
 from canopen_control.hardware.device_parts import DeviceParts, is_measured
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, OK, TARGET, ComponentLifecycle, ReturnType
@@ -157,7 +158,7 @@ class CanopenSystem(ComponentLifecycle):
                 raise ControlError(
                     f"joint {joint.joint} is commanded by {joint.claimed}; deactivate that controller first"
                 )
-            primary = joint.targets.leading_interface(interfaces)
+            primary = leading_interface(joint.axis, joint.parameters, interfaces)
             if primary != TARGET:
                 joint.targets.mode_for(primary)
 
@@ -174,7 +175,7 @@ class CanopenSystem(ComponentLifecycle):
                 for stopped in (joint, *joint.partners):
                     stopped.stop(self._now)
         for joint, interfaces in starting.items():
-            primary = joint.targets.leading_interface(interfaces)
+            primary = leading_interface(joint.axis, joint.parameters, interfaces)
             joint.targets.claim(primary, [interface for interface in interfaces if interface != primary])
         rising = with_partners(joint for joint in starting if joint.claimed != TARGET)
         self._choose_modes(joint for joint in rising if joint not in starting)

@@ -49,10 +49,6 @@ class FeedForward:
         self._last = math.nan
         self._standing_s = 0.0
 
-    def carries(self, interface: str) -> bool:
-        """Whether an RPDO contains the offset of a command interface."""
-        return self._outputs.get(interface) is not None
-
     def claim(self, interfaces: Collection[str]) -> None:
         """Use the offsets of these command interfaces from now on."""
         self._velocity = self._commands[VELOCITY] if VELOCITY in interfaces else None
