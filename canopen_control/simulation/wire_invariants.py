@@ -117,7 +117,8 @@ class ConfigurationInvariants:
         disturbed = max(self._disturbed.moved(node.plan.node_id), self._disturbed.deaf_at)
         if disturbed and disturbed > now - _CALM_NS:
             return
-        final = {write.address: write for write in node.plan.writes}
+        carried = {(mapped.index, mapped.subindex) for layout in node.plan.rpdos for mapped in layout.objects}
+        final = {write.address: write for write in node.plan.writes if write.address not in carried}
         wrong = [f"0x{write.index:04X}:{write.subindex:02X}" for write in final.values() if not _holds(device, write)]
         since = self._robot.started_ns  # a drive that keeps another value is named by its boot
         wrong = [name for name in wrong if not self._answers.reported(node.plan.node_id, since, name)]

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 from support.simulated import Judged
 from support.two_motors import dictionary
@@ -41,6 +43,18 @@ def test_a_parameter_that_was_not_written_is_told_by_its_address(judged):
     assert judged.told == [("plan_unwritten", text)]
     judged.run(0.5)
     assert len(judged.told) == 1
+
+
+def test_an_object_that_an_rpdo_carries_is_what_the_robot_commands(judged):
+    """0x6060 in `sdo` of bus.yml, as in the examples of ros2_canopen, and the mode of the controller after the boot."""
+    node = judged.rules._nodes[0]
+    write = PlannedWrite(0x6060, 0, b"\x01", "the mode", data_type=DataType.INTEGER8)
+    node.boots, node.plan = 0, replace(node.plan, writes=(write,))
+    judged.run(0.2)
+    assert judged.told == []
+    node.boots, node.plan = 0, replace(node.plan, rpdos=())
+    judged.run(0.2)
+    assert [rule for rule, _ in judged.told] == ["plan_unwritten"]
 
 
 @pytest.mark.parametrize(
