@@ -249,6 +249,20 @@ def names_robot(args: argparse.Namespace) -> bool:
     )
 
 
+@contextlib.contextmanager
+def _shared_by_forks() -> Iterator[None]:
+    """Take back at the end of a run what its forks share: that they are allowed, and the parsed EDS files."""
+    try:
+        yield
+    finally:
+        from canopen_control.host.fork import forbid_forks
+        from canopen_control.od.eds import forget_files
+
+        forbid_forks()
+        forget_files()
+
+
+@_shared_by_forks()
 def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = False) -> int:
     """Run a robot until it ends; 0 good, 1 failed."""
     if motion and args.real:
@@ -256,7 +270,6 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
     with _collector_off():
         setup, options = _prepare(args, motion=motion, table=table)
     from canopen_control.cli.support.announcer import Announcer
-    from canopen_control.host.fork import forbid_forks
     from canopen_control.runtime.run_session import RunSession
 
     unclear = _unclear(setup) if setup.reaches_real_drives and not args.full_speed else None
@@ -277,7 +290,6 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
     finally:
         session.close()
         announcer.close()
-        forbid_forks()
     if failure is not None:
         raise (ConfigError if session.supervisor.refused else CanopenError)(failure)
     return 0
@@ -461,7 +473,10 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
         else DescriptionReader(files.description, mappings=mappings) as reader
     ):
         with quick_dataclasses():  # takes as long as xacro does, on another processor
+            from canopen_control.od.eds import keep_files
             from canopen_control.runtime.setup import read_robot
+        if not args.spawn:
+            keep_files()
         setup = read_robot(
             files,
             name=args.name,

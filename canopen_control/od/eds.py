@@ -8,9 +8,9 @@ run time is proportional to the number of lines and entries.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from canopen_control.data_files import read_limited
 from canopen_control.errors import EdsError
@@ -417,11 +417,47 @@ class EdsFile:
     encoding: str = "utf-8-sig"
 
 
+_State: TypeAlias = tuple[int, ...]  # of a file, by which a changed one is recognized
+_kept: dict[str, tuple[_State, EdsFile]] | None = None
+
+
+def keep_files() -> None:
+    """Parse each file once from now on, while it is unchanged: for this process and its forks."""
+    global _kept
+    _kept = {} if _kept is None else _kept
+
+
+def forget_files() -> None:
+    """Undo `keep_files`."""
+    global _kept
+    _kept = None
+
+
 def read_eds(path: str | Path, node_id: int | None = None) -> EdsFile:
     """Read the file at `path`; `node_id` (1 to 127) replaces $NODEID and takes precedence over that of the file.
 
     Raises EdsError if the file cannot be read or is not a CANopen EDS.
     """
+    if _kept is None:
+        return _read_file(path, node_id)
+    try:
+        status = Path(path).stat()
+    except (OSError, ValueError):
+        return _read_file(path, node_id)
+    state = status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
+    kept = _kept.get(str(path))
+    if kept is None or kept[0] != state:
+        kept = _kept[str(path)] = state, _read_file(path, None)
+    file = kept[1]
+    od = file.od
+    if node_id is None:
+        od = replace(od, entries=od.entries.copy(), objects=od.objects.copy(), sections=od.sections.copy())
+    else:
+        od = od.for_node(node_id)
+    return replace(file, od=od, issues=[*file.issues])
+
+
+def _read_file(path: str | Path, node_id: int | None) -> EdsFile:
     try:
         data = read_limited(Path(path), MAX_BYTES)
     except (OSError, ValueError) as error:

@@ -8,7 +8,10 @@ from canopen_control.cli.main import main
 from canopen_control.cli.run import _options, add_arguments, read_setup, run_shared
 from canopen_control.client import find_robots
 from canopen_control.errors import ConfigError
+from canopen_control.host import fork
+from canopen_control.host.fork import allow_forks
 from canopen_control.master.event_log import Event
+from canopen_control.od import eds
 
 
 def arguments(*words):
@@ -183,3 +186,19 @@ def test_of_many_nodes_it_is_told_how_many_have_booted():
         "x is active",
     ]
     assert few.lines == ["a is operational", "b is operational", "a is operational", "x is active"]
+
+
+def test_what_forks_share_is_taken_back_at_the_end_of_a_run_that_does_not_begin(monkeypatch, capsys):
+    shared = []
+
+    def prepare(*_arguments, **_options):
+        allow_forks()
+        eds.keep_files()
+        shared.append((fork._allowed, eds._kept))
+        raise ConfigError("not today")
+
+    monkeypatch.setattr(run, "_prepare", prepare)
+    assert main(["run", "robby"]) == 2
+    assert shared == [(True, {})]
+    assert (fork._allowed, eds._kept) == (False, None)
+    assert "not today" in capsys.readouterr().err

@@ -3,6 +3,7 @@
 import csv
 import itertools
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from support.properties import examples
 
 from canopen_control.data_files import data_path
 from canopen_control.errors import EdsError
+from canopen_control.od import eds as eds_module
 from canopen_control.od.codec import default_of, encode
 from canopen_control.od.dcf import eds_text, encode_concise
 from canopen_control.od.eds import TYPES, parse_eds, read_eds
@@ -687,3 +689,38 @@ def test_ten_times_the_bytes_cost_at_most_fifteen_times_the_work(shape):
     assert len(large) <= 11 * len(small)
     assert cost[1] <= 15 * cost[0]
     assert entries[1] <= 15 * entries[0]
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """Keep files, and count those that are parsed."""
+    parsed = []
+    monkeypatch.setattr(
+        eds_module, "parse_eds", lambda *given, **named: parsed.append(given) or parse_eds(*given, **named)
+    )
+    eds_module.keep_files()
+    yield parsed
+    eds_module.forget_files()
+
+
+def test_a_kept_file_is_parsed_once_and_is_for_each_node_as_if_it_were_read(counted, tmp_path):
+    path = tmp_path / "drive.eds"
+    shutil.copy(data_path("eds", "TMCM-1270.eds"), path)
+    kept = [read_eds(path, node_id) for node_id in (3, 5, 3)]
+    assert len(counted) == 1
+    kept[0].od.entries.clear()
+    kept[0].issues.clear()
+    eds_module.forget_files()
+    assert [read_eds(path, 5), read_eds(path, 3)] == kept[1:]
+    assert len(counted) == 3
+
+
+def test_a_kept_file_that_has_changed_is_read_again_and_a_missing_one_is_an_error(counted, tmp_path):
+    path = tmp_path / "drive.eds"
+    shutil.copy(data_path("eds", "TMCM-1270.eds"), path)
+    product = read_eds(path).od.device.product_name
+    path.write_bytes(path.read_bytes().replace(product.encode(), b"Another"))
+    assert read_eds(path, 2).od.device.product_name == "Another"
+    path.unlink()
+    with pytest.raises(EdsError, match="cannot be read: No such file"):
+        read_eds(path, 2)
