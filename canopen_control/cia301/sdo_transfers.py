@@ -93,8 +93,10 @@ class SegmentReceiver:
     def _length_error(self, length: int, last: bool) -> int:
         """Return PROGRESS, or the abort code for an object of `length` bytes, which is final if `last`."""
         size = self._size
+        # CiA 301, table 22: 0x05040005, out of memory
         if length > self._limit:
             return AbortCode.OUT_OF_MEMORY
+        # CiA 301, table 22: 0x06070012 too long, 0x06070013 too short for the announced size
         if size is not None and length > size:
             return AbortCode.LENGTH_TOO_HIGH
         if last and size is not None and length < size:
@@ -148,6 +150,7 @@ class BlockReceiver(SegmentReceiver):
         return True
 
     def _receive_segment(self, data: bytes, out: list[CanFrame]) -> int:
+        # CiA 301, 7.2.4.3.15: sequence numbers 1 to 127 in order; the receiver acknowledges the last good one
         if data[0] & ~LAST_FLAG != self._in_order + 1:
             return self._out_of_order(data, out)
         self._previous, self._resync, self._stuck = data, False, 0
@@ -167,6 +170,7 @@ class BlockReceiver(SegmentReceiver):
             return IGNORED
         if data[0] & LAST_FLAG or data[0] == self._block_size:
             self._stuck += 1
+            # CiA 301, table 22: 0x05040003, invalid sequence number
             if self._stuck > _MAX_EMPTY_SUB_BLOCKS:
                 return AbortCode.INVALID_SEQUENCE_NUMBER
             self._acknowledge(out)
@@ -225,6 +229,7 @@ class BlockSender:
         if not 1 <= block_size <= MAX_BLOCK_SIZE:  # CiA 301, 7.2.4.3.10 and 7.2.4.3.14: 1 to 127
             return AbortCode.INVALID_BLOCK_SIZE
         self._stuck = 0 if number else self._stuck + 1
+        # CiA 301, table 22: 0x05040003, an acknowledged segment that was not sent
         if number > self._sent or self._stuck > _MAX_EMPTY_SUB_BLOCKS:
             return AbortCode.INVALID_SEQUENCE_NUMBER
         self._first += number
@@ -260,6 +265,7 @@ class SegmentedUpload(SegmentReceiver):
         if data[0] & COMMAND_MASK != SEGMENT or out:  # an answer cannot precede its request
             return IGNORED
         if data[0] & TOGGLE != self._toggle:
+            # CiA 301, table 22: 0x05030000, toggle bit not alternated; a copy of the last answer is ignored
             if data != self._previous or self.toggle_suspect:
                 return AbortCode.TOGGLE_NOT_ALTERNATED
             self.toggle_suspect = True
@@ -297,6 +303,7 @@ class SegmentedDownload:
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
         """Process a confirmation of the server."""
+        # CiA 301, 7.2.4.3.4: scs 1, the answer to a download segment
         if data[0] & COMMAND_MASK != DOWNLOAD_SEGMENT_ANSWER or out:
             return IGNORED
         if data[0] & TOGGLE != self._toggle:
@@ -334,6 +341,7 @@ class BlockUpload(BlockReceiver):
             return IGNORED
         if not self._complete:
             return self._receive_segment(data, out)
+        # CiA 301, 7.2.4.3.15: ends a block upload with its CRC and the unused bytes
         if data[0] & SUB_COMMAND_MASK != BLOCK_END or data == self._previous:
             return IGNORED
         outcome = self._end(data)

@@ -200,6 +200,7 @@ class QuickStopExit:
 
     def look(self, statusword: int) -> None:
         """Evaluate a statusword of the drive in its quick stop."""
+        # CiA 402-2, 0x6041 in QUICK STOP ACTIVE: bit 10 is 0 while the drive stops
         if not statusword & TARGET_REACHED:
             self._moved = True
 
@@ -208,6 +209,7 @@ class QuickStopExit:
 
         `enable` is requested, `may_enable` permits it at once, `standstill` means that the motor is known to stand.
         """
+        # CiA 402-2, table 22, transition 16: optional, and only with 0x605A = 5 to 8
         if self.stage is StopStage.ENABLE and enable:
             return Command.ENABLE_OPERATION if may_enable else Command.QUICK_STOP
         if self.stage is not StopStage.DISABLE:
@@ -242,6 +244,7 @@ class FaultReset:
     @property
     def bit(self) -> int:
         """Bit 7 of the controlword for this cycle, 0 or 0x80."""
+        # CiA 402-2, table 22, transition 15: the rising edge of bit 7 resets a fault
         return FAULT_RESET_BIT if self.phase is ResetPhase.HIGH else 0
 
     @property
@@ -266,6 +269,7 @@ class FaultReset:
             sent = self.phase in (ResetPhase.LOW, ResetPhase.HIGH)
             self.cancel()
             return FaultResetFailed(now, statusword, sent)
+        # CiA 402-2, table 22: FAULT REACTION ACTIVE ends by itself (transition 14); only FAULT can be reset
         if state is State.FAULT:
             self.phase = ResetPhase.LOW if self.phase is ResetPhase.ASKED else ResetPhase.HIGH
         return None
@@ -407,6 +411,7 @@ class DriveRequest:
 
     def lost_enable(self, previous: State, drive: State) -> bool:
         """Process a change of state; return whether a drive that was to be enabled has lost this state."""
+        # CiA 402-2, table 22, transitions 8 to 12: a drive may leave the states of the ladder without a command
         if self.goal is not DriveGoal.ENABLED or LADDER[drive] >= LADDER[previous]:
             return False
         if self.detour is not None and LADDER[drive] >= LADDER[self.detour]:
@@ -436,6 +441,7 @@ class DriveRequest:
 
         `may_enable`: its mode is confirmed and nothing holds it; `standstill`: the motor is known to stand.
         """
+        # CiA 402-2, table 22: in its fault states a drive accepts no command but the fault reset
         if drive is None or drive in FAULT_STATES:
             return None
         if (sent := SENT_FIRST.get(self.state)) is not None:
@@ -464,6 +470,7 @@ class DriveRequest:
             return _AUTOMATIC[drive] if self.goal is DriveGoal.ENABLED else None
         if drive is State.OPERATION_ENABLED and self.state is EnableRequest.OVERTAKING:
             return SETTLE
+        # CiA 402-2, table 22, transition 12: follows the stop with 0x605A = 1 to 4, else disable voltage
         if drive is State.QUICK_STOP_ACTIVE and self._stop_exit.stage is StopStage.WAIT:
             return 12
         return transition_number(drive, command)
@@ -609,8 +616,10 @@ class ModeRequest:
         mode = self.mode
         if mode is None:
             return None
+        # CiA 402-2, 0x6061: the mode is active when it is shown here
         if display == mode:
             return self._confirm(mode, now)
+        # Some drives show 0 (no mode) in 0x6061 until they are enabled
         unshown = display == 0 and not enabled
         if self.deadline == _NEVER:
             if not (unshown and self.state is ModeState.UNSHOWN):
@@ -618,6 +627,7 @@ class ModeRequest:
                 self.deadline = now + (self._timeout // 2 if unshown else self._timeout)
                 self._fire(ModeTrigger.NOT_SHOWN)
         elif now >= self.deadline:
+            # Festo CMMP-AS shows -1 in 0x6061 for some seconds while it synchronises
             if display == _CHANGING and now < self.deadline + _CHANGES * self._timeout:
                 return None
             if self._halved and not unshown:  # it has shown 0 before, and has the other half of the time
@@ -693,6 +703,7 @@ class DriveMachine:
         ignore_remote: bool = False,
         switching_state: State = State.OPERATION_ENABLED,
     ) -> None:
+        # CiA 402-2, table 22: the states without power on the motor
         if disabled_state not in DISABLED_STATES:
             raise LocalProtocolError(f"{name}: {disabled_state.name} is not a state of a disabled drive")
         self.name = name
@@ -738,6 +749,7 @@ class DriveMachine:
         """Raise the DriveError that `enable` would."""
         if self.goal is DriveGoal.ENABLED:
             return
+        # CiA 402-2, table 22: FAULT has only transition 15, the fault reset
         if self.fault:
             raise DriveError(f"{self.name}: cannot be enabled in a fault{self._seen()}; reset the fault first")
         if self.mode_request.failed:
@@ -807,6 +819,7 @@ class DriveMachine:
 
     @mode_bits.setter
     def mode_bits(self, bits: int) -> None:
+        # CiA 402-2, 0x6040: bits 4, 5, 6 and 9 belong to the mode of operation
         if bits & ~MODE_SPECIFIC_BITS:
             raise LocalProtocolError(f"{self.name}: 0x{bits:04X} are not bits of a mode (0x{MODE_SPECIFIC_BITS:04X})")
         if bits != self._mode_bits:
@@ -861,6 +874,7 @@ class DriveMachine:
 
         True until a statusword clears it, and always with `ignore_remote`.
         """
+        # CiA 402-2, 0x6041 bit 9 (remote): 0 while the controlword is not processed
         return bool(self._running_word & REMOTE)
 
     @property
@@ -948,11 +962,13 @@ class DriveMachine:
         self._undefined_run = 0
         if state is not self.state:
             self._change_state(self.state, state, statusword, now)
+        # CiA 402-2, table 22: before transition 1 a drive still initialises, and bit 9 is not valid
         if state is not State.NOT_READY_TO_SWITCH_ON:
             word, before = statusword | self._always_remote, self._running_word
             self._running_word = word
             if (word ^ before) & REMOTE:
                 self._events.append(ControlChanged(now, statusword))
+        # CiA 402-2, 0x605A = 5 to 8: the drive stays in QUICK STOP ACTIVE after its stop
         if state is State.QUICK_STOP_ACTIVE:
             self._intent.stopping(statusword)
 
@@ -960,6 +976,7 @@ class DriveMachine:
         self.undefined += 1
         self._undefined_run += 1
         self.due = _AT_ONCE  # the same word again counts again
+        # CiA 402-2, table 30 defines no state for this pattern; single words of this kind occur at transitions
         if self._undefined_run == self._undefined_limit:
             self._events.append(StatuswordUndefined(now, statusword, self._undefined_run))
             if self.goal is DriveGoal.ENABLED:
@@ -968,6 +985,7 @@ class DriveMachine:
     def _change_state(self, previous: State | None, state: State, statusword: int, now: int) -> None:
         self._enter(state, now)
         if state in FAULT_STATES:
+            # CiA 402-2, table 22, transition 13 (fault reaction), then 14 (fault)
             if previous not in FAULT_STATES:
                 self._events.append(FaultEntered(now, state, statusword, previous is State.OPERATION_ENABLED))
             self._fire(EnableTrigger.LOST)
@@ -1042,4 +1060,5 @@ class DriveMachine:
             self._mode_bits = 0
         if command is None:
             return 0
+        # CiA 402-2, 0x6040: bit 8 (halt) is evaluated only in OPERATION ENABLED
         return controlword_of(command) | self._mode_bits | (HALT_BIT if self.halted and enabled else 0)

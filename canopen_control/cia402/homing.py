@@ -62,6 +62,7 @@ METHODS_WITHOUT_MOTION = frozenset({35, 37})
 
 def require_method(method: int, supported: Collection[int] | None = None) -> None:
     """Raise DriveError unless `method` is in `supported` (0x60E3), or without that, one of the profile or negative."""
+    # CiA 402-2, 0x6098: negative methods are the manufacturer's; 0x60E3 lists the supported ones
     if method in supported if supported is not None else method in METHODS or method < 0:
         return
     listed = f"0x60E3 lists {', '.join(map(str, sorted(supported)))}" if supported is not None else "it is reserved"
@@ -92,6 +93,7 @@ _ENDED = (HomingStatus.NOT_RUNNING, HomingStatus.COMPLETED)
 
 def homing_status(statusword: int) -> HomingStatus:
     """Return bits 13, 12 and 10; only valid in mode HM."""
+    # CiA 402-2, 0x6041 in mode HM: bit 13 homing error, bit 12 homing attained, bit 10 target reached
     return _STATUS[statusword >> 11 & 0b110 | statusword >> 10 & 0b001]
 
 
@@ -206,6 +208,7 @@ class HomingSequence:
 
     def _prepare(self, status: HomingStatus, now: int) -> int:
         """Evaluate the old bits; the first ones may still be those of another mode, so that the last update counts."""
+        # CiA 402-2, 0x6040 in mode HM: homing starts with the rising edge of bit 4
         if self._updates <= self._settle_updates:
             self._attained_absent = not status.value & HomingStatus.ATTAINED.value
             self._error_absent = not status.value & HomingStatus.ERROR_MOVING.value
@@ -224,8 +227,10 @@ class HomingSequence:
         self._stopped_updates = self._stopped_updates + 1 if status in _ENDED else 0
         if status is HomingStatus.COMPLETED and self._is_believable():
             return self._finish(now)
+        # CiA 402-2, 0x6041 in mode HM: bit 13 (homing error)
         if self._error_absent and status.value & HomingStatus.ERROR_MOVING.value:
             return self._fail("the drive reports a homing error", status, now)
+        # CiA 402-2, 0x6041 in mode HM: bits 13, 12, 10 = 001, homing interrupted or not started
         if self._ran and status is HomingStatus.NOT_RUNNING and self._stopped_updates > self._settle_updates:
             return self._fail("it was interrupted", status, now)
         if now >= self._start_deadline:
@@ -235,6 +240,7 @@ class HomingSequence:
     def _is_believable(self) -> bool:
         if self._attained_absent:
             return True
+        # CiA 402-2, 0x6098: methods 35 and 37 take the present position, so that no motion is seen
         return self.method in METHODS_WITHOUT_MOTION and self._stopped_updates > self._settle_updates
 
     def _finish(self, now: int) -> int:

@@ -215,6 +215,7 @@ class SetPointHandshake:
             return 0
         if self._aborted or not ready or statusword is None:
             return self._give_up(self._aborted or "the drive is not enabled in mode PP", now)
+        # CiA 402-2, 0x6041 in mode PP: with halt, bit 10 means velocity 0
         if halted:
             self._deadline = _NEVER
             return self._bits
@@ -245,9 +246,11 @@ class SetPointHandshake:
             self._begin(self._next)
         acknowledged = bool(statusword & _ACKNOWLEDGED)
         if self.phase is SetPointPhase.LOW:
+            # CiA 402-2, 0x6040 in mode PP: bit 4 may rise only while bit 12 of the statusword is 0
             if not acknowledged and self._updates:
                 self._go(SetPointPhase.ACKNOWLEDGE, _NEW_SET_POINT | self._current.bits)
         elif self.phase is SetPointPhase.ACKNOWLEDGE:
+            # CiA 402-2, 0x6041 in mode PP: bit 12 acknowledges the set-point; then bit 4 returns to 0
             if acknowledged:
                 self._go(SetPointPhase.RELEASE)
                 self._interrupts = False
@@ -271,13 +274,16 @@ class SetPointHandshake:
     def _follow(self, statusword: int, acknowledged: bool, now: int) -> None:
         reached = bool(statusword & TARGET_REACHED)
         self._moved = self._moved or not reached
+        # CiA 402-2, 0x6041 in mode PP: bit 13 (following error)
         if statusword & _FOLLOWING_ERROR and not self._lagged:
             self._lagged = True
             self._events.append(FollowingError(now, self._current.target, statusword))
         if self.phase is SetPointPhase.RELEASE:
+            # CiA 402-2, 0x6041 in mode PP: bit 12 stays 1 while the buffer of set-points is full
             if acknowledged:
                 return
             self._go(SetPointPhase.MOVING)
+        # CiA 402-2, 0x6041 in mode PP: bit 10 (target reached); the old target's 1 may still be shown
         if reached and not acknowledged and (self._moved or self._updates >= self._settle_updates):
             self._go(SetPointPhase.IDLE)
             self._events.append(SetPointReached(now, self._current.target, statusword))

@@ -113,6 +113,7 @@ def command_of(controlword: int, previous: int) -> Command | None:
 
     A rising bit 7 is FAULT_RESET whatever the other bits say; a bit 7 that stays high hides them: None.
     """
+    # CiA 402-2, table 24: the fault reset is the rising edge of bit 7
     if controlword & ~previous & FAULT_RESET_BIT:
         return Command.FAULT_RESET
     return _COMMAND_BY_BITS[controlword & 0xFF]

@@ -126,6 +126,7 @@ def boot(plan: NodePlan, *, reset: bool) -> Generator[Request, Answer, BootResul
 
 def _reset(plan: NodePlan, command: NmtCommand) -> Generator[Request, Answer, bool]:
     yield NextStep("reset")
+    # CiA 301, 7.3.2: a reset ends with the boot-up message
     yield SendNmt(command)
     # Not all nodes send a boot-up; who is not there is found by the next step.
     return bool((yield AwaitBootUp(plan.boot_up_ns)))
@@ -140,9 +141,11 @@ def _identify(
     except (SdoTimeout, SdoAbort, SdoLengthError) as error:
         late = "; its boot-up message came: where it answers SDO later than that, give the master a longer `boot_time`"
         end = late if alive and isinstance(error, SdoTimeout) else ""
+        # CiA 302-2, error status B: no answer to the request of 0x1000
         raise boot_error(plan, "B", f"no device type 0x1000:00: {reason_of(error)}{end}") from error
     expected = plan.identity
     if expected.device_type and device_type != expected.device_type:
+        # CiA 302-2, error status C: 0x1000 differs from 0x1F84
         raise _mismatch(plan, "C", "device type 0x1000:00", device_type, expected.device_type)
     numbers = []
     for subindex, letter, title, wanted in (
@@ -154,6 +157,7 @@ def _identify(
         value = yield from _answered(plan, "B", transfers, IDENTITY, subindex)
         numbers.append(-1 if value is None else value)
         if wanted and value != wanted:
+            # CiA 302-2, error status D, M, N, O: 0x1018 differs from 0x1F85 to 0x1F88
             raise _mismatch(plan, letter, f"{title} 0x1018:{subindex:02X}", numbers[-1], wanted)
     if expected.eds_revision and numbers[2] != expected.eds_revision:
         transfers.warnings.append(
@@ -168,6 +172,7 @@ def _is_running(plan: NodePlan) -> Generator[Request, Answer, bool]:
     yield NextStep("keep alive")
     timeout = plan.supervision_ns or STATE_NS
     state = yield AwaitHeartbeat(timeout)
+    # CiA 302-2, error status E and F: no heartbeat, or no guarding answer, of a node to be kept alive
     if state is None:
         letter, monitoring = ("F", "guarding") if plan.guard else ("E", "heartbeat")
         raise boot_error(
@@ -183,8 +188,10 @@ def _check_software(plan: NodePlan, transfers: BootTransfers) -> Generator[Reque
     if not plan.software_version:
         return
     version = yield from _answered(plan, "G", transfers, SOFTWARE, 1)
+    # CiA 302-2, error status G: the software version could not be verified
     if version is None:
         raise boot_error(plan, "G", f"it has no 0x1F56:01, and software_version is 0x{plan.software_version:08X}")
+    # CiA 302-2, error status H and I: another version than 0x1F55, without a firmware download
     if version != plan.software_version:
         letter, hint = "H", ""
         if plan.software_file:
@@ -201,6 +208,7 @@ def _prepare_drive(plan: NodePlan, transfers: BootTransfers, running: bool) -> G
     for offset in plan.axes:
         modes = yield from _answered(plan, "J", transfers, SUPPORTED_DRIVE_MODES + offset, 0)
         statusword = (yield from _answered(plan, "J", transfers, STATUSWORD + offset, 0)) or 0
+        # CiA 402-2, table 30: bit 2, operation enabled
         if statusword & _OPERATION_ENABLED_BIT and not running:
             yield from _silently(transfers, CONTROLWORD + offset, _SHUTDOWN.to_bytes(2, "little"))
         for target, actual in _PRESETS.items():
@@ -238,11 +246,13 @@ def _configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, A
     if plan.restore:
         yield NextStep("restore")
         try:
+            # CiA 301, 7.5.2.14: the signature "load"; the defaults are active after a reset
             yield from transfers.write(RESTORE, plan.restore, LOAD, STORE_NS)
         except (SdoAbort, SdoTimeout) as error:
             raise boot_error(plan, "J", f"restoring with 0x1011:{plan.restore:02X}: {reason_of(error)}") from error
         communication = plan.restore == _COMMUNICATION_PARAMETERS
         command = NmtCommand.RESET_COMMUNICATION if communication else NmtCommand.RESET_NODE
+        # CiA 301, 7.5.2.14: restored values are valid after reset node or reset communication
         if not (yield from _reset(plan, command)):
             raise boot_error(plan, "J", f"no boot-up within {plan.boot_up_ns / 1e9:g} s of restoring its defaults")
     yield NextStep("configure")
@@ -255,6 +265,7 @@ def _configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, A
 def _await_heartbeat(plan: NodePlan) -> Generator[Request, Answer, None]:
     """Start error control before the node is started."""
     yield NextStep("heartbeat")
+    # CiA 302-2, error status K: error control did not start
     if plan.supervision_ns and not (yield AwaitState(plan.supervision_ns)):
         message = "answer to guarding" if plan.guard else "heartbeat"
         raise boot_error(plan, "K", f"no {message} within {plan.supervision_ns / 1e9:g} s")

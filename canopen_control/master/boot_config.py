@@ -136,9 +136,11 @@ def _is_needed(
 ) -> bool:
     """Whether one write of a PDO is required: first invalid (if it is valid), then differences, then valid."""
     if write.index != communication:
+        # CiA 301, 7.5.2.36: number of objects 0, entries, number of objects
         return remap  # a mapping is written as a whole: count 0, entries, count
     if write.subindex != _COB_ID or write.fixed:
         return write.address in different
+    # CiA 301, 7.5.2.35 and 7.5.2.37: bit 31 of subindex 1, the PDO does not exist
     if write.data[-1] & INVALID_BIT >> 24:
         present = current.get(write.address)
         return present is None or not present[-1:] or not present[-1] & INVALID_BIT >> 24
@@ -642,6 +644,7 @@ def _configure_object(
 def _release(write: PlannedWrite, current: bytes, transfers: BootTransfers) -> Generator[Request, Answer, None]:
     """Make a COB-ID changeable: that of a valid EMCY or a produced SYNC is fixed (CiA 301, 7.5.2.5 and 7.5.2.17)."""
     value = int.from_bytes(current, "little")
+    # CiA 301, 7.5.2.5: bit 30 of 0x1005, the device produces SYNC; 7.5.2.17: bit 31 of 0x1014, not valid
     changeable = value & ~PRODUCER_BIT if write.index == _SYNC else value | INVALID_BIT
     if changeable != value and not matches(write, changeable.to_bytes(4, "little")):
         try:

@@ -84,6 +84,7 @@ class ReceivedPdo:
         A short one only increments a counter.
         """
         if length != self.length:
+            # CiA 301, 7.2.2.5: a short PDO is not processed; of a long one the first bytes are used
             if length < self.length:
                 self.short += 1
                 return

@@ -409,6 +409,7 @@ def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
                 "heartbeat_consumer", f"0x1016:01 is not in {builder.file}, so the node cannot watch the master"
             )
         return
+    # CiA 301, 7.5.2.19: the heartbeat time is UNSIGNED16, in ms
     timeout = min(round(master.heartbeat_ms * keys.multiplier), 0xFFFF)
     listed = {entry.sub_index for entry in builder.node.boot.sdo if entry.index == CONSUMER}
     entries = {subindex: parse_consumer_entry(builder.final(CONSUMER, subindex) or 0) for subindex in subindices}

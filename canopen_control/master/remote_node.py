@@ -305,6 +305,7 @@ class RemoteNode:
             self.nmt_state = _COMMANDED.get(command)  # nothing will tell
         self.expected_state = None if boot else _COMMANDED.get(command)
         self._retry_at = now + 2 * RETRY_NS if boot else None
+        # CiA 301, 7.2.8.3.1: life guarding counts from the first remote frame on
         if command not in RESETS:  # a guarded node shows its state to who asks, and takes a silent master for lost
             self._guard(True, now)
 
@@ -316,6 +317,7 @@ class RemoteNode:
     def on_heartbeat(self, event: HeartbeatEvent, now: int, since: int | None = None) -> None:
         """Process an event of the heartbeat consumer; its frame arrived between `since` and `now`."""
         kind = event.kind
+        # CiA 301, 7.2.8.3: boot-up, heartbeat event and its resolution
         if kind is HeartbeatEventKind.BOOT_UP:
             self._on_boot_up(now, since)
         elif kind is HeartbeatEventKind.MISSED:
@@ -346,6 +348,7 @@ class RemoteNode:
         """Process the state in any heartbeat, whether it has an event or not."""
         self.nmt_state, self.last_seen = state, now
         self.log.heartbeat(now, since)
+        # CiA 301, 7.3.2: PDOs exist only in OPERATIONAL
         if self.ready and state is not NmtState.OPERATIONAL:  # of a node whose heartbeat nobody waits for
             self._left_operational(state, now)
         elif self._task is not None:
@@ -358,12 +361,14 @@ class RemoteNode:
         if self.is_taken_out:
             self._guarded_outside(kind, now)
         elif kind is GuardingEventKind.MISSED:
+            # CiA 301, 7.2.8.3.1: node guarding event after the node life time
             self.nmt_state = None
             silence = f"no answer to node guarding for {self.plan.supervision_ns / 1e9:g} s"
             lost = f"{self.who}: {silence}; is it powered and connected?"
             self._drop(now, lost, Level.ERROR, kind="guarding_lost")
             self._retry_at = now + RETRY_NS
         elif kind is GuardingEventKind.TOGGLE_ERROR:
+            # CiA 301, 7.2.8.3.1: the toggle bit alternates, and is 0 after a reset communication
             self._toggled(now)
         elif kind is GuardingEventKind.CHANGED and self.ready and event.state is not NmtState.OPERATIONAL:
             self._left_operational(event.state, now)
@@ -450,6 +455,7 @@ class RemoteNode:
 
     def _on_boot_up(self, now: int, since: int | None) -> None:
         self.nmt_state, self.last_seen = NmtState.PRE_OPERATIONAL, now  # a boot-up tells that it has come there
+        # CiA 301, 7.3.2: the initialisation resets the SDO server
         self.sdo.forget()  # a node that restarted answers nothing it was asked before
         self.log.boot_up(now, since)
         if self._task is not None and self._task.awaits_boot_up:

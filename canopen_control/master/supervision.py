@@ -166,6 +166,7 @@ class DuplicateWatch:
         late = (since is not None and now - since >= self._period) or self._was_held(now)
         if late or now - self._window >= _WINDOW_PERIODS * self._period:
             self._window, self._count = now, 0
+        # CiA 301, 7.2.8.3.2: one heartbeat per producer time; more come from a second device with the node id
         self._count += not late
         return self._count >= _DOUBLE and self._is_new(now)
 
@@ -203,6 +204,7 @@ class DuplicateWatch:
         self._gap = gap
         self._alike = self._alike + 1 if not expected and gap < _LONGEST_BEAT_NS and _is_like(gap, before) else 0
         self.stuck = self._alike >= _STUCK
+        # CiA 301, 7.3.2: one boot-up per initialisation
         close = gap < _BOOT_UPS_APART_NS and not (late or expected or self._alike or _is_like(gap, self._period))
         self._window = self._count = 0
         return close and self._is_new(now)
