@@ -627,7 +627,10 @@ class _Reader:
     # ------------------------------------------------------------------------------------------- across nodes
 
     def _check_node_ids(self, master: MasterConfig, nodes: dict[str, tuple[NodeConfig, Node]]) -> None:
-        owner = {master.node_id: "the master"}
+        section = self._root.get("master")
+        place = section.get("node_id") if section is not None else None
+        wrong = place is not None and place.value != master.node_id  # reported, and not the id of any master
+        owner = {} if wrong else {master.node_id: "the master"}
         for name, (config, node) in nodes.items():
             if not (node_id := config.node_id):
                 if (dictionary := self._dictionary(config, node)) is None:

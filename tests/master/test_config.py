@@ -199,6 +199,14 @@ def test_pdos_whose_keys_stand_beside_their_numbers_are_one_mistake(tmp_path):
     assert found.count("bus.yml:") == 1, found
 
 
+@pytest.mark.parametrize("node_id", ["0", "x", "200"])
+def test_a_wrong_node_id_of_the_master_is_one_mistake(tmp_path, node_id):
+    text = f"master: {{node_id: {node_id}}}\nnodes:\n  left: {{node_id: 1, dcf: TMCM-1270.eds}}\n"
+    found = mistakes(tmp_path, text)
+    assert "already that of the master" not in found
+    assert found.count("bus.yml:") == 1, found
+
+
 def test_a_misspelt_key_of_a_node_and_of_defaults_is_no_question_of_which_one_counts(tmp_path):
     text = NESTED.replace("dcf: TMCM-1270.eds", "dcf: TMCM-1270.eds\n      driver_name: proxy")
     text = text.replace("{node_id: 2}", "{node_id: 2, driver_name: drive}")
