@@ -77,7 +77,7 @@ class LocalBus(can.BusABC):
             self._readable = selectors.DefaultSelector()  # its own descriptor is readable while one of these is
             for source in (self._port, self._wake):
                 self._readable.register(source, selectors.EVENT_READ)
-            self._tell_waiting()
+            self._mark_waiting()
         descriptor: int = self._readable.fileno()  # type: ignore[attr-defined] # epoll's and kqueue's have one
         return descriptor
 
@@ -118,7 +118,7 @@ class LocalBus(can.BusABC):
             if not self._waiting:
                 self._fetch(timeout)
             message = self._waiting.popleft() if self._waiting else None
-            self._tell_waiting()
+            self._mark_waiting()
         return message, False
 
     def _fetch(self, timeout: float | None) -> None:
@@ -145,7 +145,7 @@ class LocalBus(can.BusABC):
                 message.is_rx = not chunk.own
                 yield message
 
-    def _tell_waiting(self) -> None:
+    def _mark_waiting(self) -> None:
         """Keep the descriptor readable while messages wait here, after they were read from the port."""
         if self._readable is not None and bool(self._waiting) is not self._woken:
             self._woken = not self._woken

@@ -116,7 +116,7 @@ class HelloServer:
             self._dismiss(next(iter(self._newcomers)))
         timer = self._reactor.call_later(_GREETING_NS, functools.partial(self._dismiss, sock))
         self._newcomers[sock] = _Newcomer(sock, timer)
-        self._reactor.add_reader(sock, functools.partial(self._hear, self._newcomers[sock]))
+        self._reactor.add_reader(sock, functools.partial(self._receive, self._newcomers[sock]))
 
     def close(self) -> None:
         """Stop listening and drop connections without a greeting; a second call does nothing."""
@@ -140,7 +140,7 @@ class HelloServer:
             newcomer.timer.cancel()
         self._reactor.remove_reader(sock)
 
-    def _hear(self, newcomer: _Newcomer) -> None:
+    def _receive(self, newcomer: _Newcomer) -> None:
         try:
             data = newcomer.socket.recv(HELLO_SIZE - len(newcomer.data))
         except BlockingIOError:
@@ -261,12 +261,12 @@ class Subscription:
         frames = []
         for at in range(0, len(records), RECORD_SIZE):
             if records.startswith(MARK, at):
-                self._hear(*_RECORD.unpack_from(records, at)[1:])
+                self._receive(*_RECORD.unpack_from(records, at)[1:])
             else:
                 frames.append(records[at : at + RECORD_SIZE])
         return b"".join(frames)
 
-    def _hear(self, kind: int, *can_ids: int) -> None:
+    def _receive(self, kind: int, *can_ids: int) -> None:
         if kind & _STAMPS:
             self.stamps, self.echoes = True, bool(kind & _ECHO)
             return

@@ -233,7 +233,7 @@ class BaseLink:
                     twist = path.twist(pose, state.time)
                     self._twist(*twist)
                     if path.done:
-                        return Driven(relative(pose, starts[0]), _true_way(starts[1], state.true_pose))
+                        return Driven(relative(pose, starts[0]), _true_motion(starts[1], state.true_pose))
             finally:
                 with contextlib.suppress(RemoteError):  # a robot that is gone or refuses gets no commands from here
                     self._twist(0.0, 0.0)
@@ -294,7 +294,7 @@ class BaseLink:
             yield newest
 
 
-def _true_way(start: TruePose | None, end: TruePose | None) -> Planar | None:
+def _true_motion(start: TruePose | None, end: TruePose | None) -> Planar | None:
     if start is None or end is None:
         return None
     return relative((end.x, end.y, end.heading), (start.x, start.y, start.heading))

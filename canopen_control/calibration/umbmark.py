@@ -246,7 +246,7 @@ class SquarePath:
             if command is not None:
                 return command
             self._enter(_NEXT[self._phase], now)
-        elif self._stands(moved, now):
+        elif self._is_standstill(moved, now):
             self._enter(_NEXT[self._phase], now)
         return 0.0, 0.0
 
@@ -257,7 +257,7 @@ class SquarePath:
             phase = _Phase.DONE
         self._phase, self._since, self._stood = phase, now, None
 
-    def _stands(self, moved: Planar, now: float) -> bool:
+    def _is_standstill(self, moved: Planar, now: float) -> bool:
         if self._stood is not None:
             (x, y, heading), since = self._stood
             if math.hypot(moved[0] - x, moved[1] - y) <= _STANDS[0] and abs(moved[2] - heading) <= _STANDS[1]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from canopen_control.check import rules as rules
-from canopen_control.check.stop_times import axis_facts, command_lives, stop_time
+from canopen_control.check.stop_times import axis_facts, command_timeouts, stop_time
 from canopen_control.check.timing_rules import Finding, check_timing, cycle_ns, sorted_findings
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.errors import CanopenError, ConfigError
@@ -134,7 +134,7 @@ class _Checker:
         self._read_world()
         for name, config in self._whole.items():
             self.budgets[name] = budget = budget_of(config, cycle_ns(config, control))
-            self.findings += _judged(config, budget, control)
+            self.findings += _with_known_period(config, budget, control)
             self.findings += check_timing(config, control, description)
         if not any(finding.severity is Severity.ERROR for finding in self.findings):
             self._build()
@@ -208,7 +208,7 @@ class _Checker:
                 robot = RobotCore(setup, reactor)
                 if not setup.mock:
                     self.stops = tuple(
-                        stop_time(axis_fact) for axis_fact in axis_facts(setup, command_lives(robot.manager))
+                        stop_time(axis_fact) for axis_fact in axis_facts(setup, command_timeouts(robot.manager))
                     )
                 robot.close()
             finally:
@@ -261,7 +261,7 @@ def _one_bus(buses: dict[str, BusConfig]) -> BusConfig | None:
     )
 
 
-def _judged(config: BusConfig, budget: Budget, control: ControllersFile | None) -> Iterator[Finding]:
+def _with_known_period(config: BusConfig, budget: Budget, control: ControllersFile | None) -> Iterator[Finding]:
     """Compute the load of a bus with a known period: sync_period, or update_rate without SYNC."""
     kbits, shortest = config.master.baudrate, budget.shortest_period_ns / 1e6
     path, line, cure = config.path, config.period_line, "raise sync_period"

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from canopen_control.od.model import ObjectDictionary
 
 
-def _blind(robot: CheckedRobot) -> Iterator[Finding]:
+def _without_feedback(robot: CheckedRobot) -> Iterator[Finding]:
     """Find drives without a position and a velocity in their PDOs."""
     bus = robot.bus
     if bus is None:
@@ -143,7 +143,7 @@ def _commanded(robot: CheckedRobot, node: str) -> set[str]:
 
 
 DRIVE_RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (
-    _blind,
+    _without_feedback,
     _measured,
     _modes_unlisted,
     _known,

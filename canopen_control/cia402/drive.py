@@ -198,7 +198,7 @@ class QuickStopExit:
         """Enter the next stage after a timeout."""
         self.stage = StopStage.WAIT if self.stage is StopStage.ENABLE else StopStage.DISABLE
 
-    def look(self, statusword: int) -> None:
+    def evaluate(self, statusword: int) -> None:
         """Evaluate a statusword of the drive in its quick stop."""
         # CiA 402-2, 0x6041 in QUICK STOP ACTIVE: bit 10 is 0 while the drive stops
         if not statusword & TARGET_REACHED:
@@ -407,7 +407,7 @@ class DriveRequest:
 
     def stopping(self, statusword: int) -> None:
         """Evaluate a statusword of the drive in its quick stop."""
-        self._stop_exit.look(statusword)
+        self._stop_exit.evaluate(statusword)
 
     def lost_enable(self, previous: State, drive: State) -> bool:
         """Process a change of state; return whether a drive that was to be enabled has lost this state."""

@@ -57,7 +57,7 @@ def is_feed(feed_constant: tuple[int, int]) -> bool:
     return feed_constant[0] != feed_constant[1]
 
 
-def told_counts(
+def counts_of_objects(
     encoder_resolution: tuple[int, int] | None,
     gear_ratio: tuple[int, int] | None = None,
     feed_constant: tuple[int, int] | None = None,

@@ -104,7 +104,7 @@ def _calibrate(args: argparse.Namespace, link: BaseLink, robot: str) -> int:
     ends = _ends(args, plan, simulated=simulated)
     with json_alone(args):
         _announce(plan, link.controller, robot)
-        outcome = calibrate(link, ends, plan, _say, copy.write)
+        outcome = calibrate(link, ends, plan, _print, copy.write)
         _report(outcome, link.controller, copy)
     done = {
         "controller": link.controller,
@@ -121,25 +121,25 @@ def _announce(plan: CalibrationPlan, controller: str, robot: str) -> None:
     from canopen_control.calibration.umbmark_session import space
 
     pace = plan.pace
-    _say(
+    _print(
         f"{controller} of {robot}: {plan.squares} squares of {plan.side:g} m at {pace.speed:g} m/s and "
         f"{pace.turn:g} rad/s, about {plan.seconds / 60.0:.0f} min of driving"
     )
-    _say(f"free space it needs: {space(plan.side)}")
-    _say("STOP: canopen-control stop, or Ctrl-C here")
+    _print(f"free space it needs: {space(plan.side)}")
+    _print("STOP: canopen-control stop, or Ctrl-C here")
 
 
 def _report(outcome: CalibrationResult, controller: str, copy: _YamlCopy) -> None:
     """Print the improvement and the next step."""
     if outcome.first is outcome.last:
-        _say(f"nothing to correct: the largest error is {1e3 * outcome.first.largest:.1f} mm")
+        _print(f"nothing to correct: the largest error is {1e3 * outcome.first.largest:.1f} mm")
         return
     first, last = outcome.first.largest, outcome.last.largest
     gain = f"{outcome.gain:.0f} times smaller" if last else "no error is left"
-    _say(f"largest error {1e3 * first:.1f} mm before, {1e3 * last:.1f} mm now: {gain}")
-    _say(f"{controller} runs with the new values until the robot ends" + (copy.hint if copy.path else ", which are:"))
+    _print(f"largest error {1e3 * first:.1f} mm before, {1e3 * last:.1f} mm now: {gain}")
+    _print(f"{controller} runs with the new values until the robot ends" + (copy.hint if copy.path else ", which are:"))
     for name, value in () if copy.path else outcome.factors.items():
-        _say(f"    {name}: {value:.9g}")
+        _print(f"    {name}: {value:.9g}")
 
 
 def _ends(args: argparse.Namespace, plan: CalibrationPlan, *, simulated: bool) -> Ends:
@@ -149,15 +149,15 @@ def _ends(args: argparse.Namespace, plan: CalibrationPlan, *, simulated: bool) -
     from canopen_control.errors import ConfigError
 
     if args.ends is not None:
-        return read_ends(Path(args.ends), plan.squares, _say)
+        return read_ends(Path(args.ends), plan.squares, _print)
     if simulated:
-        return TrueEnds(_say)
+        return TrueEnds(_print)
     if not sys.stdin.isatty():
         raise ConfigError(
             "the true pose of this base is not known, and there is no terminal to ask where it ends: run it in a "
             "terminal, or give --ends FILE"
         )
-    return TypedEnds(input, _say)
+    return TypedEnds(input, _print)
 
 
 class _YamlCopy:
@@ -173,11 +173,11 @@ class _YamlCopy:
                 raise ConfigError("--output is for a copy of a robot's YAML; name the robot's folder, or --controllers")
             return
         self.path = _controllers_file(args)
-        self._require_the_robots(link)
+        self._require_same_values(link)
         if self._copy.exists() and not args.overwrite:
             raise ConfigError(f"{self._copy} is there already; give another --output, or --overwrite")
 
-    def _require_the_robots(self, link: BaseLink) -> None:
+    def _require_same_values(self, link: BaseLink) -> None:
         """Raise ConfigError if the file and the running robot have different values."""
         from canopen_control.calibration.base_link import FACTORS
         from canopen_control.calibration.corrected_file import given_in
@@ -205,9 +205,9 @@ class _YamlCopy:
         if self.path is None:
             return
         changes = write_corrected(self.path, self._copy, self._controller, values)
-        _say(f"{self._copy}, a copy of {self.path}:")
+        _print(f"{self._copy}, a copy of {self.path}:")
         for change in changes:
-            _say(f"  {change}")
+            _print(f"  {change}")
 
 
 def _controllers_file(args: argparse.Namespace) -> Path:
@@ -218,5 +218,5 @@ def _controllers_file(args: argparse.Namespace) -> Path:
     return Path(find_robot(args.config).controllers)
 
 
-def _say(text: str) -> None:
+def _print(text: str) -> None:
     print(text, flush=True)

@@ -169,8 +169,8 @@ def _run_master(args: argparse.Namespace) -> int:
             NodeIdCheck(reactor, port, [node_id]).finish()
             seconds = DEFAULT_S if args.duration is None else args.duration
             device = make_device(eds.od, node_id)
-            run = MasterRun(reactor, port, device, seconds, _say)
-            _say(f"node {node_id} ({device.name}) is on {args.can}, and waits for its master")
+            run = MasterRun(reactor, port, device, seconds, _print)
+            _print(f"node {node_id} ({device.name}) is on {args.can}, and waits for its master")
             reactor.handle_signals({signal.SIGINT: run.stop})
             with Progress(f"checking the master of node {node_id}", "s", rate=True) as progress:
                 report = run.run(progress.at)
@@ -182,7 +182,7 @@ def _run_master(args: argparse.Namespace) -> int:
     return 1 if report.failed else 0
 
 
-def _say(line: str) -> None:
+def _print(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 

@@ -177,7 +177,7 @@ def run(args: argparse.Namespace) -> int:
                 f"drive needs --{name.replace('_', '-')}, as in: drive --node-id 3 --eds FILE --can local:a"
             )
     if args.status:
-        return _tell_status(args)
+        return _print_status(args)
     if args.json:
         raise ConfigError("--json is for drive --status; running drives print their events as lines")
     if args.eds is None:
@@ -190,7 +190,7 @@ def run(args: argparse.Namespace) -> int:
     options = DriveOptions(
         faults=args.fault, quirks=args.quirk, like=args.like, serial=args.serial, others=eds_files, **files
     )
-    return run_drives(node_ids, eds, args.can, options, _say)
+    return run_drives(node_ids, eds, args.can, options, _print)
 
 
 def _run_buses(args: argparse.Namespace) -> int:
@@ -201,16 +201,16 @@ def _run_buses(args: argparse.Namespace) -> int:
     from canopen_control.personality import read_personality
     from canopen_control.virtual.bus_group import run_group
 
-    return run_group(Path(args.buses), _say, read_personality(args.like) if args.like else None)
+    return run_group(Path(args.buses), _print, read_personality(args.like) if args.like else None)
 
 
-def _tell_status(args: argparse.Namespace) -> int:
+def _print_status(args: argparse.Namespace) -> int:
     """Print the state of running drives."""
     channel = str(parse_channel(args.can))
     for node_id in parse_node_ids(args.node_id):
         with DriveClient.connect(channel, node_id) as client:
             state = client.ask(GetDriveState())
-        _say(json_line(state) if args.json else "\n".join(state_lines(state)))
+        _print(json_line(state) if args.json else "\n".join(state_lines(state)))
     return 0
 
 
@@ -261,5 +261,5 @@ def _eds(text: str) -> Path:
     return bundled if not path.exists() and path.name == text and bundled.exists() else path
 
 
-def _say(line: str) -> None:
+def _print(line: str) -> None:
     print(line, flush=True)

@@ -29,7 +29,7 @@ from canopen_control.commissioning.program_download import (
     interrupted_words,
     is_loader,
     refuse_no_program,
-    refuse_stranger,
+    refuse_other_product,
 )
 from canopen_control.commissioning.restore import quiet_node
 from canopen_control.errors import CanopenError, ConfigError, DriveError
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     progress = DownloadProgress()
     with open_session(args) as session:
         identity = session.identity()
-        refuse_stranger(session, identity)
+        refuse_other_product(session, identity)
         if is_loader(identity):
             print(f"canopen-control: {session} is in its boot-loader", file=sys.stderr)
         with quiet_node(session, starts_again=False):

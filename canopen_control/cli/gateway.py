@@ -237,12 +237,12 @@ class BusNetwork:
         if node_id != BROADCAST:
             self._node(node_id)
         else:
-            self._refuse_beside_a_robot("NMT to all nodes")
+            self._refuse_while_robot_runs("NMT to all nodes")
         self._bus.command(command, node_id, 0.0)
 
     def lss(self, ask: Callable[[LssMaster], LssRequest], scan_s: float | None = None) -> LssResult:
         """Run an LSS service."""
-        self._refuse_beside_a_robot("LSS")
+        self._refuse_while_robot_runs("LSS")
         return self._bus.lss(ask, scan_s)
 
     def log(self) -> list[str]:
@@ -251,20 +251,20 @@ class BusNetwork:
         return self._events.take()
 
     def _node(self, node_id: int, timeout_s: float | None = None) -> NodeSession:
-        self._look_for_a_robot()
+        self._find_robot()
         node = self._target.session(str(node_id))
         if timeout_s is not None:
             node.transfers.be_patient(timeout_s)
         return node
 
-    def _look_for_a_robot(self) -> None:
+    def _find_robot(self) -> None:
         now = time.monotonic()
         if now - self._looked > _OWNER_S:
             self._looked = now
             self._target.owner = robot_on(self.label)
 
-    def _refuse_beside_a_robot(self, what: str) -> None:
-        self._look_for_a_robot()
+    def _refuse_while_robot_runs(self, what: str) -> None:
+        self._find_robot()
         if self._target.owner is not None:
             name = self._target.owner[0]
             raise GatewayRefusal(INTERNAL_STATE, f"{what} would take away the nodes of robot {name}; use --name {name}")

@@ -184,7 +184,7 @@ def _from_bus(args: argparse.Namespace) -> list[Device]:
         if node.eds is None:
             print(f"canopen-control: left out: {_unknown(node, args.eds)}", file=sys.stderr)
         else:
-            devices.append(_device(Path(node.eds), node.node_id, _who(node)))
+            devices.append(_device(Path(node.eds), node.node_id, _device_name(node)))
     if not devices:
         raise ConfigError(
             f"no EDS matches any device on {survey.channel}; pass the manufacturers' files with --eds FILE"
@@ -224,7 +224,7 @@ def ask_drives(channel: str, devices: Sequence[Device], timeout: float) -> None:
                 dictionaries[node_id].entries[index, subindex] = replace(entry, default=value, parameter_value=None)
 
 
-def _who(node: FoundNode) -> str:
+def _device_name(node: FoundNode) -> str:
     identity = node.identity
     parts = [(identity.device_name if identity else "") or "", node.remark and f"its EDS is {node.remark}"]
     if identity is not None and identity.serial_number:

@@ -92,7 +92,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class _Wish:
+class _Request:
     """Request of the arguments, without knowledge of the drive."""
 
     kind: JogKind
@@ -136,7 +136,7 @@ def run(args: argparse.Namespace) -> int:
         return code
 
 
-def _request(args: argparse.Namespace) -> _Wish:
+def _request(args: argparse.Namespace) -> _Request:
     """Parse the quantities; ConfigError for an invalid one."""
     kind = next((name for name in _KINDS if getattr(args, name) is not None), "velocity")
     value: Quantity | float = _SPEED
@@ -150,7 +150,7 @@ def _request(args: argparse.Namespace) -> _Wish:
             raise ConfigError(f"--{kind} {value}: that moves nothing")
     speed = None if args.max_speed is None else parse_quantity(args.max_speed, "velocity")
     travel = None if args.max_travel is None else parse_quantity(args.max_travel, "position")
-    return _Wish(_KINDS[kind], value, speed, travel)
+    return _Request(_KINDS[kind], value, speed, travel)
 
 
 def _limit(scale: JogScale, quantity: Quantity | None, otherwise: float) -> float:
@@ -159,7 +159,7 @@ def _limit(scale: JogScale, quantity: Quantity | None, otherwise: float) -> floa
 
 
 def _running(
-    args: argparse.Namespace, request: _Wish, name: str | None, stack: contextlib.ExitStack
+    args: argparse.Namespace, request: _Request, name: str | None, stack: contextlib.ExitStack
 ) -> tuple[JogDrive, JogScale]:
     """Return a drive of a running robot, with the scale of its joint."""
     mode = {JogKind.VELOCITY: "PV", JogKind.POSITION: "PP", JogKind.TORQUE: "TQ"}[request.kind]
@@ -167,7 +167,7 @@ def _running(
 
 
 @contextlib.contextmanager
-def _own(args: argparse.Namespace, request: _Wish) -> Iterator[tuple[JogDrive, JogScale]]:
+def _own(args: argparse.Namespace, request: _Request) -> Iterator[tuple[JogDrive, JogScale]]:
     """Identify the drive on its bare bus, then run a robot with this drive alone."""
     if args.eds is None:
         raise ConfigError(f"node {args.node}: give the EDS of the drive: --eds FILE (bundled: generic_cia402.eds, ...)")

@@ -235,7 +235,7 @@ class Jog:
         self._robot.shutdown()
         self._folder.cleanup()
 
-    def no_room(self, joint: str) -> str | None:
+    def range_refusal(self, joint: str) -> str | None:
         """Return the reason why a joint cannot travel as far as a jog needs, None if it can."""
         if self._interfaces[joint] != POSITION:
             return None
@@ -406,7 +406,7 @@ class Preflight:
             good = good and step.passed is not False
         return good
 
-    def look(self) -> bool:
+    def check_link(self) -> bool:
         """Check links and nodes without writing to a drive."""
         good = True
         for name, bus in self.setup.buses.items():
@@ -437,7 +437,7 @@ class Preflight:
             return self.note([jog.stop()])
 
     def _turn(self, jog: Jog, joint: str) -> bool:
-        if (why := jog.no_room(joint)) is not None:
+        if (why := jog.range_refusal(joint)) is not None:
             return self.note([PreflightStep("jog", None, f"{joint}: {why}{_NOT_TURNED}")])
         if not self.ask(f"Turn {joint} forward at {self.speed:g} rad/s?"):
             return self.note([PreflightStep("jog", False, f"{joint}: not wanted")])
@@ -456,7 +456,7 @@ def run(args: argparse.Namespace) -> int:
         )
     flight = Preflight(_read_setup(args), print, (lambda _question: True) if args.yes else _ask, args.speed)
     with json_alone(args):
-        passed = flight.look() and not args.no_jog and flight.move()
+        passed = flight.check_link() and not args.no_jog and flight.move()
         code, document = _conclude(flight, passed=passed, looked_only=args.no_jog, report=args.report)
     print_result(args, document)
     return code

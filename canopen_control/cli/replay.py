@@ -87,9 +87,9 @@ def run(args: argparse.Namespace) -> int:
     channel = str(parse_channel(args.can))
     if parse_channel(channel).kind.in_process:
         raise ConfigError(f"{channel} is inside one process, no other program would hear it; use local:NAME instead")
-    _tell_a_new_bus(channel)
+    _print_new_bus(channel)
     if not args.force:
-        _refuse_where_somebody_is(recording, channel)
+        _refuse_used_bus(recording, channel)
     return _play(args, recording, channel)
 
 
@@ -144,7 +144,7 @@ def _description(args: argparse.Namespace) -> Description:
     return Description(description.urdf_xml, str(Path(description.path).resolve()))
 
 
-def _tell_a_new_bus(channel: str) -> None:
+def _print_new_bus(channel: str) -> None:
     """Print a notice that the bus is new and has no listeners yet, in case its name is mistyped."""
     spec = parse_channel(channel)
     if spec.kind is ChannelKind.LOCAL and spec.name not in (buses := list_sockets("bus")):
@@ -160,7 +160,7 @@ def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
     port, played, ended = open_port(channel, label=LABEL), PlayReport(), False
     progress = Progress(f"playing into {channel}, Ctrl-C ends it", "frames")
     try:
-        play(_told(recording, played, progress), port, played, speed=args.speed)
+        play(_with_progress(recording, played, progress), port, played, speed=args.speed)
     except KeyboardInterrupt:
         ended = True
     finally:
@@ -173,7 +173,7 @@ def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
     return _INTERRUPTED if ended else 1 if recording.problem else 0
 
 
-def _told(recording: Source, played: PlayReport, progress: Progress) -> Iterator[RecordedFrame]:
+def _with_progress(recording: Source, played: PlayReport, progress: Progress) -> Iterator[RecordedFrame]:
     """Yield the frames and print the progress."""
     for frame in recording:
         progress.at(played.frames)
@@ -196,14 +196,14 @@ def node_ids_in(frames: Iterable[RecordedFrame]) -> set[int]:
     return node_ids
 
 
-def _refuse_where_somebody_is(recording: Source, channel: str) -> None:
+def _refuse_used_bus(recording: Source, channel: str) -> None:
     """Raise ConfigError if a robot runs, a master is heard, or a node of the recording is present."""
     from canopen_control.cli.support.target import robot_on
 
     if (owner := robot_on(channel)) is not None:
         raise ConfigError(f"{channel} is the bus of the running robot {owner[0]}; end it, or take another bus")
     node_ids = node_ids_in(recording)
-    heard, has_master = _heard(channel)
+    heard, has_master = _listen(channel)
     if has_master:
         raise ConfigError(f"on {channel} a master is alive: its SYNC or NMT was heard; --force plays all the same")
     if alive := sorted(heard & node_ids or _answering(channel, node_ids)):
@@ -211,7 +211,7 @@ def _refuse_where_somebody_is(recording: Source, channel: str) -> None:
         raise ConfigError(f"on {channel} node {names} of {recording.path} is alive; --force plays all the same")
 
 
-def _heard(channel: str) -> tuple[set[int], bool]:
+def _listen(channel: str) -> tuple[set[int], bool]:
     """Listen for a while; return the nodes that send, and whether a master sends."""
     from canopen_control.trace.listen import batches
 

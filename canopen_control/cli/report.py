@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json_text(facts, indent=None))
         return 0
-    output = Path(args.output) if args.output else _beside(path, facts.robot)
+    output = Path(args.output) if args.output else _page_path(path, facts.robot)
     write_whole(output, page_of(facts).encode())
     print("\n".join(facts.summary))
     print(f"\nwritten: {output.resolve()}")
@@ -163,5 +163,5 @@ def _frames_only(args: argparse.Namespace, path: Path) -> tuple[FlightFile, dict
     return file, {"can": described(args)}
 
 
-def _beside(path: Path | None, robot: str) -> Path:
+def _page_path(path: Path | None, robot: str) -> Path:
     return Path(f"{robot or 'report'}.html") if path is None else path.with_suffix(".html")

@@ -267,7 +267,7 @@ def run(args: argparse.Namespace) -> int:
         source: ScopeSource = (
             PolledSource(values, by_id, args.rate) if client is None else RobotSource(client, values, by_id, args.rate)
         )
-        return _Look(
+        return _ScopeLoop(
             capture, source, signals, output, wait=args.wait, several=args.rolling or args.shots > 1, as_json=args.json
         ).run()
 
@@ -299,7 +299,7 @@ class _Output:
     cursors: tuple[float, float] | None = None
 
 
-class _Look:
+class _ScopeLoop:
     """Main loop of a scope: receives samples and outputs captures until it is complete or stopped."""
 
     def __init__(
@@ -337,7 +337,7 @@ class _Look:
                     break
             self._capture.stop()
             self._report()
-        _tell_missed(before, self._source.cycles())
+        _print_missed(before, self._source.cycles())
         if not self._taken:
             print("canopen-control: no shot was taken: the trigger did not come", file=sys.stderr)
         return 0 if self._taken else 1
@@ -378,7 +378,7 @@ class _Look:
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
 
-def _tell_missed(before: tuple[int, int] | None, after: tuple[int, int] | None) -> None:
+def _print_missed(before: tuple[int, int] | None, after: tuple[int, int] | None) -> None:
     """Print the number of cycles of a running robot, and of missed cycles."""
     if before is not None and after is not None:
         print(f"the robot made {after[0] - before[0]} cycles meanwhile and missed {after[1] - before[1]}")

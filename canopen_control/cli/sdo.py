@@ -178,7 +178,7 @@ def _upload(args: argparse.Namespace, node: NodeSession, address: ObjectAddress)
         raise ConfigError("--json reports about a file, and standard output is for the data here; give a FILE")
     if path is not None and not path.parent.is_dir():
         raise ConfigError(f"no folder {path.parent} for {args.file}")
-    with _told(f"reading {node}: {address.label}", node):
+    with _transfer_progress(f"reading {node}: {address.label}", node):
         data = node.read(address.index, address.subindex, block=True)
     if path is None:
         sys.stdout.buffer.write(data)
@@ -188,7 +188,7 @@ def _upload(args: argparse.Namespace, node: NodeSession, address: ObjectAddress)
         path.write_bytes(data)
     except OSError as error:
         raise ConfigError(f"{args.file} cannot be written: {error.strerror}") from None
-    _tell_transfer(args, node, address, f"{len(data)} bytes to {args.file}", len(data))
+    _print_transfer(args, node, address, f"{len(data)} bytes to {args.file}", len(data))
 
 
 def _download(args: argparse.Namespace, node: NodeSession, address: ObjectAddress) -> None:
@@ -196,17 +196,19 @@ def _download(args: argparse.Namespace, node: NodeSession, address: ObjectAddres
         data = sys.stdin.buffer.read() if args.file == STREAM else Path(args.file).expanduser().read_bytes()
     except OSError as error:
         raise ConfigError(f"{args.file} cannot be read: {error.strerror}") from None
-    with _told(f"writing {node}: {address.label}", node):
+    with _transfer_progress(f"writing {node}: {address.label}", node):
         node.write(address.index, address.subindex, data)
-    _tell_transfer(args, node, address, f"{len(data)} bytes from {args.file}", len(data))
+    _print_transfer(args, node, address, f"{len(data)} bytes from {args.file}", len(data))
 
 
-def _tell_transfer(args: argparse.Namespace, node: NodeSession, address: ObjectAddress, text: str, length: int) -> None:
+def _print_transfer(
+    args: argparse.Namespace, node: NodeSession, address: ObjectAddress, text: str, length: int
+) -> None:
     place = {"node_id": node.node_id, "index": address.index, "subindex": address.subindex}
     print_result(args, {**place, "file": args.file, "bytes": length}, f"{node}: {address.label}: {text}")
 
 
-def _told(title: str, node: NodeSession) -> AbstractContextManager[None]:
+def _transfer_progress(title: str, node: NodeSession) -> AbstractContextManager[None]:
     """Print the progress of a long transfer."""
     return watched(Progress(title, "bytes"), node.transfers.progress)
 

@@ -66,11 +66,11 @@ class _Cause:
         return f"{self.level}: {self.who}{': ' if self.who else ''}{text}{span}"
 
 
-def tell_causes(events: Iterable[RobotEvent], current: Mapping[str, str]) -> list[str]:
+def cause_lines(events: Iterable[RobotEvent], current: Mapping[str, str]) -> list[str]:
     """Return a line for each cause in `events`, without those in `current` (errors by node shown above)."""
     folded: list[_Cause] = []
     for cause in _gather(events):
-        same = next((previous for previous in folded if _alike(previous, cause)), None)
+        same = next((previous for previous in folded if _same_cause(previous, cause)), None)
         if same is None:
             folded.append(cause)
         else:
@@ -124,7 +124,7 @@ def _belongs(new: _Cause, previous: _Cause) -> bool:
     return near and other_kind and new.who == previous.who and not new.clauses.keys().isdisjoint(previous.clauses)
 
 
-def _alike(first: _Cause, second: _Cause) -> bool:
+def _same_cause(first: _Cause, second: _Cause) -> bool:
     return (first.who, first.clauses.keys(), first.stopping) == (second.who, second.clauses.keys(), second.stopping)
 
 
@@ -226,7 +226,7 @@ def _print_table(status: Status) -> None:
     current = {name: line.strip() for name, line in _errors(status).items()}
     sync = [f"bus {name}: {bus.sync}" for name, bus in status.buses.items() if bus.sync]
     missing = [f"program {name}: {missing_program}" for name, missing_program in status.missing_programs.items()]
-    more = [*sync, *missing, *_boot(status, current), *tell_causes(status.events, current), *_program(status)]
+    more = [*sync, *missing, *_boot(status, current), *cause_lines(status.events, current), *_program(status)]
     print("\n".join(painted([*render(status), *([""] if more else []), *more])))
 
 

@@ -174,7 +174,7 @@ def run(args: argparse.Namespace) -> int:
     say = partial(print, file=sys.stderr if args.json else sys.stdout, flush=True)
     output = None if args.output is None else _output(args.output)
     if args.apply:
-        _look_for_gains(args)
+        _find_gains(args)
     with contextlib.ExitStack() as stack:
         owner = None if args.can is None else robot_on(args.can)
         if args.can is None or owner is not None:
@@ -239,7 +239,7 @@ def _hinted(lines: Iterator[str], args: argparse.Namespace) -> Iterator[str]:
     yield last if args.store else f"{last} (--store)"
 
 
-def _look_for_gains(args: argparse.Namespace) -> None:
+def _find_gains(args: argparse.Namespace) -> None:
     """Find the gain objects of the drive before it moves; ConfigError if they are unknown."""
     with open_session(args) as session:
         if session.robot and args.counts is None:

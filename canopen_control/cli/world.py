@@ -102,7 +102,7 @@ def act_in_simulation(args: argparse.Namespace, act: WorldAct) -> bool:
     return True
 
 
-def tell_simulation(args: argparse.Namespace) -> bool:
+def print_simulation(args: argparse.Namespace) -> bool:
     """Print the state of the running robot's simulation; False without one."""
     try:
         with RobotClient.connect(args.name) as robot:
@@ -158,7 +158,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     if args.what in SIMULATION_ACTS:
         return act_on_simulation(args)
-    if args.what is None and args.can is None and tell_simulation(args):
+    if args.what is None and args.can is None and print_simulation(args):
         return 0
     if args.what is not None and args.value is None:
         raise ConfigError(f"world {args.what}: say {_NEEDS[args.what]}")
@@ -172,7 +172,7 @@ def run(args: argparse.Namespace) -> int:
         if act is not None:
             client.ask(act)
         world = client.ask(GetWorld())
-    print(json_line(world) if args.json else _told(world))
+    print(json_line(world) if args.json else _world_text(world))
     return 0
 
 
@@ -239,7 +239,7 @@ def _drive(can: str | None) -> tuple[str, int]:
     raise RemoteError("BusClosed", f"no virtual drives run{hint}; start them with: canopen-control run ROBOT --physics")
 
 
-def _told(world: WorldState) -> str:
+def _world_text(world: WorldState) -> str:
     """Return the pose of the robot and its sensor values as text."""
     sensors = [f"{name}: {' '.join(f'{value:.4g}' for value in values)}" for name, values in world.sensors.items()]
     return "\n".join([_pose(world.base), *sensors])

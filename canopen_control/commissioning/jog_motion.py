@@ -271,7 +271,7 @@ class JogMotion:
             self._start = position
         self._here = position
         self._farthest = max(abs(self.travelled), 0.0 if math.isnan(self._farthest) else self._farthest)
-        self._look_at_travel(velocity)
+        self._check_travel(velocity)
 
     def end(self, why: JogEnd) -> None:
         """End the jog; the first reason is kept."""
@@ -288,7 +288,7 @@ class JogMotion:
         """Return whether the travel in this direction is used up."""
         return not math.isnan(self.travelled) and sign * self.travelled >= self.limits.travel
 
-    def _look_at_travel(self, velocity: float | None) -> None:
+    def _check_travel(self, velocity: float | None) -> None:
         if self.kind is JogKind.POSITION:
             near = abs(self.travelled - self._value) <= min(_SETTLED * math.tau, 0.5 * abs(self._value))
             if near and (velocity is None or abs(velocity) <= self.limits.speed / 20):

@@ -299,11 +299,11 @@ def lost_in_text(parameters: ParameterSet, text: str) -> list[Address]:
     return [
         address
         for address, value in parameters.values.items()
-        if value not in ("", b"") and not _comes_back(od.get(*address), value)
+        if value not in ("", b"") and not _survives_parsing(od.get(*address), value)
     ]
 
 
-def _comes_back(entry: Entry | None, value: Value) -> bool:
+def _survives_parsing(entry: Entry | None, value: Value) -> bool:
     found = None if entry is None else entry.parameter_value
     return entry is not None and found is not None and same_value(entry, found, value)
 

@@ -348,7 +348,7 @@ def is_loader(identity: DeviceIdentity) -> bool:
     return not (identity.device_type or 0) & _PROFILE
 
 
-def refuse_stranger(session: NodeSession, identity: DeviceIdentity) -> None:
+def refuse_other_product(session: NodeSession, identity: DeviceIdentity) -> None:
     """Raise ConfigError if the node is not the product of its EDS; a boot-loader may have its own code."""
     if session.od is None:
         return

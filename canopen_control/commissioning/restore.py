@@ -602,7 +602,7 @@ def guarded_restore(
     )
     restore.keep_held = partial(journal.begin, od)
     stored = False
-    with quiet_node(session), _half_way_told(restore, journal):
+    with quiet_node(session), _with_partial_report(restore, journal):
         good = restore.run(keep=options.keep)
         journal.end(restore)
         if good and options.store:
@@ -616,7 +616,7 @@ def guarded_restore(
 
 
 @contextlib.contextmanager
-def _half_way_told(restore: Restore, journal: RestoreJournal) -> Iterator[None]:
+def _with_partial_report(restore: Restore, journal: RestoreJournal) -> Iterator[None]:
     """Report the written values of an interrupted restore."""
     try:
         yield

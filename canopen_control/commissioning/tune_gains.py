@@ -376,19 +376,19 @@ def applied(session: NodeSession, gains: CascadeGains, units_per_rad: float, pla
     """Set gains; yield the changes."""
     objects = settable_gains(session, place.axis, place.named, units_per_rad)
     values = gain_values(session.dictionary, objects, gains, units_per_rad)
-    yield from _told(session, set_gains(session, values, _kept(session, place)), place)
+    yield from _change_lines(session, set_gains(session, values, _kept(session, place)), place)
 
 
 def reverted(session: NodeSession, place: GainPlace) -> Iterator[str]:
     """Revert the gains; yield the changes."""
-    yield from _told(session, revert_gains(session, _kept(session, place)), place)
+    yield from _change_lines(session, revert_gains(session, _kept(session, place)), place)
 
 
 def _kept(session: NodeSession, place: GainPlace) -> KeptParameters:
     return KeptParameters("gains", session, session.identity(), place.channel)
 
 
-def _told(session: NodeSession, changes: Iterable[GainChange], place: GainPlace) -> Iterator[str]:
+def _change_lines(session: NodeSession, changes: Iterable[GainChange], place: GainPlace) -> Iterator[str]:
     yield from map(str, changes)
     if place.stores:
         store(session)

@@ -138,7 +138,7 @@ class TuneMotion:
         """Update the measured values: rad, rad/s, per mille, None if missing."""
         if not enabled:
             self.end(JogEnd.STATE)
-        self._judge_current(current)
+        self._check_current(current)
         if velocity is not None and math.isfinite(velocity):
             self._speed = velocity
             if abs(velocity) > self.limits.speed:
@@ -156,7 +156,7 @@ class TuneMotion:
         if self.ended is JogEnd.NONE:
             self.ended = why
 
-    def _judge_current(self, current: float | None) -> None:
+    def _check_current(self, current: float | None) -> None:
         if current is None or abs(current) <= self.limits.current:
             self._too_much_since = None
         elif self._too_much_since is None:

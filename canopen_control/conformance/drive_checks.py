@@ -31,9 +31,9 @@ from canopen_control.conformance.drive_steps import (
     is_drive,
     option,
     reaches,
+    select_standstill_mode,
     set_mode,
     signed,
-    stand,
     statusword,
     stays,
 )
@@ -283,7 +283,7 @@ def _no_homing(node: CheckedNode) -> None:
 def _enabled_in_preop(node: CheckedNode) -> None:
     is_drive(node)
     with node.kept(o.MODES_OF_OPERATION):
-        stand(node)
+        select_standstill_mode(node)
         try:
             for word in (0x06, 0x07, 0x0F):
                 control(node, word)

@@ -115,7 +115,7 @@ def set_mode(node: CheckedNode, mode: int) -> None:
         node.listen(0.02)
 
 
-def stand(node: CheckedNode) -> None:
+def select_standstill_mode(node: CheckedNode) -> None:
     """Select a mode in which an enabled drive does not move."""
     modes = node.number(o.SUPPORTED_DRIVE_MODES)
     mode = next((mode for mode in _STANDING if modes >> (mode - 1) & 1), None)
@@ -136,7 +136,7 @@ def drive_at(node: CheckedNode, goal: State, mode: int | None = None) -> Iterato
         before = node.read(o.MODES_OF_OPERATION)
         try:
             if mode is None:
-                stand(node)
+                select_standstill_mode(node)
             else:
                 set_mode(node, mode)
             go(node, goal)

@@ -144,7 +144,7 @@ class SdoObserver(MasterObserver):
     def _initiate(self, kind: str, data: bytes, now: int) -> None:
         mux = int.from_bytes(data[1:3], "little"), data[3]
         if self._transfer is not None:
-            self._left(self._transfer, mux, now)
+            self._abandoned(self._transfer, mux, now)
         expect = self.findings.expect
         expect(True, "MT01", "")
         expect(True, "MT11", "")
@@ -157,7 +157,7 @@ class SdoObserver(MasterObserver):
             for listener in self.listeners:
                 listener.reading(mux)
 
-    def _left(self, transfer: MasterTransfer, mux: Mux, now: int) -> None:
+    def _abandoned(self, transfer: MasterTransfer, mux: Mux, now: int) -> None:
         """Check a transfer that is replaced by another one before its end."""
         gap, which = now - transfer.asked, f"{transfer.kind} of {name_of(transfer.mux)}"
         if not transfer.answered and transfer.stale:

@@ -319,7 +319,7 @@ def _heartbeat_lost(node: CheckedNode) -> None:
 
 
 @_add("H06", "7.2.8.2", "no heartbeat is missed before the first one came", touch=_CONFIGURE)
-def _not_yet_heard(node: CheckedNode) -> None:
+def _before_first_heartbeat(node: CheckedNode) -> None:
     can_id = emergency_id(node)
     with _watching(node):
         codes = emergencies(node, can_id, 0.4)

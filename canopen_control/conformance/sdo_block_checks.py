@@ -302,7 +302,7 @@ def _answer_time(node: CheckedNode) -> None:
 
 
 @_add("S29", "7.2.4.3.17", "a download that the client leaves does not block the next request", touch=_CONFIGURE)
-def _left_download(node: CheckedNode) -> None:
+def _abandoned_download(node: CheckedNode) -> None:
     node.optional(_HEARTBEAT)
     node.ask(bytes((0x21, *mux(_HEARTBEAT), 2, 0, 0, 0)))
     node.listen(0.2)
@@ -318,7 +318,7 @@ def _download_toggle(node: CheckedNode) -> None:
 
 
 @_add("S29b", "7.2.4.3.15", "a block upload that the client aborts does not block the next request")
-def _left_block(node: CheckedNode) -> None:
+def _abandoned_block(node: CheckedNode) -> None:
     index, _ = _object(node)
     _start_upload(node, index, MAX_BLOCK_SIZE)
     _abort(node, index)

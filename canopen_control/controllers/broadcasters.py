@@ -680,11 +680,11 @@ class DiagnosticsBroadcaster(_StateBroadcaster):
     def sample(self, wall_offset_ns: int) -> DiagnosticsSample:
         """Return the health of every joint by its values in the last update."""
         judged = [
-            JointDiagnosis(joint, *self._judged(values), values) for joint, values in self._copy.by_joint().items()
+            JointDiagnosis(joint, *self._diagnose(values), values) for joint, values in self._copy.by_joint().items()
         ]
         return DiagnosticsSample(time=self.published(wall_offset_ns), joints=judged)
 
-    def _judged(self, values: Values) -> Verdict:
+    def _diagnose(self, values: Values) -> Verdict:
         age, code, nmt, word = (values.get(key) for key in ("age", "error_code", "nmt_state", "statusword"))
         has_values = any(value is not None for value in values.values())
         if (verdict := stale(age, self.params.stale_after, is_known=has_values)) is not None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
-from canopen_control.controllers.params import Params, flattened, like, scalar_node, tell_ineffective
+from canopen_control.controllers.params import Params, flattened, like, scalar_node, warn_ineffective
 from canopen_control.errors import ControlError, RobotConfigError, nearest
 from canopen_control.rpc.messages.parameters import MANAGER
 from canopen_control.yamlfile.convert import convert, setting
@@ -281,7 +281,7 @@ def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParam
             own[dotted] = pair
     params = Node.mapping(like(root), own)
     manager = convert(params, ManagerParams, ManagerParams())
-    tell_ineffective(params, manager)
+    warn_ineffective(params, manager)
     return declared, manager
 
 

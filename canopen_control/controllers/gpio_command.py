@@ -89,7 +89,7 @@ class GpioParams(CommonParams):
         ]
 
     @property
-    def told_whole(self) -> list[str]:
+    def unnamed_gpios(self) -> list[str]:
         """GPIOs without selected state interfaces, which are published completely."""
         return [gpio for gpio in self.gpios if not self.state_interfaces.get(gpio + _LIST)]
 
@@ -189,12 +189,12 @@ class GpioCommandController(Controller):
 
     def state_interface_names(self) -> list[str]:
         """Return the selected inputs, and all interfaces of a GPIO without a selection, resolved at activation."""
-        return [ALL_STATES] if self.params.told_whole else self.params.inputs
+        return [ALL_STATES] if self.params.unnamed_gpios else self.params.inputs
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         """Prepare the published values; nothing is written before the first command."""
         super().on_activate(commands, states, now)
-        input_names, whole_gpios = self.params.inputs, self.params.told_whole
+        input_names, whole_gpios = self.params.inputs, self.params.unnamed_gpios
         inputs = {state.name: state for state in states if state.name in input_names or state.joint in whole_gpios}
         if missing := [name for name in input_names if name not in inputs]:
             raise ControlError(f"{self.name}: there is no state interface {missing[0]}{nearest(missing[0], inputs)}")

@@ -178,7 +178,7 @@ class PositionGripperActionController(Controller):
         effort = params.max_effort if not goal.max_effort else goal.max_effort
         velocity = params.max_velocity if not goal.max_velocity else goal.max_velocity
         self._check(goal.position, effort, velocity)
-        self._tell_unlimited(goal)
+        self._report_unlimited(goal)
         self._end(GoalState.ABORTED, "another goal has taken its place")
         goal.feedback_rate = params.action_monitor_rate
         self.goal, self._target, self._limits, self._way = goal, goal.position, (effort, velocity), GripStatus.MOVING
@@ -213,7 +213,7 @@ class PositionGripperActionController(Controller):
         if self.commanded == POSITION and (fits := self.commands[0].range_error(position)) is not None:
             raise self.refusal(f"cannot send {position:g}: {fits}; nothing was applied")
 
-    def _tell_unlimited(self, goal: GripperGoal) -> None:
+    def _report_unlimited(self, goal: GripperGoal) -> None:
         """Report once that no interface limits the effort of a goal."""
         if goal.max_effort and not self._is_limited:
             self._is_limited = True
@@ -235,7 +235,7 @@ class PositionGripperActionController(Controller):
         """Check the goal and command the joint."""
         self._read()
         if self.goal is not None:
-            self._judge(now)
+            self._update_status(now)
         if not self.commands[0].enabled:
             self._target = math.nan
         self._write(period)
@@ -268,8 +268,8 @@ class PositionGripperActionController(Controller):
                 self._effort = value
             index += 1  # noqa: SIM113 - enumerate makes a tuple per interface in the cycle
 
-    def _judge(self, now: int) -> None:
-        self._way = way = self._progress.look(now, self._target - self._at, self._velocity)
+    def _update_status(self, now: int) -> None:
+        self._way = way = self._progress.update(now, self._target - self._at, self._velocity)
         if way is GripStatus.REACHED:
             self._end(GoalState.SUCCEEDED, "the goal was reached", way)
         elif way is GripStatus.STALLED:

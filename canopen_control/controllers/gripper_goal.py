@@ -65,7 +65,7 @@ class StallDetector:
         """Start a goal, `now` in ns."""
         self._moved = now
 
-    def look(self, now: int, error: float, velocity: float) -> GripStatus:
+    def update(self, now: int, error: float, velocity: float) -> GripStatus:
         """Check position error and velocity."""
         if abs(error) < self._tolerance:
             return GripStatus.REACHED

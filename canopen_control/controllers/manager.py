@@ -361,11 +361,11 @@ class ControllerManager:
             self._require_enabled(controller)
             take()
         except ControlError as error:
-            self.tell_refusal(name, error, source)
+            self.report_refusal(name, error, source)
             raise
         self._told_refusal.discard(name)
 
-    def tell_refusal(self, name: str, error: ControlError, source: str) -> None:
+    def report_refusal(self, name: str, error: ControlError, source: str) -> None:
         """Report a refusal of a controller once, until it accepts a command."""
         if name not in self._told_refusal and not isinstance(error, NotYetEnabled):
             self._told_refusal.add(name)

@@ -215,7 +215,7 @@ class MobileBase(Controller):
         self._followed = _NEVER
         self._once = self._fresh = self._open_loop = False
         self._was_chained = self._writing = self._too_fast = False
-        self._begin_anew(0)
+        self._reset(0)
 
     def _require_methods(self) -> None:
         """Raise TypeError for a base without a method that moves it; a compiled class is not checked by `abc`."""
@@ -373,12 +373,12 @@ class MobileBase(Controller):
         """Start without a command; the pose is kept."""
         super().on_activate(commands, states, now)
         self.stop_following()
-        self._begin_anew(now)
+        self._reset(now)
 
     def on_deactivate(self, now: int) -> None:
         """Stop the wheels at once, without a ramp: the drive's own deceleration applies; positions are held."""
         super().on_deactivate(now)
-        self._begin_anew(now)
+        self._reset(now)
 
     def forget(self, now: int) -> None:
         """Stop the wheels at once; the next twist starts at standstill."""
@@ -386,11 +386,11 @@ class MobileBase(Controller):
         for command in self.commands:
             if command.interface == POSITION:
                 command.value = math.nan  # the hardware holds where it is, and does not go on to the old target
-        self._begin_anew(now)
+        self._reset(now)
         self._brake()
         self._writing = True
 
-    def _begin_anew(self, now: int) -> None:
+    def _reset(self, now: int) -> None:
         """Reset command and history."""
         self._twist.forget()
         self.life.end()
@@ -525,12 +525,12 @@ class MobileBase(Controller):
         for index, command in enumerate(self.commands):
             target = targets[index]
             if not (command.lowest <= target <= command.highest and math.isfinite(target)):
-                self._stand(target)
+                self._stop_wheels(target)
                 return
             command.value = target
         self._too_fast = False
 
-    def _stand(self, target: float) -> None:
+    def _stop_wheels(self, target: float) -> None:
         """Stop all wheels because the command of one does not fit its drive."""
         zero_targets(self.commands)
         if not self._too_fast:

@@ -66,7 +66,7 @@ class Params:
             for file in self.files:
                 stack.enter_context(file.raising(RobotConfigError))
             value = convert(_gathered(self._renamed(renames or {}), cls), cls, None, ignored=self.shared)
-            tell_ineffective(self.flat, value)
+            warn_ineffective(self.flat, value)
             for name, text in () if value is None else judge(value):
                 (self.flat.get(name) or self.flat).error(text.removeprefix(f"{name}: "))
         self.taken, self.known = value, {*keys_of(cls), *(renames or {})}
@@ -107,7 +107,7 @@ class Params:
         return Node.mapping(like(self.flat), pairs)
 
 
-def tell_ineffective(params: Node, value: object) -> None:
+def warn_ineffective(params: Node, value: object) -> None:
     """Warn of known parameters without effect, see `INEFFECTIVE`."""
     keys, cls = params.keys(), type(value)
     for name, why in getattr(cls, "INEFFECTIVE", {}).items():

@@ -92,7 +92,7 @@ class Pid:
 
         No time leaves all as it is; ValueError for a time that runs backwards; nan for an error that is not finite.
         """
-        if self._stands(dt):
+        if self._is_zero_step(dt):
             return self.command
         if not math.isfinite(error):
             self.command = math.nan
@@ -103,11 +103,11 @@ class Pid:
 
     def compute_with_rate(self, error: float, rate: float, dt: float) -> float:
         """Return the command for an error and its rate of change, see `compute`."""
-        if self._stands(dt):
+        if self._is_zero_step(dt):
             return self.command
         return self._step(error, rate, dt)
 
-    def _stands(self, dt: float) -> bool:
+    def _is_zero_step(self, dt: float) -> bool:
         if dt < 0.0 and abs(dt) > _EPSILON:
             raise ValueError(f"a PID step of {dt} s goes back in time")
         return abs(dt) <= _EPSILON

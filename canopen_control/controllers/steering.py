@@ -186,11 +186,11 @@ class AckermannSteeringController(SteeringController):
         """Return checked parameters of ROS 2's controller, or of ROS 1's."""
         if not is_ros1(params):
             return super().read(params)
-        settings = read_ros1(params, self.geometry, self._tell_size)
+        settings = read_ros1(params, self.geometry, self._report_size)
         refuse(self.name, settings.mistakes())
         return settings
 
-    def _tell_size(self, text: str) -> None:
+    def _report_size(self, text: str) -> None:
         """Report once at configuration which sizes are those of the description."""
         if self.state is ControllerState.UNCONFIGURED:
             self.report("parameter", text)

@@ -102,7 +102,7 @@ class ActiveController:
         self.parts = [InterfaceGroup(part) for part in parts]
 
     @property
-    def only_tells(self) -> bool:
+    def is_broadcaster(self) -> bool:
         """Whether it runs after the RPDOs of the cycle were sent, because it commands nothing."""
         return self.controller.is_broadcaster and not self.controller.commands
 
@@ -370,7 +370,7 @@ class UpdateLoop:
         self._commanding_rate, self._telling_rate = Rate(every), Rate(every)
         self._order: list[ActiveController] = []
         self._commanding: list[ActiveController] = []
-        self._telling: list[ActiveController] = []
+        self._broadcasting: list[ActiveController] = []
 
     def arrange(self, controllers: Collection[Controller], active: Sequence[Controller]) -> None:
         """Rebuild the update order after a switch; the state of controllers that stay active is kept."""
@@ -387,8 +387,8 @@ class UpdateLoop:
             if controller.name in before:
                 slot.take_over(before[controller.name], were_enabled)
             self._order.append(slot)
-        self._commanding = [slot for slot in self._order if not slot.only_tells]
-        self._telling = [slot for slot in self._order if slot.only_tells]
+        self._commanding = [slot for slot in self._order if not slot.is_broadcaster]
+        self._broadcasting = [slot for slot in self._order if slot.is_broadcaster]
 
     @property
     def controllers(self) -> tuple[Controller, ...]:
@@ -435,7 +435,7 @@ class UpdateLoop:
         rate = self._telling_rate
         elapsed = rate.step(now, period) if rate.hz else period
         if elapsed >= 0.0:
-            self._run(self._telling, now, elapsed)
+            self._run(self._broadcasting, now, elapsed)
 
     def _run(self, slots: Sequence[ActiveController], now: int, period: float) -> None:
         for slot in slots:

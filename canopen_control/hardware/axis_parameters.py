@@ -372,7 +372,7 @@ class AxisParameters:
         def settled(_bounded: bool, text: str) -> None:
             if number == self._round:
                 axis.limits.ramp_unbounded = False
-                self._tell_if(text)
+                self._report_if(text)
 
         if axis.has(objects.PROFILE_VELOCITY):
             self._lower(objects.PROFILE_VELOCITY, 0, settled)
@@ -395,7 +395,7 @@ class AxisParameters:
             if not bounded:
                 done(text)
                 return
-            self._tell_if(text)
+            self._report_if(text)
             if subindices:
                 self._lower(objects.HOMING_SPEEDS, subindices.pop(0), settled)
             else:
@@ -428,14 +428,14 @@ class AxisParameters:
                     settled(False, f"{place} stays {limit}, faster than {words}: {done.error}")
                     return
                 if (output := axis.output(base, subindex)) is not None:
-                    output.know(most)
+                    output.record(most)
                 settled(True, f"{place} was {limit} and is {most} now, {words}")
 
             axis.node.write(index, subindex, encode(most, entry.data_type), written)
 
         axis.node.read(index, subindex, read)
 
-    def _tell_if(self, text: str) -> None:
+    def _report_if(self, text: str) -> None:
         if text:
             self._report(text)
 

@@ -348,7 +348,7 @@ class JointCommands(Limited):
                 continue
             value = self._bounded(at, command, value) if at > VEL else self._changed(at, value, period)
             limiter.before[at] = command.value = value
-            if value != target and (text := self._told(at, command, target, value, period, clock)) is not None:
+            if value != target and (text := self._limit_text(at, command, target, value, period, clock)) is not None:
                 told = text if told is None else f"{told}; {text}"
         return told
 
@@ -370,7 +370,7 @@ class JointCommands(Limited):
 
     # ------------------------------------------------------------------------------------------------- what is told
 
-    def _told(
+    def _limit_text(
         self, at: int, command: CommandInterface, target: float, value: float, period: float, clock: float
     ) -> str | None:
         """Return the limits that changed the desired value to `value`, once when limiting begins."""

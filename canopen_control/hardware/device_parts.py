@@ -244,7 +244,7 @@ class NodeInputs:
         for device_input in self._inputs.values():
             device_input.read(now)
 
-    def tell_jump(self, signal: str, text: str) -> None:
+    def report_jump(self, signal: str, text: str) -> None:
         """Report a jump of a signal: once per boot, however many interfaces show it."""
         if self._jumped.get(signal) != self.boots:
             self._jumped[signal] = self.boots
@@ -321,7 +321,7 @@ class InputSignal:
         if abs(value - self._before) > limit:  # false for the first one, which is compared with nan
             self._jumped = True
             text = f"{self.state.name} jumped from {self._before:g} to {value:g} {signal.unit}".rstrip()
-            self._inputs.tell_jump(signal.name, f"{text}: it is nan until the node is booted again")
+            self._inputs.report_jump(signal.name, f"{text}: it is nan until the node is booted again")
         self._before, self._came = value, stamp
         return self._jumped
 

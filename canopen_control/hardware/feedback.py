@@ -49,14 +49,14 @@ _SI_UNITS: Final = {"rpm": 0x00B44700, "0.1 rpm": 0xFFB44700}
 
 
 @dataclass(frozen=True, slots=True)
-class UnitDoubt:
+class UnitMismatch:
     """Doubt about a drive's velocity unit: a sentence, and whether the motion is `faster` than the reported one."""
 
     text: str
     faster: bool
 
 
-def doubt_unit(axis: AxisProcessData, speed: float, raw: int, *, rising: bool) -> UnitDoubt | None:
+def unit_mismatch(axis: AxisProcessData, speed: float, raw: int, *, rising: bool) -> UnitMismatch | None:
     """Compare a motion in position counts/s with the drive's velocity; None if no unit explains the difference.
 
     `rising`: the motion is between two samples of a drive that may still accelerate.
@@ -74,7 +74,7 @@ def doubt_unit(axis: AxisProcessData, speed: float, raw: int, *, rising: bool) -
     if not fits:
         return None
     faster = abs(speed) > abs(reported)
-    return UnitDoubt(_words(axis, [fits[fit] for fit in sorted(fits)], faster=faster), faster)
+    return UnitMismatch(_words(axis, [fits[fit] for fit in sorted(fits)], faster=faster), faster)
 
 
 def _words(axis: AxisProcessData, units: list[tuple[str, float]], *, faster: bool) -> str:
@@ -231,31 +231,31 @@ class Feedback:
             self._velocity_state.value = speed * self._axis.scale.pos_from_dev + 0.0
         self._derived_from, self._derived_at = count, stamp
 
-    def jumped_in_unit(self, commanded: float = 0.0) -> UnitDoubt | None:
+    def jumped_in_unit(self, commanded: float = 0.0) -> UnitMismatch | None:
         """Return the doubt about the velocity unit that explains the last jump.
 
         `commanded` is the velocity sent to the drive, in rad/s, nan for none, because the reported one may lag.
         """
         raw = round(commanded * self._axis.scale.vel_to_dev) if math.isfinite(commanded) else None
-        return self._doubt(self._jump_speed, raw, rising=True) or self._doubt(
+        return self._check_unit(self._jump_speed, raw, rising=True) or self._check_unit(
             self._jump_speed, self._raw_velocity, rising=True
         )
 
-    def turns_in_unit(self, now: int) -> UnitDoubt | None:
+    def turns_in_unit(self, now: int) -> UnitMismatch | None:
         """Return the doubt about the velocity unit raised by the motion; checked ten times a second, reported once."""
         count = self._axis.unwrap.count
         moved, elapsed = count - self._looked_count, now - self._looked_at
         self._looked_count, self._looked_at = count, now
         steady = 0 < elapsed < _LOOK_NS
-        doubt = self._doubt(moved * 1e9 / elapsed, self._raw_velocity) if steady else None
+        doubt = self._check_unit(moved * 1e9 / elapsed, self._raw_velocity) if steady else None
         self._doubts = 0 if doubt is None else self._doubts + 1
         return doubt if self._doubts == _DOUBTS else None
 
-    def _doubt(self, speed: float, raw: int | None, *, rising: bool = False) -> UnitDoubt | None:
+    def _check_unit(self, speed: float, raw: int | None, *, rising: bool = False) -> UnitMismatch | None:
         """Compare a measured speed in counts/s with a velocity of the drive."""
         if not raw or self._position is None or abs(raw * self._axis.scale.vel_from_dev) <= STANDSTILL:
             return None
-        return doubt_unit(self._axis, speed, raw, rising=rising)
+        return unit_mismatch(self._axis, speed, raw, rising=rising)
 
     def _largest_step(self, elapsed_ns: int) -> int:
         """Return the largest change between two samples: twice that of the present velocity, plus a revolution."""

@@ -389,7 +389,7 @@ class JointDrive(JointParts):
         """Run the checks that are not needed in every cycle; called ten times a second."""
         if self._watch.leaves_limit():
             self._events.append(JointEvent("limit_left", "the limit is left", Level.INFO))
-        self._motion.look(self.targets.current, self.enabled)
+        self._motion.check(self.targets.current, self.enabled)
         if self._watch.turns_the_wrong_way(self.enabled) or self._motion.turns_away:
             text = "it turns against its command; check polarity (0x607E), the scale's sign and the wiring"
             self._events.append(JointEvent("direction", text, stops=True))
@@ -466,23 +466,23 @@ class JointDrive(JointParts):
     def _change_link(self, link: FeedbackStatus, now: int) -> None:
         before, self._link = self._link, link
         if link is _GONE:
-            self._went(now)
+            self._node_lost(now)
             return
         if before is _GONE:
-            self._came()
+            self._node_ready()
         if link is _STALE:
             self._became_stale()
         elif before is _STALE:
             self._status.node_ready()
 
-    def _came(self) -> None:
+    def _node_ready(self) -> None:
         self._status.node_ready()
         self.feedback.node_ready()
         self.targets.node_ready()
         self.reason.code = None
         self.parameters.load()
 
-    def _went(self, now: int) -> None:
+    def _node_lost(self, now: int) -> None:
         self._fire(PhaseTrigger.MUST_REST)
         self._status.node_lost(now)
         self.feedback.node_lost()

@@ -252,7 +252,7 @@ class MotionWatch:
         self._last = 0
         self._right = False  # the present motion has led towards its target
 
-    def look(self, target: ModeTarget | None, enabled: bool) -> None:
+    def check(self, target: ModeTarget | None, enabled: bool) -> None:
         """Compare the target sent with the motion since the last check."""
         self.stands = self.late = self.turns_away = False
         position = self._axis.position
@@ -264,9 +264,9 @@ class MotionWatch:
         here = self._axis.raw_position + self._axis.unwrap.offset
         step, self._last = here - self._last, here
         scale = abs(self._axis.scale.pos_to_dev)
-        self._look_standing(target, here, scale)
+        self._check_standstill(target, here, scale)
         if target.interface == POSITION and self._rest is not None:
-            self._look_direction(self._way(target), here, step, scale)
+            self._check_direction(self._distance(target), here, step, scale)
         else:
             self._away = 0
             self._rest = here
@@ -276,7 +276,7 @@ class MotionWatch:
         """Whether an axis with position set-points has not moved since its enable."""
         return not self._moved and self._standing > 0
 
-    def _way(self, target: ModeTarget) -> int:
+    def _distance(self, target: ModeTarget) -> int:
         """Return the counts from the position to the target, within half a turn of the counter."""
         raw: int = target.output.value
         return (raw - self._axis.raw_position + (1 << 31)) % (1 << 32) - (1 << 31)
@@ -284,10 +284,10 @@ class MotionWatch:
     def _asks(self, target: ModeTarget, scale: float) -> bool:
         """Whether the target requires a motion large enough to be measured."""
         if target.interface == POSITION:
-            return abs(self._way(target)) > _WAY * scale
+            return abs(self._distance(target)) > _WAY * scale
         return isinstance(target, VelocityTarget) and abs(target.output.value / target.factor()) > STANDSTILL
 
-    def _look_standing(self, target: ModeTarget, here: int, scale: float) -> None:
+    def _check_standstill(self, target: ModeTarget, here: int, scale: float) -> None:
         limited = self._axis.limits.blocked != 0 or bool((self._machine.statusword or 0) & INTERNAL_LIMIT)
         moved = self._still is None or abs(here - self._still) > max(1.0, _STEP * scale)
         if moved:
@@ -298,7 +298,7 @@ class MotionWatch:
         cyclic = target.tracks and target.interface == POSITION
         self.late = cyclic and not self._moved and self._standing == _LATE_LOOKS
 
-    def _look_direction(self, way: int, here: int, step: int, scale: float) -> None:
+    def _check_direction(self, way: int, here: int, step: int, scale: float) -> None:
         """Count checks with a motion away from the target; a reversal during a profile does not count."""
         if abs(step) < _STEP * scale:
             self.turns_away = self._ended_away(way, here, scale)

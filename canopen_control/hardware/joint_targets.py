@@ -603,12 +603,12 @@ class SetPointTarget(_PositionTarget):
             self._take_back(self._given)
         if handshake.busy:
             self.bits = handshake.update(
-                machine.statusword, ready=True, now=now, halted=machine.halted, under_way=self._under_way()
+                machine.statusword, ready=True, now=now, halted=machine.halted, under_way=self._is_moving()
             )
             if handshake.target is not None:
                 self.output.set(handshake.target)
 
-    def _under_way(self) -> bool:
+    def _is_moving(self) -> bool:
         """Whether the axis is moving fast, farther than `_FAR` from its set-point."""
         axis, target = self._axis, self._handshake.target
         velocity, position = axis.velocity, axis.position

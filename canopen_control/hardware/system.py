@@ -190,7 +190,7 @@ class CanopenSystem(ComponentLifecycle):
         if devices.present:
             devices.read(now)
             if devices.has_news:
-                self._tell_of_devices(now)
+                self._report_devices(now)
         return OK
 
     def write(self, now: int, period: float) -> ReturnType:
@@ -287,7 +287,7 @@ class CanopenSystem(ComponentLifecycle):
         if event.stops:
             self._stop_group(joint, now, event)
 
-    def _tell_of_devices(self, now: int) -> None:
+    def _report_devices(self, now: int) -> None:
         """Report unknown inputs; the robot decides by bus.yml whether axes stop."""
         for node, kind, text in self.devices.take_news():
             self._report(Event(now, kind, node.name, f"{node.who}: {text}", Level.WARNING))

@@ -172,9 +172,9 @@ class Connection:
             self._end("gone")
             return
         self._input.feed(data)
-        self._line_up()
+        self._queue_turn()
 
-    def _line_up(self) -> None:
+    def _queue_turn(self) -> None:
         """Request a turn for the next line, if there is one."""
         self._next = None if self.reason else self._input.next_line()
         if self._next is not None:
@@ -193,7 +193,7 @@ class Connection:
             self._server.on_line(self, line)
         finally:
             # even if the owner raised: the following lines are still served
-            self._line_up()
+            self._queue_turn()
 
     def _end(self, reason: str) -> None:
         """Close the socket at once; the loop calls `on_close`."""

@@ -118,9 +118,9 @@ class Child:
         """
         if self._readiness >= 0:
             self._on_ready = on_ready
-            reactor.add_reader(self._readiness, partial(self._hear, reactor))
+            reactor.add_reader(self._readiness, partial(self._ready, reactor))
 
-    def _hear(self, reactor: Reactor) -> None:
+    def _ready(self, reactor: Reactor) -> None:
         on_ready, self._on_ready = self._on_ready, None
         if os.read(self._readiness, 4096):
             self.heard_at = reactor.now()
@@ -160,9 +160,9 @@ class Child:
         # once it was waited for, its process id may be reused
         self._pidfd = _pidfd_open(self.pid) if self.poll() is None else -1
         if self._pidfd >= 0:
-            reactor.add_reader(self._pidfd, self._look)
+            reactor.add_reader(self._pidfd, self._poll_child)
         else:
-            self._every(0, self._look_again)
+            self._every(0, self._poll_child_again)
         if self._log is not None:
             self._rotate_again()
 
@@ -176,15 +176,15 @@ class Child:
             timer.cancel()
         self._timers.clear()
 
-    def _look(self) -> None:
+    def _poll_child(self) -> None:
         returncode, on_exit = self.poll(), self._on_exit
         if returncode is not None and on_exit is not None:
             self.unwatch()
             on_exit(returncode, self.last_lines())
 
-    def _look_again(self) -> None:
-        self._look()
-        self._every(_POLL_NS, self._look_again)
+    def _poll_child_again(self) -> None:
+        self._poll_child()
+        self._every(_POLL_NS, self._poll_child_again)
 
     def _rotate_again(self) -> None:
         if self._log is not None:

@@ -178,11 +178,11 @@ class Output:
 
     def write(self, value: Value) -> None:
         """Set the value of the next frames and send them even if it is unchanged."""
-        self.know(value)
+        self.record(value)
         for pdo, _ in self.places:
             pdo.changed = True
 
-    def know(self, value: Value) -> None:
+    def record(self, value: Value) -> None:
         """Record a value that the node received otherwise; later frames contain it, but none is triggered."""
         self.value = value
         for pdo, position in self.places:
@@ -324,7 +324,7 @@ class ProcessImage:
         """Set initial values of process data read from the node, by (index, subindex)."""
         for (index, subindex), value in values.items():
             if (output := self._outputs.get((node_id, index, subindex))) is not None:
-                output.know(value)
+                output.record(value)
             if (present := self._inputs.get((node_id, index, subindex))) is not None:
                 present.pdo.preset(present.position, value)
 

@@ -255,7 +255,7 @@ class DirectBus:
             self.port.flush()
         if not records or self.port.stats.errors != self._errors:  # what else can have happened
             self._errors = self.port.stats.errors
-            self._look_at_events()
+            self._check_events()
 
     def _hand_out(self, cores: Sequence[Core], frame: CanFrame, now: int) -> None:
         can_id, data = frame
@@ -267,7 +267,7 @@ class DirectBus:
             if data == _BOOT_UP and (client := self._clients.get(node_id)) is not None:
                 client.forget()
 
-    def _look_at_events(self) -> None:
+    def _check_events(self) -> None:
         for event in self.port.events():
             if event.kind is BusEventKind.BUS_OFF:
                 raise BusOff(self.port.channel)

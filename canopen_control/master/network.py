@@ -446,7 +446,7 @@ class Network:
             return
         mapped = next(entry for sent in node.sent for entry in sent.codec.objects if entry[:2] == (index, subindex))
         if (value := value_of(mapped, data)) is not None:
-            output.know(value)
+            output.record(value)
 
     def _watch_defaults(self, node: RemoteNode) -> None:
         """Count frames with the default identifier of a reconfigured TPDO: some nodes return to it.

@@ -146,7 +146,7 @@ class NodeLog:
     def heartbeat(self, now: int, since: int | None = None) -> None:
         """Process a heartbeat; too many indicate two nodes with one node id."""
         if self._duplicates.heartbeat(now, since):
-            self._tell_duplicate("its heartbeats come twice as often as configured", now)
+            self._report_duplicate("its heartbeats come twice as often as configured", now)
 
     def reset(self) -> None:
         """Record that a reset is sent to the node."""
@@ -158,7 +158,7 @@ class NodeLog:
         self.astray.clear()
         was_stuck = self._duplicates.stuck
         if self._duplicates.boot_up(now, since):
-            self._tell_duplicate("two boot-ups came at once", now)
+            self._report_duplicate("two boot-ups came at once", now)
         elif self._duplicates.stuck and not was_stuck:
             text = (
                 "it sends its boot-up (0x00) again and again, as others send heartbeats, and never shows a state: it "
@@ -167,7 +167,7 @@ class NodeLog:
             )
             self.report(now, "boot_up_repeated", text, Level.ERROR)
 
-    def _tell_duplicate(self, evidence: str, now: int) -> None:
+    def _report_duplicate(self, evidence: str, now: int) -> None:
         text = f"two devices seem to have this node id: {evidence}; give one of them another (lss, or its switches)"
         self.report(now, "duplicate_node", text, Level.ERROR)
 

@@ -63,7 +63,7 @@ class PdoWatch:
             if pdo.count != pdo.checked:
                 pdo.checked = pdo.count
                 if pdo.silent:
-                    self._came(pdo)
+                    self._received(pdo)
             elif pdo.expected:
                 if not pdo.silent:
                     pdo.since = now
@@ -73,7 +73,7 @@ class PdoWatch:
                     changes.append(pdo)
         return changes
 
-    def _came(self, pdo: ReceivedPdo) -> None:
+    def _received(self, pdo: ReceivedPdo) -> None:
         pdo.silent = 0
         if pdo.overdue:
             pdo.overdue = False

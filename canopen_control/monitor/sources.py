@@ -186,14 +186,14 @@ class BusTable:
         node.nmt = state or node.nmt
 
     def _note(self, decoded: DecodedFrame) -> None:
-        sender = "" if decoded.node_id is None or decoded.service == "nmt" else f"{self._who(decoded.node_id)}: "
+        sender = "" if decoded.node_id is None or decoded.service == "nmt" else f"{self._node_title(decoded.node_id)}: "
         text = f"{sender}{decoded.subject}: {decoded.text}"
         line = LogLine(decoded.time / _SECOND, text, _LEVELS.get(decoded.mark, Tone.PLAIN))
         self._log.append(line)
         if decoded.service == "emcy":
             self._emergencies.append(line)
 
-    def _who(self, node_id: int) -> str:
+    def _node_title(self, node_id: int) -> str:
         name = self.network.name_of(node_id)
         return f"node {node_id} ({name})" if name else f"node {node_id}"
 

@@ -85,12 +85,12 @@ def _why_not(text: str, name: str, od: ObjectDictionary) -> str:
     if same:
         return f"object {text!r} has that name {len(same)} times: {_listed(same)}; choose one by its number"
     near = [entry for entry in od if folded in entry.name.casefold() or folded in _parent(entry, od)]
-    near = near or _alike(folded, od)
+    near = near or _similar(folded, od)
     hint = f"; did you mean {_listed(near)}?" if near else "; numbers are hexadecimal, as in 0x6041:00"
     return f"no object {text!r} in the EDS{hint}"
 
 
-def _alike(folded: str, od: ObjectDictionary) -> list[Entry]:
+def _similar(folded: str, od: ObjectDictionary) -> list[Entry]:
     """Return the entries with a similar name."""
     by_name = {entry.name.casefold(): entry for entry in od}
     return [by_name[name] for name in difflib.get_close_matches(folded, by_name, _SHOWN, 0.8)]

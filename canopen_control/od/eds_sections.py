@@ -100,10 +100,10 @@ class Section:
 def _lines_of_keys(body: str, line: int) -> dict[str, int]:
     """Return the line of each key of a section of plain lines that begins in `line`."""
     numbered = enumerate(body.split("\n"), line + 1)
-    return {raw.partition("=")[0].strip().lower(): number for number, raw in numbered if _says(raw)}
+    return {raw.partition("=")[0].strip().lower(): number for number, raw in numbered if _has_content(raw)}
 
 
-def _says(raw: str) -> bool:
+def _has_content(raw: str) -> bool:
     """Whether a line has content: neither blank nor a comment."""
     line = raw.lstrip()
     return bool(line) and line[0] not in _COMMENT

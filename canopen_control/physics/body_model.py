@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 import mujoco
 
 from canopen_control.errors import ConfigError, nearest
-from canopen_control.physics.ground_contact import ContactPart, Ground, RollerWheel, stand
+from canopen_control.physics.ground_contact import ContactPart, Ground, RollerWheel, ground_at_rest
 from canopen_control.physics.motor_estimate import Described, estimated_motors
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.physics.scenery import add_scenery
@@ -166,7 +166,7 @@ def prepared(
     for number, geom in enumerate(spec.geoms):
         geom.name = geom.name or f"{geom.parent.name} shape {number}"
         geom.density = density
-    ground = stand(compiled(spec, description.path))
+    ground = ground_at_rest(compiled(spec, description.path))
     is_free = ground.rolls if free is None else free
     set_options(spec, step)
     give_locks(spec, axes, step)
@@ -185,7 +185,7 @@ def prepared(
         joint.armature = motor.rotor
         joint.frictionloss = motor.friction
         joint.damping = [motor.damping, 0.0, 0.0]
-    notes = tuple(_told(axes, motors, ground, is_free))
+    notes = tuple(_notes(axes, motors, ground, is_free))
     return PreparedRobot(spec, root, ground, is_free, axes, motors, notes)
 
 
@@ -304,7 +304,7 @@ def placed(model: Any, name: str, motor: EstimatedMotor, prefix: str = "") -> Jo
     return JointPlace(int(joint.qposadr[0]), int(joint.dofadr[0]), int(lock.id), motor)
 
 
-def _told(
+def _notes(
     axes: Mapping[str, AxisSettings], motors: Mapping[str, EstimatedMotor], ground: Ground, free: bool
 ) -> list[str]:
     """Return sentences about detected wheels and guessed values."""

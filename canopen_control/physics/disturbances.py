@@ -138,7 +138,7 @@ class Disturbances:
                 self.blocker.block(robot, world_act.joint, world_act.on)
         else:
             self._grip = world_act.friction
-            self.look_at_grip()
+            self.update_friction()
 
     def _check(self, world_act: WorldAct, robot: str) -> None:
         if isinstance(world_act, BlockJoint):
@@ -193,7 +193,7 @@ class Disturbances:
 
     # -- friction
 
-    def look_at_grip(self) -> None:
+    def update_friction(self) -> None:
         """Set the friction of each wheel and caster to that of the floor at its position."""
         for geom in (*self._wheels, *self._casters):
             grip = self.grip_at(float(self._data.geom_xpos[geom, 0]), float(self._data.geom_xpos[geom, 1]))

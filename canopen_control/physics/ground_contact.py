@@ -123,7 +123,7 @@ class Ground:
         return any(touch.part is not ContactPart.CASTER for touch in self.touches)
 
 
-def stand(model: Any) -> Ground:  # noqa: ANN401 - a model of MuJoCo, which has no types
+def ground_at_rest(model: Any) -> Ground:  # noqa: ANN401 - a model of MuJoCo, which has no types
     """Return the contacts of a compiled model with a fixed root."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)

@@ -154,7 +154,7 @@ class PhysicsWorld:
         self._rolling = [robot for robot in self._robots.values() if robot.rolls_sideways]
         disturbances.blocker = self
         disturbances.begin(self.data)
-        disturbances.look_at_grip()
+        disturbances.update_friction()
 
     def _settle(self) -> None:
         """Let the robots settle on the floor before the start, with locked joints."""
@@ -260,7 +260,7 @@ class PhysicsWorld:
             self._step(self._point * self.step_ns, plants)
             self._point += 1
             if not self._point % _LOOK:
-                self._look_for_rest(plants)
+                self._check_sleep(plants)
         self._shown = now
         beyond = (now - self._point * self.step_ns) * _NS
         for plant in plants:
@@ -292,14 +292,14 @@ class PhysicsWorld:
         for robot in self._rolling:
             robot.push_rollers(self._disturbances.grip_at)
         if self._disturbances.patched:
-            self._disturbances.look_at_grip()
+            self._disturbances.update_friction()
         mujoco.mj_step(self.model, self.data)
         self.steps += 1
 
-    def _look_for_rest(self, plants: list[JointPlant]) -> None:
+    def _check_sleep(self, plants: list[JointPlant]) -> None:
         """Start to sleep after a time without motion and demands."""
         for robot in self._robots.values():
-            robot.look_at_heading()
+            robot.count_turns()
         clock = (self._point or 0) * self.step_ns
         # a trajectory is equal only to itself: a new demand ends the sleep, and so does the loss of power
         orders = [plant.order() for plant in plants]

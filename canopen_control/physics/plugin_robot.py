@@ -217,11 +217,12 @@ class LidarScanner:
             range_max=settings.range_max,
             scan_time=1.0 / settings.rate,
             ranges=[
-                self._told(float(distance), hit) for distance, hit in zip(self._found, self._hit.tolist(), strict=True)
+                self._reading(float(distance), hit)
+                for distance, hit in zip(self._found, self._hit.tolist(), strict=True)
             ],
         )
 
-    def _told(self, distance: float, hit: int) -> float:
+    def _reading(self, distance: float, hit: int) -> float:
         settings = self._settings
         if hit < 0:
             return _NOTHING
@@ -396,7 +397,7 @@ class DriverlessRobot:
         self._disturbances = Disturbances({"": body}, around.floor or FloorContact(), around)
         self._disturbances.blocker = self
         self._disturbances.begin(self.data)
-        self._look()
+        self._read_states()
 
     def problems(self) -> Iterator[str]:
         """Yield a sentence with its line for each missing link or joint in the steps of its world."""
@@ -424,11 +425,11 @@ class DriverlessRobot:
                 motor.push(number / count, count * self._period)
             self._disturbances.advance(self._steps * self._period_ns)
             if self._disturbances.patched:
-                self._disturbances.look_at_grip()
+                self._disturbances.update_friction()
             mujoco.mj_step(self.model, self.data)
             self._steps += 1
         if self._sensors:
-            self._look()
+            self._read_states()
 
     def scan(self, seconds: float) -> list[LaserScanReading]:
         """Return the scans of its lidars at `seconds` of the simulation."""
@@ -461,9 +462,9 @@ class DriverlessRobot:
             lidar.begin()
         self._reader = SensorReader(self.model, self.data, self._sensors)  # resets its noise
         mujoco.mj_forward(self.model, self.data)
-        self._look()
+        self._read_states()
 
-    def _look(self) -> None:
+    def _read_states(self) -> None:
         for name, numbers in self._reader.read().items():
             kind = next(sensor.kind for sensor in self._sensors if sensor.name == name)
             self._seen.update({f"{name}/{part}": value for part, value in zip(INTERFACES[kind], numbers, strict=True)})

@@ -61,7 +61,7 @@ class WorldRobot:
         """Initialise the load on its rollers and its initial heading after the robot was put on the floor."""
         load = self._weight() / max(1, len(self.body.rollers))
         self._rollers = [MecanumContact(self.body.model, self._data, wheel, load) for wheel in self.body.rollers]
-        self.look_at_heading()
+        self.count_turns()
 
     def _weight(self) -> float:
         """Return the robot's weight in N."""
@@ -101,7 +101,7 @@ class WorldRobot:
         w, x, y, z = (float(component) for component in self._data.qpos[self._qpos + 3 : self._qpos + 7])
         return w, x, y, z
 
-    def look_at_heading(self) -> None:
+    def count_turns(self) -> None:
         """Update the number of turns of the base."""
         if self.body.base is None:
             return
@@ -115,7 +115,7 @@ class WorldRobot:
         if self.body.base is None:
             return WorldState(sensors=sensors)
         x, y, z = self._place()
-        self.look_at_heading()
+        self.count_turns()
         heading = self._heading + self._turns * math.tau
         roll, pitch = _roll_and_pitch(self._rotation())
         return WorldState(BasePose(x, y, heading, time_ns, z=z, roll=roll, pitch=pitch), sensors=sensors)

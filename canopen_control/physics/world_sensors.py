@@ -78,7 +78,7 @@ def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  
     existing = {sensor.name: sensor for sensor in spec.sensors if sensor.name}
     links = [body.name for body in spec.bodies if body.name != "world"]
     for placed in sensors:
-        if _stands(placed, existing, path):
+        if _is_present(placed, existing, path):
             continue
         body = spec.body(placed.link) if placed.link in links else None
         if body is None:
@@ -93,7 +93,7 @@ def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  
                 sensor.intprm[0] = 1 << int(mujoco.mjtRayDataField.mjRAYDATA_DIST)
 
 
-def _stands(sensor: WorldSensor, existing: Mapping[str, Any], path: str) -> bool:
+def _is_present(sensor: WorldSensor, existing: Mapping[str, Any], path: str) -> bool:
     """Return whether a scene already has the sensor; PhysicsError if another MuJoCo object has its name."""
     names = sensor.of_scene()
     if not names or not all(name in existing for name in names):

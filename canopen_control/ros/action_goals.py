@@ -61,7 +61,7 @@ class GoalRequest(NamedTuple):
     client: bytes | None
 
 
-class JudgedActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, without types
+class ActionServerWithGoals(_ActionServer):  # type: ignore[misc] # rclpy's, without types
     """Action server; callbacks are called in the executor's thread.
 
     `on_goal(request)` is answered by `answer`, `on_cancel(uuid)` is followed by `finish`. `on_lost(uuid)` tells of a
@@ -323,7 +323,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         self._topic = f"{controller.name}/{name}"
         self._goals: dict[bytes, FollowedGoal[V]] = {}
         self._watched = -math.inf
-        self._server = JudgedActionServer(
+        self._server = ActionServerWithGoals(
             ros.node,
             action,
             self._topic,
@@ -358,7 +358,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         """Return the result of a goal after the robot has ended."""
 
     @abstractmethod
-    def told(self, result: E, *, by_others: bool) -> RosMessage:
+    def client_result(self, result: E, *, by_others: bool) -> RosMessage:
         """Return the result for the client; with `by_others` the client did not request the cancellation."""
 
     @abstractmethod
@@ -404,7 +404,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         if self._goals.pop(followed.uuid, None) is None:
             return
         followed.sender.close()
-        response = self.told(result, by_others=result.state == "canceled" and not followed.cancelled)
+        response = self.client_result(result, by_others=result.state == "canceled" and not followed.cancelled)
         self._ros.call(partial(self._server.finish, followed.uuid, result.state, response))
 
     def _cancel(self, uuid: bytes) -> None:

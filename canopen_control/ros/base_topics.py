@@ -67,7 +67,7 @@ class TwistSubscription:
         if topic_kind:
             self._subscribe(f"{_PACKAGE}{topic_kind}")
 
-    def look(self, state: StateSample) -> None:
+    def check_types(self, state: StateSample) -> None:
         """Check the types of the publishers, at every sample of the state stream."""
         time = state.time
         # a clock that was set back does not blind it
@@ -118,7 +118,7 @@ class TwistCommands(Endpoint):
 
     def on_state(self, state: StateSample) -> None:
         """Check the types of the publishers."""
-        self._either.look(state)
+        self._either.check_types(state)
 
     def close(self) -> None:
         """Destroy the publishers and subscriptions."""
@@ -215,7 +215,7 @@ class SharedTwist(Endpoint):
 
     def on_state(self, state: StateSample) -> None:
         """Check the types of the publishers."""
-        self._subscription.look(state)
+        self._subscription.check_types(state)
 
     def close(self) -> None:
         """Destroy the publisher."""

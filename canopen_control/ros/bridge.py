@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         prepare(os.environ, wheels=from_wheels(), prefix=sys.prefix)
         bridge = Bridge(arguments, ros_arguments)
     except CanopenError as error:
-        _say(str(error))
+        _print(str(error))
         return 1
     bridge.run()
     return 0
@@ -74,7 +74,7 @@ def _parse(argv: list[str]) -> tuple[argparse.Namespace, list[str]]:
     return parser.parse_args(argv[:split]), argv[split:]
 
 
-def _say(text: str) -> None:
+def _print(text: str) -> None:
     sys.stderr.write(f"canopen-control: {text}\n")
     sys.stderr.flush()
 
@@ -123,11 +123,11 @@ class Bridge:
         options = BridgeOptions(self._arguments.rate, self._arguments.tf, self._frame_prefix())
         self._options = with_parameters(self._node, options)
         if self._node.get_parameter("use_sim_time").value:
-            _say(_SIM_TIME)
+            _print(_SIM_TIME)
 
     def run(self) -> None:
         """Serve until the end, then leave the graph."""
-        _say(f"ROS bridge of {self._name}: {describe(os.environ)}")
+        _print(f"ROS bridge of {self._name}: {describe(os.environ)}")
         self._reactor.call_soon(self._connect)
         if self._liveness.is_asked_for:
             self._reactor.call_soon(self._ask_ros)
@@ -166,7 +166,7 @@ class Bridge:
         return str(prefix) if prefix is not None else f"{namespace}/" if namespace else ""
 
     def _on_end(self, why: str) -> None:
-        _say(why)
+        _print(why)
         if self._lifeline is not None:
             self._reactor.stop()
             return

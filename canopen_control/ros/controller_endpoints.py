@@ -137,7 +137,7 @@ class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult, Tra
         """Return an end without the robot's word."""
         return TrajectoryResult(state="aborted", error_code=_INVALID_GOAL, text=text)
 
-    def told(self, result: TrajectoryResult, *, by_others: bool) -> RosMessage:
+    def client_result(self, result: TrajectoryResult, *, by_others: bool) -> RosMessage:
         """Return the result for the client."""
         code = _INVALID_GOAL if by_others else result.error_code
         return self._action.Result(error_code=code, error_string=result.text)
@@ -212,7 +212,7 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         """Return an end without the robot's word."""
         return GripperResult(state="aborted", text=text)
 
-    def told(self, result: GripperResult, *, by_others: bool) -> RosMessage:
+    def client_result(self, result: GripperResult, *, by_others: bool) -> RosMessage:
         """Return the result for the client; log the reason of a failure, for which the result has no field."""
         del by_others
         if result.state != "succeeded":

@@ -89,7 +89,7 @@ def transform_of(sample: Sample) -> Transform | None:
 
 def frames_with_a_place(state: StateSample) -> frozenset[str]:
     """Return the frames with a pose from odometry or a pose sample; no joint may have one of them as child."""
-    samples = (*state.told(OdometrySample).values(), *state.told(PoseSample).values())
+    samples = (*state.samples_of(OdometrySample).values(), *state.samples_of(PoseSample).values())
     return frozenset(transform.child for transform in map(transform_of, samples) if transform is not None)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from canopen_control.rpc.messages.health import Health, judge_node
+from canopen_control.rpc.messages.health import Health, diagnose_node
 from canopen_control.rpc.messages.samples import DiagnosticsSample
 
 if TYPE_CHECKING:
@@ -45,14 +45,16 @@ def diagnose(
     nodes = [_node(robot, name, node) for name, node in state.nodes.items()]
     loaded = [_controller(robot, controller) for controller in controllers.values()]
     judged = [
-        _told(robot, name, joint) for name, sample in state.told(DiagnosticsSample).items() for joint in sample.joints
+        _diagnostic(robot, name, joint)
+        for name, sample in state.samples_of(DiagnosticsSample).items()
+        for joint in sample.joints
     ]
     return [*nodes, *loaded, *judged, _cycle(robot, state, missed_before)]
 
 
 def _node(robot: str, name: str, node: NodeReading) -> Diagnosis:
     axes = [axis for axis in node.axes if axis.state is not None]
-    level, message = judge_node(node)
+    level, message = diagnose_node(node)
     values = {
         "node id": str(node.node_id),
         "bus": node.bus,
@@ -72,7 +74,7 @@ def _controller(robot: str, controller: ControllerReading) -> Diagnosis:
     return Diagnosis(f"{robot}: {controller.name}", robot, level, controller.state, values)
 
 
-def _told(robot: str, broadcaster: str, status: JointDiagnosis) -> Diagnosis:
+def _diagnostic(robot: str, broadcaster: str, status: JointDiagnosis) -> Diagnosis:
     values = {key: "unknown" if value is None else f"{value:g}" for key, value in status.values.items()}
     name = f"{robot}: {broadcaster}: {status.name}"
     return Diagnosis(name, robot, Health(status.level), status.message, values)

@@ -133,10 +133,10 @@ class Rosout(Endpoint):
             message.name = self._of_nodes.get(event.node) or _logger(self._namespace, ros_name(event.node))
         else:
             message.name = self._own
-        if not self._says_again(event, message.name, int(message.level)):
+        if not self._repeats_cause(event, message.name, int(message.level)):
             self._publisher.publish(message)
 
-    def _says_again(self, event: RobotEvent, name: str, level: int) -> bool:
+    def _repeats_cause(self, event: RobotEvent, name: str, level: int) -> bool:
         """Whether an event repeats the reported cause, such as a lost node after its missing heartbeat."""
         last = self._causes.get(name)
         same = last is not None and abs(event.time - last.time) <= _SAME_S and level <= last.level

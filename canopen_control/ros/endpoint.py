@@ -107,7 +107,7 @@ class NewSamples(Generic[S]):
 
     def of(self, state: StateSample) -> dict[str, S]:
         """Return the samples published since the last call, by controller."""
-        samples = state.told(self._kind)
+        samples = state.samples_of(self._kind)
         new = {name: sample for name, sample in samples.items() if self._times.get(name) != sample.time}
         self._times = {name: sample.time for name, sample in samples.items()}
         return new

@@ -147,7 +147,7 @@ class NodeSdo:
 
     def _write(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
         address = Address(request.index, request.subindex, "")
-        on_done = _teller(self._ros, self._name, response, reply)
+        on_done = _responder(self._ros, self._name, response, reply)
         write_object(self._ros, self._name, address, lambda length: of_uint32(request.data, length), on_done)
 
     def _get(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
@@ -200,7 +200,7 @@ def master_handlers(ros: Ros) -> list[tuple[str, str, Handler]]:
         data = of_uint32(request.data, of_datatype(request.canopen_datatype))
         address = Address(request.index, request.subindex, "")
         node = str(request.nodeid)
-        write_object(ros, node, address, lambda _: data, _teller(ros, node, response, reply), width=len(data))
+        write_object(ros, node, address, lambda _: data, _responder(ros, node, response, reply), width=len(data))
 
     return [
         ("sdo_read", "canopen_interfaces/srv/COReadID", read),
@@ -280,7 +280,7 @@ def _read_request(node: str, address: Address) -> SdoRead:
     return SdoRead(node=node, index=address.index, subindex=address.subindex)
 
 
-def _teller(ros: Ros, node: str, response: RosMessage, reply: Reply) -> Callable[[str | None], None]:
+def _responder(ros: Ros, node: str, response: RosMessage, reply: Reply) -> Callable[[str | None], None]:
     """Return a callback that sets `success` of a response and sends it; a reason is logged."""
 
     def told(error: str | None) -> None:

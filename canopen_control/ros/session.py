@@ -449,14 +449,14 @@ class RosSession:
     def leave_out(self, interface: str) -> None:
         """Report interfaces that ROS lacks in one sentence per second."""
         if all(self._lacking.values()):
-            self._reactor.call_later(_LACKING_NS, self._tell_lacking)
+            self._reactor.call_later(_LACKING_NS, self._report_lacking)
         self._lacking.setdefault(interface, False)
 
-    def _tell_lacking(self) -> None:
+    def _report_lacking(self) -> None:
         new = sorted(name for name, is_reported in self._lacking.items() if not is_reported)
         self._lacking.update(dict.fromkeys(new, True))
         if new:
-            self._tell_robot(
+            self._publish_event(
                 f"what needs these is left out, which the packages of this host do not have: {', '.join(new)}"
             )
 
@@ -467,9 +467,9 @@ class RosSession:
         """
         if self._throttle.allows(key, self._reactor.now()):
             node.get_logger().warning(text)
-            self.hand_over(lambda: self._tell_robot(text))
+            self.hand_over(lambda: self._publish_event(text))
 
-    def _tell_robot(self, text: str) -> None:
+    def _publish_event(self, text: str) -> None:
         """Publish a sentence as an event of the robot; on the reactor's thread."""
         sentence = "".join(letter if letter.isprintable() else " " for letter in f"ROS: {text}")[:_LONGEST_TOLD]
         if not self._ended:
@@ -564,9 +564,9 @@ class RosSession:
                 endpoint.on_controller(controller)
         # what the answer says, which is newer than the sample that made us ask: they may have been switched in between
         self.controllers, self._told = controllers, {name: controller.state for name, controller in controllers.items()}
-        self._tell_outpaced()
+        self._report_outpaced()
 
-    def _tell_outpaced(self) -> None:
+    def _report_outpaced(self) -> None:
         """Report once which controllers publish faster than the state stream."""
         text = outpaced(self.controllers.values(), self._rate)
         if text is not None and text != self._outpaced:

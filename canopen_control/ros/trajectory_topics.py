@@ -81,15 +81,15 @@ def tolerances_of(messages: Sequence[RosMessage]) -> tuple[TrajectoryTolerance, 
     return tuple(
         TrajectoryTolerance(
             joint=message.name,
-            position=_told(message.position),
-            velocity=_told(message.velocity),
-            acceleration=_told(message.acceleration),
+            position=_finite(message.position),
+            velocity=_finite(message.velocity),
+            acceleration=_finite(message.acceleration),
         )
         for message in messages
     )
 
 
-def _told(tolerance: float) -> float:
+def _finite(tolerance: float) -> float:
     return tolerance if math.isfinite(tolerance) else 0.0  # that of the parameters, as upstream takes nan
 
 

@@ -173,7 +173,7 @@ class GroundTruth(Endpoint):
 
     def on_state(self, state: StateSample) -> None:
         """Publish new samples."""
-        for sample in state.told(OdometrySample).values():
+        for sample in state.samples_of(OdometrySample).values():
             self._frame = sample.frame_id
         truth = state.true_pose
         if truth is None or truth.odom is None or not self._frame or truth.time == self._last:
@@ -235,7 +235,7 @@ class SimulationServices(Endpoint):
     def _handler(self, asking: Callable[[RosMessage], Request[Simulation]]) -> Handler:
         def handler(request: RosMessage, response: RosMessage, reply: Reply) -> None:
             def answer(done: Simulation | None, error: str | None) -> None:
-                response.success, response.message = error is None, error or _told(done)
+                response.success, response.message = error is None, error or _text(done)
                 reply(response)
 
             if getattr(request, "steps", 1) not in range(1, MAX_STEPS + 1):
@@ -251,7 +251,7 @@ class SimulationServices(Endpoint):
             self._ros.unserve(service)
 
 
-def _told(simulation: Simulation | None) -> str:
+def _text(simulation: Simulation | None) -> str:
     if simulation is None:
         return ""
     how = "paused" if simulation.paused else "running"

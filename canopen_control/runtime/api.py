@@ -248,7 +248,7 @@ class SimulationMethods:
         why = on_bus or f"nothing of {robot.setup.name} is simulated, its joints are mocked"
         raise ControlError(f"{why}; a simulation plugin without drives can be paused, stepped and reset")
 
-    def _told(self) -> Simulation:
+    def _state(self) -> Simulation:
         robot, clock = self._robot, self._clock()
         seconds = simulated_seconds(robot) or 0.0
         period = robot.pacer.period_ns / 1e9
@@ -259,7 +259,7 @@ class SimulationMethods:
         return [component for component in self._robot.registry.components if component.changeable]
 
     def _get(self, call: Call[GetSimulation]) -> None:
-        call.reply(self._told())
+        call.reply(self._state())
 
     def _scan(self, call: Call[GetLaserScans]) -> None:
         call.reply(tuple(scan for component in self._robot.registry.components for scan in component.scan()))
@@ -275,7 +275,7 @@ class SimulationMethods:
             self._report(
                 "resumed", f"the simulation goes on, {call.who} asked for it; commands from before are forgotten"
             )
-        call.reply(self._told())
+        call.reply(self._state())
 
     def _step(self, call: Call[StepSimulation]) -> None:
         clock = self._clock()
@@ -288,7 +288,7 @@ class SimulationMethods:
         """Answer the request for steps."""
         call, self._stepping = self._stepping, None
         if call is not None and error is None:
-            call.reply(self._told())
+            call.reply(self._state())
         elif call is not None:
             call.refuse(ControlError(error))
 
@@ -301,7 +301,7 @@ class SimulationMethods:
             raise ControlError(f"simple motors move {name}; physics comes with pip install 'canopen-control[physics]'")
         for component in worlds:
             component.act(call.request)
-        self._report("world", f"{_told(call.request)}, {call.who} asked for it")
+        self._report("world", f"{_state(call.request)}, {call.who} asked for it")
         call.reply(Done())
 
     def _reset(self, call: Call[ResetSimulation]) -> None:
@@ -316,13 +316,13 @@ class SimulationMethods:
         robot.truth.align()
         where = f"key frame {call.request.keyframe}" if call.request.keyframe else "where it began"
         self._report("reset", f"the simulation was reset to {where} by {call.who}")
-        call.reply(self._told())
+        call.reply(self._state())
 
     def _report(self, kind: str, text: str) -> None:
         self._robot.report(Event(self._robot.reactor.now(), kind, "", text))
 
 
-def _told(act: WorldAct) -> str:
+def _state(act: WorldAct) -> str:
     """Return the text of an event about a disturbance."""
     if isinstance(act, BlockJoint):
         return f"{act.joint} is {'blocked' if act.on else 'released'}"

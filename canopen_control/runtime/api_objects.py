@@ -110,7 +110,7 @@ class _Watched:
         self.count, self.values = pdo.count, pdo.values
         is_complete = len(before) == len(pdo.values)
         return [
-            _told(mapped, value)
+            _object_value(mapped, value)
             for position, (mapped, value) in enumerate(zip(self.objects, pdo.values, strict=True))
             if mapped.index >= _FIRST_OBJECT and not (is_complete and before[position] == value)
         ]
@@ -133,7 +133,7 @@ class ProcessDataFeed:
             if watched.pdo.stamp >= 0:
                 pairs = zip(watched.objects, watched.pdo.values, strict=True)
                 values.setdefault(watched.node, []).extend(
-                    _told(mapped, value) for mapped, value in pairs if mapped.index >= _FIRST_OBJECT
+                    _object_value(mapped, value) for mapped, value in pairs if mapped.index >= _FIRST_OBJECT
                 )
         return values
 
@@ -178,7 +178,7 @@ def _number(data: bytes, mapped: MappedObject, title: str) -> int:
     return value  # type: ignore[return-value]  # most often a number
 
 
-def _told(mapped: MappedObject, value: Value) -> MappedValue:
+def _object_value(mapped: MappedObject, value: Value) -> MappedValue:
     if isinstance(value, int):
         size = (mapped.bits + 7) // 8
         data = (value & ((1 << 8 * size) - 1)).to_bytes(size, "little")

@@ -195,9 +195,7 @@ class Assembly:
             )
         kinds = setup.kinds
         self._add_buses()
-        engine = (
-            None if PluginKind.SIMULATION not in kinds else simulation_engine(setup, kinds, self._tell_once_it_runs)
-        )
+        engine = None if PluginKind.SIMULATION not in kinds else simulation_engine(setup, kinds, self._report_later)
         for tag, kind in zip(setup.description.hardware, kinds, strict=True):
             if kind is PluginKind.CANOPEN:
                 self._add_system(tag)
@@ -207,7 +205,7 @@ class Assembly:
             else:
                 self.registry.register(made_up(setup.description, tag, kind, engine))
 
-    def _tell_once_it_runs(self, kind: str, text: str) -> None:
+    def _report_later(self, kind: str, text: str) -> None:
         """Report an event of the assembly later, once there are listeners."""
         self.reactor.call_soon(lambda: self.report(Event(self.reactor.now(), kind, "", text)))
 

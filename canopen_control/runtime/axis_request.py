@@ -237,7 +237,7 @@ def begin_action(
 def _home_axes(joints: Sequence[JointDrive], method: int | None) -> None:
     """Start homing of all these axes, or of none; ControlError or DriveError."""
     for joint in joints:
-        _require_there(joint)
+        _require_present(joint)
         require_own_start(joint.axis, OperationMode.HM)
         require_mode(OperationMode.HM, listed_modes(joint.axis, joint.parameters))
         if method is not None:
@@ -250,7 +250,7 @@ def _change_mode(joints: Sequence[JointDrive], text: str) -> None:
     """Request a mode of operation; ControlError or DriveError before any drive was changed."""
     mode = _mode_of(text)
     for joint in joints:
-        _require_there(joint)
+        _require_present(joint)
         if mode < 0 and mode not in joint.axis.own_modes:
             raise DriveError(
                 f"{joint.axis.who}: {mode_words(mode)} is not in bus.yml; give it there with its target, such as "
@@ -273,7 +273,7 @@ def _mode_of(text: str) -> int:
         raise UnknownName(f"no mode of operation {text!r}; there are: {names}") from None
 
 
-def _require_there(joint: JointDrive) -> None:
+def _require_present(joint: JointDrive) -> None:
     node = joint.node
     if not node.ready or not joint.parameters.loaded:
         raise ControlError(f"{node.who} is not operational: {node.error or 'it has not booted yet'}")

@@ -144,7 +144,7 @@ class RobotCycle:
         self.sent_at = self._reactor.now()
         self._robot.after_cycle(now)
         if clock.paused:
-            clock.tell_steps()
+            clock.report_steps()
 
     def _turn(self, edge: int, period: float) -> None:
         """Read, update and write at an edge, and report the result."""
@@ -409,15 +409,15 @@ class RobotCore:
 
     def time_of(self, unix: float) -> int:
         """Return a Unix time in s on the robot's clock, in ns."""
-        self._tell_clock_step(self.wall.follow())
+        self._report_clock_step(self.wall.follow())
         return self.cycle.clock.of(round(unix * 1e9) - self.wall_offset_ns)
 
     def made_at(self, stamp: float) -> int:
         """Return the creation time of a command with a stamp in Unix s, on the robot's clock, in ns."""
-        self._tell_clock_step(self.wall.follow())
+        self._report_clock_step(self.wall.follow())
         return self.cycle.clock.of(self.wall.made_at(round(stamp * 1e9)))
 
-    def _tell_clock_step(self, moved: int) -> None:
+    def _report_clock_step(self, moved: int) -> None:
         if moved:
             self.report(Event(self.reactor.now(), "clock_step", "", step_words(moved), Level.WARNING))
 
@@ -433,7 +433,7 @@ class RobotCore:
         try:
             require_active(self.setup, self.manager, controller)
         except ControlError as error:
-            self.manager.tell_refusal(controller, error, source)
+            self.manager.report_refusal(controller, error, source)
             raise
 
     def client_disconnected(self, holder: object, why: str = "is gone") -> None:
@@ -507,7 +507,7 @@ class RobotCore:
     def after_cycle(self, now: int) -> None:
         """Process the results of a cycle whose frames were sent."""
         if moved := self.wall.look(now):
-            self._tell_clock_step(moved)
+            self._report_clock_step(moved)
         if self._requests:
             self._requests = [request for request in self._requests if not request.settle(now)]
         pacer, manager = self.pacer, self.manager
@@ -565,9 +565,9 @@ class RobotCore:
         self._report(self.events.flush())
         self.report(Event(self.reactor.now(), "stopped", "", f"{self.setup.name} {how}"))
         self.close()
-        self._tell_stopped()
+        self._notify_stopped()
 
-    def _tell_stopped(self) -> None:
+    def _notify_stopped(self) -> None:
         for observer in self.observers:
             observer.stopped()
 
@@ -605,7 +605,7 @@ class RobotCore:
         """End the run: without a heartbeat on the failed bus the drives stop."""
         self.failure = self.failure or str(error)
         self.close()
-        self.reactor.call_soon(self._tell_stopped)
+        self.reactor.call_soon(self._notify_stopped)
 
 
 _CONTROLLER_LEVELS = {"error": Level.ERROR, **dict.fromkeys(("activated", "deactivated", "parameter_set"), Level.INFO)}

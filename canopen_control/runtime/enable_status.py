@@ -189,12 +189,12 @@ def _remedy(joints: Sequence[JointDrive]) -> str:
     absent = [joint for joint in joints if not joint.node.ready]
     if absent:
         later = f"then {_ENABLE}" if any(not joint.wanted for joint in joints) else "they are enabled then"
-        return f"{way_back([joint.node for joint in absent])}, {later}"
+        return f"{return_hint([joint.node for joint in absent])}, {later}"
     faulty = any(joint.machine.fault for joint in joints)
     return f"{_RESET}, then {_ENABLE}" if faulty else _ENABLE
 
 
-def way_back(absent: Iterable[RemoteNode]) -> str:
+def return_hint(absent: Iterable[RemoteNode]) -> str:
     """Return how absent nodes return: a removed one must be started, the others return automatically."""
     nodes = list(dict.fromkeys(absent))
     names = [node.name for node in nodes if node.is_taken_out]
@@ -247,7 +247,7 @@ class MandatoryNodes(RobotObserver):
         """Reason why no axis may move, STOP first; None if there is none."""
         missing = self._missing()
         if missing and self._latch.hint is None:
-            return f"nothing moves while bus.yml requires {missing}: {way_back(self._absent)}"
+            return f"nothing moves while bus.yml requires {missing}: {return_hint(self._absent)}"
         return self._latch.hint
 
     def check_action(self, action: Action) -> None:
@@ -274,7 +274,7 @@ class MandatoryNodes(RobotObserver):
 
     def _require(self, doing: str) -> None:
         if missing := self._missing():
-            raise ControlError(f"{doing} is refused: bus.yml requires {missing}; {way_back(self._absent)}")
+            raise ControlError(f"{doing} is refused: bus.yml requires {missing}; {return_hint(self._absent)}")
 
     @property
     def _absent(self) -> list[RemoteNode]:
@@ -336,7 +336,7 @@ class StopLatch:
             text = f"STOP is latched since an earlier run (by {self.by}): nothing moves; release it: {RELEASE}"
             self._report(Event(now, "stop_latched", "", text, Level.WARNING))
 
-    def _write_down(self, now: int) -> None:
+    def _write_file(self, now: int) -> None:
         """Save the state of the latch to its file; a failure is reported, and the latch remains effective."""
         if self._path is None:
             return
@@ -371,7 +371,7 @@ class StopLatch:
             self.by = by
             text = f"STOP by {by}, latched: nothing moves before it is released"
             self._report(Event(now, "stop_latched", "", text, Level.WARNING))
-            self._write_down(now)
+            self._write_file(now)
 
     def release(self, by: str, now: int) -> None:
         """Release the latch; a second call does nothing."""
@@ -379,7 +379,7 @@ class StopLatch:
             self.by = None
             text = f"STOP was released by {by}; the drives stay disabled until you enable them"
             self._report(Event(now, "stop_released", "", text, Level.WARNING))
-            self._write_down(now)
+            self._write_file(now)
 
     def refuse(self, *request: str) -> None:
         """Raise ControlError while STOP is latched; the sentence begins with `what` and gives advice."""

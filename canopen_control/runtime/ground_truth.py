@@ -54,7 +54,7 @@ class TruePoseTracker:
         truth = TruePose(
             time=time, x=x, y=y, heading=heading, z=base.z, roll=base.roll, pitch=base.pitch, odom=self._odom
         )
-        self.reading = truth if pose is None else truth.beside(pose)
+        self.reading = truth if pose is None else truth.with_odometry_error(pose)
 
 
 def _frame_of(base: BasePose, odometry: Planar) -> Planar:

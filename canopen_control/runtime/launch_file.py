@@ -180,7 +180,7 @@ class _Reading:
             if text.text is not None:
                 _take(launch, text.text, self.launched.arguments, self.launched.files)
                 used |= _used(launch, text.text)
-        self._doubt(launch)
+        self._report_unread(launch)
         for include in launch.includes if depth < _DEEPEST else ():
             if launch.happens(include.condition):
                 used |= self._include(launch, include, depth)
@@ -240,7 +240,7 @@ class _Reading:
                 f"{place}: {path.name} is not read beside {first.name}; put its parameters into that file"
             )
 
-    def _doubt(self, launch: LaunchFile) -> None:
+    def _report_unread(self, launch: LaunchFile) -> None:
         """Report computed expressions and unknown packages."""
         named = [word for text in launch.texts if text.text for word in words_of(text.text) if _kind(word)]
         absent = [package for word in named for package in launch.absent_packages(word)]

@@ -93,7 +93,7 @@ class _ReadNode:
 
     def at(self, now: int) -> NodeReading:
         node = self._node
-        values = self._look()
+        values = self._inputs()
         if values != self._seen:
             self._seen = values
             self._gather()
@@ -113,7 +113,7 @@ class _ReadNode:
             unsupervised=node.plan.unsupervised,
         )
 
-    def _look(self) -> tuple[object, ...]:
+    def _inputs(self) -> tuple[object, ...]:
         """Return all inputs of the reused parts."""
         node = self._node
         values: list[object] = [node.nmt_state, node.error, node.sdo_reads, node.sdo_writes, node.sdo_failed]

@@ -61,7 +61,7 @@ class SyncPhase:
         self._left = self._longer = self._off = self._strange = self._count = 0
         self._first = self._second = _NONE
 
-    def heard(self, tick: int, edge: int) -> int:
+    def receive_sync(self, tick: int, edge: int) -> int:
         """Process a SYNC at `tick` while the next edge is due at `edge`; return the shift of this edge."""
         period = self.period_ns
         if not self.locked:
@@ -82,7 +82,7 @@ class SyncPhase:
             self._second = error
         self._count += 1
         if self._count >= _WINDOW:
-            self._learn(self._second)
+            self._correct_rate(self._second)
             self._begin()
         return 0
 
@@ -98,7 +98,7 @@ class SyncPhase:
         self._second -= step
         return longer + step
 
-    def _learn(self, off: int) -> None:
+    def _correct_rate(self, off: int) -> None:
         """Correct the estimated difference of periods by the error of a window of SYNCs."""
         before, put_right = self._off, not self._left
         self._off = self._left = off
@@ -165,7 +165,7 @@ class Pacer:
         """Keep the grid in phase with another clock, by its tick at `tick`."""
         if self._timer is None:
             return
-        if shift := self.phase.heard(tick, self._edge):
+        if shift := self.phase.receive_sync(tick, self._edge):
             self._timer.cancel()
             self._arm(self._edge + shift)
 

@@ -83,7 +83,7 @@ class _Excess:
         self._before: int | None = None
         self._longer: list[int] = []
 
-    def heard(self, now: int) -> int | None:
+    def receive_sync(self, now: int) -> int | None:
         """Process a SYNC; return the excess of its period in ns once it is known, else None."""
         if not self._count:
             self._due = self._least = now
@@ -147,14 +147,14 @@ class ExternalSync:
         self._begin()
         self._deadline = now + self._first_wait + self._timeout
 
-    def heard(self, now: int) -> None:
+    def receive_sync(self, now: int) -> None:
         """Process a received SYNC."""
         self.count += 1
         self._deadline = now + self._timeout
         self._silent = False
         if self._lead is not None:
             self._lead(now)
-        if (longer := self._excess.heard(now)) is not None:
+        if (longer := self._excess.receive_sync(now)) is not None:
             self._trim(round(longer / 1000))
 
     def _begin(self) -> None:
@@ -300,7 +300,7 @@ class RobotBus:
 
     def _follow(self, sync: ExternalSync) -> None:
         self._followed = sync
-        self.network.hear_sync(sync.heard)
+        self.network.hear_sync(sync.receive_sync)
 
     def join(self) -> None:
         """Open the channel; BusError. Frames are ignored before `open`."""
@@ -396,7 +396,7 @@ class RobotBus:
         if now >= self._measure_at:
             self._measure(port.stats, now)
         if port.stats.lost != self._lost_frames:
-            self._tell_lost(port.stats.lost, now)
+            self._report_lost(port.stats.lost, now)
 
     def send_sync(self, now: int) -> None:
         """Send SYNC separately, at the beginning of the cycle."""
@@ -493,7 +493,7 @@ class RobotBus:
             self._carries_nothing = False
             self.network.bus_back(now)
 
-    def _tell_lost(self, lost: int, now: int) -> None:
+    def _report_lost(self, lost: int, now: int) -> None:
         """Report lost frames with the reason, at most once a second; for a failed bus after its return."""
         if now - self._told_lost < _WINDOW_NS or self._carries_nothing:
             return

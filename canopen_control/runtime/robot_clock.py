@@ -171,7 +171,7 @@ class RobotClock:
         self.stood_ns = edge - self.edge
         return True
 
-    def tell_steps(self) -> None:
+    def report_steps(self) -> None:
         """Answer the step request after its last cycle."""
         if not self._steps:
             self._end(None)

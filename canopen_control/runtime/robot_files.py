@@ -83,7 +83,7 @@ class AskedHardware:
 def asked_hardware(words: Mapping[str, str]) -> AskedHardware:
     """Return the hardware options in a user's arguments; RobotConfigError for a value other than yes or no."""
     channels = {name: value for name, value in words.items() if _names_channel(name, value)}
-    answers = {name: says for name, value in words.items() if (says := _says_real(name, value)) is not None}
+    answers = {name: says for name, value in words.items() if (says := _requests_real(name, value)) is not None}
     worlds = {name: file for name, value in words.items() if (file := _sdf_file(value))}
     for values in (channels, answers, worlds):
         if len(set(values.values())) > 1:
@@ -114,7 +114,7 @@ def _names_channel(name: str, value: str) -> bool:
     return bool(_CHANNEL_VALUE.fullmatch(value)) or (named and value.lower() not in _YES | _NO)
 
 
-def _says_real(name: str, value: str) -> bool | None:
+def _requests_real(name: str, value: str) -> bool | None:
     """Return whether an argument requests real drives (use_real_hardware, hardware:=real); None for others."""
     parts, word = set(name.lower().split("_")), value.strip().lower()
     if word == "real":
@@ -200,7 +200,7 @@ def find_robot(
     no_bus: list[str] = []
     missing: list[str] = []
     main = _one(bus, folder, BUS, "--bus", no_bus, files.get("bus"))
-    alone = _nobody_else(controllers, description, launched) and not no_bus and _is_alone(folder)
+    alone = _is_default(controllers, description, launched) and not no_bus and _is_alone(folder)
     control = (
         main if alone else _one(controllers, folder, CONTROLLERS, "--controllers", missing, files.get("controllers"))
     )
@@ -412,7 +412,7 @@ def _own(given: str | None, folder: Path | None, names: str | Sequence[str], opt
     return Path()
 
 
-def _nobody_else(controllers: str | None, description: str | None, launched: Launched | None) -> bool:
+def _is_default(controllers: str | None, description: str | None, launched: Launched | None) -> bool:
     """Whether neither the user nor a launch file may select controllers or a description."""
     if launched is not None and (launched.doubts or launched.files.keys() - {"bus"}):
         return False

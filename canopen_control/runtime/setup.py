@@ -98,7 +98,7 @@ class RobotSetup:
         yield from (("note", Level.INFO, text) for text in self.notes)
         yield from (("doubt", Level.WARNING, text) for text in self.doubts)
         yield from (("argument", Level.WARNING, f"{word} {_IDLE}") for word in self.files.idle)
-        yield from (("sync", Level.INFO, text) for text in self.told_of_sync)
+        yield from (("sync", Level.INFO, text) for text in self.sync_notes)
 
     @property
     def on_drives(self) -> bool:
@@ -128,7 +128,7 @@ class RobotSetup:
         return ", ".join(nodes if self.files.bus_alone else self.to_activate)
 
     @property
-    def told_of_sync(self) -> Iterator[str]:
+    def sync_notes(self) -> Iterator[str]:
         """Notes on SYNC by the kernel, and on the effect of a late process on the motion of real drives."""
         for name, choice in self.sync.items() if not self.mock else ():
             if choice.sender is SyncSender.KERNEL:

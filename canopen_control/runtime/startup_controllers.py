@@ -81,12 +81,12 @@ def require_active(setup: RobotSetup, manager: ControllerManager, name: str) -> 
     """Raise ControlError for a controller that accepts no command now, with the correction."""
     state = manager.states.get(name, UNLOADED)
     if name in setup.controllers.controllers and state != ControllerState.ACTIVE.value:
-        options = [f"--deactivate {' '.join(in_the_way)}"] if (in_the_way := _in_the_way(setup, manager, name)) else []
+        options = [f"--deactivate {' '.join(in_the_way)}"] if (in_the_way := _conflicting(setup, manager, name)) else []
         switch = " ".join((f"canopen-control controller switch --activate {name}", *options))
         raise ControlError(f"{name} is {state}, so it takes no command; activate it: {switch}")
 
 
-def _in_the_way(setup: RobotSetup, manager: ControllerManager, name: str) -> list[str]:
+def _conflicting(setup: RobotSetup, manager: ControllerManager, name: str) -> list[str]:
     """Return the active controllers that own interfaces required by a controller, loaded or not."""
     config = setup.controllers.controllers[name]
     try:

@@ -204,10 +204,10 @@ class Supervisor:
             is_drive = child is not self._recorder
             late = partial(self._late, child, run) if is_drive else partial(self._without_recorder, child)
             self._awaited[child] = self._reactor.call_later(drives_ns if is_drive else _LISTENING_NS, late)
-            child.watch_ready(self._reactor, partial(self._heard, child))
-        self._look_whether_ready()
+            child.watch_ready(self._reactor, partial(self._continue_without_ready, child))
+        self._check_ready()
 
-    def _heard(self, child: Child) -> None:
+    def _continue_without_ready(self, child: Child) -> None:
         """Continue without the ready message of a child; a failed world reports the reason at its end."""
         if child.heard_at is not None or self._world is None or child is not self._world[0]:
             self._arrived(child)
@@ -217,16 +217,16 @@ class Supervisor:
         if timer is not None:
             timer.cancel()
             if self._world is not None and child is self._world[0]:
-                self._tell_notes(child)
-            self._look_whether_ready()
+                self._report_notes(child)
+            self._check_ready()
 
-    def _tell_notes(self, child: Child) -> None:
+    def _report_notes(self, child: Child) -> None:
         """Report the assumptions of the simulated world."""
         for line in child.last_lines(_NOTES):
             if line.startswith(WORLD_NOTE):
                 self._report(Event(self._reactor.now(), "physics", "", line.removeprefix(WORLD_NOTE)))
 
-    def _look_whether_ready(self) -> None:
+    def _check_ready(self) -> None:
         if not self._awaited and self._waiting and self._run is not None:
             self._waiting = False
             self._run.children_ready()

@@ -199,7 +199,7 @@ def _motion(node: NewNode, drive: DriveChoice) -> list[str]:
         return [*lines, *_guesses(drive, "channels" if len(node.joints) > 1 else "scale_pos_to_dev")]
     return [
         *lines,
-        remark(f"counts_per_revolution: {drive.axes[0].counts:g}", _said(drive.axes[0])),
+        remark(f"counts_per_revolution: {drive.axes[0].counts:g}", _counts_comment(drive.axes[0])),
         *_guesses(drive, "counts_per_revolution"),
         remark("gear_ratio: 1.0", "turns of the motor for one of the joint"),
         "# A drive that counts velocities in another unit than counts/s, such as rpm, needs four scales instead:",
@@ -225,7 +225,7 @@ def _axis_scales(joint: NewJoint) -> Iterator[str]:
     rpm = axis.rpm if _in_rpm(axis) else 0.0
     velocity = sign * 60.0 / math.tau / rpm if rpm else position
     unit = f"velocities are in {rpm:g} rpm (0x60A9)" if rpm else f"of {joint.name}"
-    yield remark(f"scale_pos_to_dev: {position!r}", f"for each rad: {_said(axis)} ({axis.counts:g})")
+    yield remark(f"scale_pos_to_dev: {position!r}", f"for each rad: {_counts_comment(axis)} ({axis.counts:g})")
     yield f"scale_pos_from_dev: {1 / position!r}"
     yield remark(f"scale_vel_to_dev: {velocity!r}", f"for each rad/s: {unit}")
     yield f"scale_vel_from_dev: {1 / velocity!r}"
@@ -237,7 +237,7 @@ def _guesses(drive: DriveChoice, *keys: str) -> list[str]:
     return [remark(f"guesses: [{', '.join(keys)}]", "measure it, then remove this line")] if guessed else []
 
 
-def _said(axis: AxisChoice) -> str:
+def _counts_comment(axis: AxisChoice) -> str:
     if axis.told:
         return "position counts per revolution (0x608F); verify"
     return "A GUESS: position counts of one turn of the motor; neither EDS nor drive has them"
@@ -253,7 +253,7 @@ def _writes(robot: NewRobot, node: NewNode, drive: DriveChoice) -> list[str]:
         for base, value, words, modes in _RAMPS:
             address, raw = (axis.index(base), 0), round(value * unit)
             address = address if drive.motors is None else drive.motors.address(*address)
-            if axis.mode in modes and not _told(node, *address) and _takes(node, *address, raw):
+            if axis.mode in modes and not _eds_value(node, *address) and _takes(node, *address, raw):
                 text = f"{words}: {value:g} {'rad/s' if base == PROFILE_VELOCITY else 'rad/s^2'}"
                 line = f"  - {{index: 0x{address[0]:04X}, sub_index: {address[1]}, value: {raw}}}"
                 lines.append(remark(line, text))
@@ -265,7 +265,7 @@ def _writes(robot: NewRobot, node: NewNode, drive: DriveChoice) -> list[str]:
     return ["sdo:", *lines] if lines else []
 
 
-def _told(node: NewNode, index: int, subindex: int) -> bool:
+def _eds_value(node: NewNode, index: int, subindex: int) -> bool:
     entry = node.device.od.get(index, subindex)
     return entry is not None and bool(entry.value)
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode, mode_name, supported_modes
 from canopen_control.cia402.motors import MODES, MotorMap, motors_of
-from canopen_control.cia402.units import rpm_of_unit, told_counts
+from canopen_control.cia402.units import counts_of_objects, rpm_of_unit
 from canopen_control.errors import RobotConfigError
 from canopen_control.scaffold.pdo_choice import PdoRequirement, PdoUse, choose_pdos
 
@@ -253,7 +253,9 @@ def _counts(od: ObjectDictionary, axis: int) -> float | None:
         first, second = (_number(od, objects.axis_index(index, axis), subindex) for subindex in (1, 2))
         return (first, second) if first and second and first > 0 and second > 0 else None
 
-    return told_counts(*map(pair, (objects.POSITION_ENCODER_RESOLUTION, objects.GEAR_RATIO, objects.FEED_CONSTANT)))
+    return counts_of_objects(
+        *map(pair, (objects.POSITION_ENCODER_RESOLUTION, objects.GEAR_RATIO, objects.FEED_CONSTANT))
+    )
 
 
 def _number(od: ObjectDictionary, index: int, subindex: int) -> int | None:

@@ -434,10 +434,10 @@ def _with_distinct_files(robot: NewRobot) -> NewRobot:
 def _make_checked(robot: NewRobot, folder: Path) -> tuple[NewRobot, tuple[str, ...]]:
     """Create the files with the shortest SYNC period the bus allows; return the robot and the warnings of `check`."""
     errors, warnings, robot = list[str](), tuple[str, ...](), replace(robot, problems=())
-    for period in dict.fromkeys([*_told_periods(robot), *_PERIODS_US]):
+    for period in dict.fromkeys([*_dcf_periods(robot), *_PERIODS_US]):
         robot = replace(robot, sync_us=period)
         _make(robot, folder)
-        errors, warnings, loaded = _judge(folder)
+        errors, warnings, loaded = _check(folder)
         if not loaded:
             break
     problems = [f"{robot.eds_name(node)}: {node.unusable}" for node in robot.nodes if node.unusable] + errors
@@ -447,7 +447,7 @@ def _make_checked(robot: NewRobot, folder: Path) -> tuple[NewRobot, tuple[str, .
     return robot, warnings
 
 
-def _told_periods(robot: NewRobot) -> Iterator[int]:
+def _dcf_periods(robot: NewRobot) -> Iterator[int]:
     """Yield the interpolation periods of drives in us from DCF files (0x60C2), which belong to their SYNC."""
     for node in robot.drives:
         value, exponent = (node.device.od.get(INTERPOLATION_TIME_PERIOD, subindex) for subindex in (1, 2))
@@ -474,7 +474,7 @@ def _make(robot: NewRobot, folder: Path) -> None:
             raise RobotConfigError(f"{path} cannot be copied: {error.strerror}") from error
 
 
-def _judge(folder: Path) -> tuple[list[str], tuple[str, ...], bool]:
+def _check(folder: Path) -> tuple[list[str], tuple[str, ...], bool]:
     """Return errors, warnings, and whether the bus load is too high."""
     report: CheckReport = check_robot(find_robot(str(folder)), CheckOptions())
     texts = {

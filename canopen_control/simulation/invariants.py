@@ -201,11 +201,11 @@ class ClientInvariants:
 
     def _judge(self, client: SimulatedClient, now: int, since: int) -> None:
         if client.reads and client.waits_since is not None and now - max(client.waits_since, since) > _ANSWER_NS:
-            self._say(client, "client_waits", f"a client has waited for an answer for {_ANSWER_NS // _MS} ms")
+            self._report_once(client, "client_waits", f"a client has waited for an answer for {_ANSWER_NS // _MS} ms")
         elif not client.reads and client.asks and not client.dropped and now - max(client.came_ns, since) > _DEAF_NS:
-            self._say(client, "client_kept", f"a client that reads nothing is kept for {_DEAF_NS // _MS} ms")
+            self._report_once(client, "client_kept", f"a client that reads nothing is kept for {_DEAF_NS // _MS} ms")
 
-    def _say(self, client: SimulatedClient, rule: str, text: str) -> None:
+    def _report_once(self, client: SimulatedClient, rule: str, text: str) -> None:
         self._told.add(client)
         self._report(rule, text)
 
@@ -274,7 +274,7 @@ class Invariants(SimulationObserver):
             robot.wires[name].observe(view)
             robot.wires[name].observe(wire)
         robot.observers.append(self)
-        robot.time.later(_LOOK_NS, self._look)
+        robot.time.later(_LOOK_NS, self._observe)
 
     def _report(self, rule: str, text: str) -> None:
         if len(self.breaches) < _MOST:
@@ -306,7 +306,7 @@ class Invariants(SimulationObserver):
         self._disturbed.troubled(now, act)
         self.troubled.troubled(act)
 
-    def _look(self) -> None:
+    def _observe(self) -> None:
         now = self._robot.now_ns
         self._disturbed.sampled(now)
         self._motion.sampled(now)
@@ -322,7 +322,7 @@ class Invariants(SimulationObserver):
             wire.sampled(now)
         for name, rule in self._rules:
             self._ask(name, rule)
-        self._robot.time.later(_LOOK_NS, self._look)
+        self._robot.time.later(_LOOK_NS, self._observe)
 
     def _ask(self, name: str, rule: Rule) -> None:
         text = rule(self._robot)

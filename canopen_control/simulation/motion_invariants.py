@@ -95,7 +95,7 @@ class MotionInvariants:
         self._latched = _LATCHES.get(act.kind, self._latched)
         if request in _ENABLES and not self._latched:
             self._enabled_ns, self._stop = heard, None
-            if self._all_stand():
+            if self._all_at_standstill():
                 self._fresh.clear()  # a command must be newer
         elif request in _STOPS:
             self._stop_by(heard, f"{request} was asked", heard)
@@ -113,10 +113,10 @@ class MotionInvariants:
         elif act.kind == "trajectory":
             self._fresh[act.target] = heard + (act.for_ns or 0) + 2000 * _MS
 
-    def _all_stand(self) -> bool:
+    def _all_at_standstill(self) -> bool:
         """Whether no shaft turns; None on a floor, where a rocking robot turns its shafts."""
         return self._robot.floor is None and all(
-            self._speed(node.node_id) <= self._standing(node.node_id) for node in self._nodes
+            self._speed(node.node_id) <= self._standstill_speed(node.node_id) for node in self._nodes
         )
 
     def _speed(self, node_id: int) -> float:
@@ -125,7 +125,7 @@ class MotionInvariants:
         axis = None if device is None else next(iter(device.drives.values()), None)
         return 0.0 if axis is None else abs(axis.mover.plant.velocity)
 
-    def _standing(self, node_id: int) -> float:
+    def _standstill_speed(self, node_id: int) -> float:
         """Return the speed below which a shaft counts as standing."""
         return _STANDING * self._fastest.get(node_id, self._least.get(node_id, _LEAST))
 

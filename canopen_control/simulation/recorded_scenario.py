@@ -60,7 +60,7 @@ _OTHER: Final = "drive_fault"
 
 
 @dataclass(slots=True)
-class _Heard:
+class _Receptions:
     """Times of received frames of a node: any frame, heartbeats, boot-ups, and EMCY with their codes."""
 
     any: list[int]
@@ -75,7 +75,7 @@ class BusHistory:
     def __init__(self, config: BusConfig, frames: Frames, resets: Sequence[int] = ()) -> None:
         self._config, self._frames, self._resets = config, frames, sorted(resets)
         self._plans = {plan.node_id: plan for plan in config.plans.values()}
-        self._heard = {node: _Heard([], [], [], []) for node in self._plans}
+        self._heard = {node: _Receptions([], [], [], []) for node in self._plans}
         self._nmt: list[tuple[int, int, int]] = []  # time, command, node
         self._master: list[int] = []
         self._end = frames[-1][0] if frames else 0
@@ -132,7 +132,7 @@ class BusHistory:
 
     # -- a node
 
-    def _of_node(self, node: int, plan: NodePlan, heard: _Heard) -> Iterator[ScenarioEvent]:
+    def _of_node(self, node: int, plan: NodePlan, heard: _Receptions) -> Iterator[ScenarioEvent]:
         limit = plan.heartbeat_timeout_ns or _QUIET_NS
         silences = _gaps(heard.any, limit, self._end)
         for begin, end in silences:

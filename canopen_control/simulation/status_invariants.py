@@ -224,7 +224,7 @@ class StatusInvariants:
             if self._wrong_since:
                 self._wrong_since.pop((faces, subject, what), None)
         elif self._lasts((faces, subject, what), _SOON_NS, now):
-            self._tell_of(faces, f"{subject} is reported as {claim}, it is {truth}")
+            self._report_shown(faces, f"{subject} is reported as {claim}, it is {truth}")
 
     def _judge_values(
         self, faces: Faces, shaft: _Shaft, position: float | None, velocity: float | None, now: int
@@ -247,7 +247,7 @@ class StatusInvariants:
                 self._wrong_since.pop((faces, shaft.joint, quantity), None)
         elif self._lasts((faces, shaft.joint, quantity), _EVERY_NS, now):
             true = shaft.truth[-1][which]
-            self._tell_of(faces, f"the {quantity} of {shaft.joint} is reported as {value}, it is {true:.4f}")
+            self._report_shown(faces, f"the {quantity} of {shaft.joint} is reported as {value}, it is {true:.4f}")
 
     def _judge_published(self, sample: JointStatesSample, now: int) -> None:
         """Check the published `/joint_states` and their stamps."""
@@ -261,9 +261,9 @@ class StatusInvariants:
             self._wrong_since.pop(_STAMP, None)
         elif self._lasts(_STAMP, _SOON_NS, now):
             old = f"{now / 1e9 - sample.time:.3f} s"
-            self._tell_of(_PUBLISHED, f"stamped {old} ago, each cycle brings new ones")
+            self._report_shown(_PUBLISHED, f"stamped {old} ago, each cycle brings new ones")
 
-    def _tell_of(self, faces: Faces, text: str) -> None:
+    def _report_shown(self, faces: Faces, text: str) -> None:
         for face in faces:
             self._report("shown_wrong", f"{face}: {text}")
 
@@ -293,9 +293,9 @@ class StatusInvariants:
         if not limit or now < max(since, self._disturbed.hidden_at) + limit + _SOON_NS:
             return
         if reading.ready:
-            self._tell_once(name, since, "shown_wrong", f"status: {name} is reported as ready and has no supply")
+            self._report_once(name, since, "shown_wrong", f"status: {name} is reported as ready and has no supply")
         elif was_ready and not _has_event(events, name, since):
-            self._tell_once(name, since, "event_missing", f"{name} was lost, and no event says so")
+            self._report_once(name, since, "event_missing", f"{name} was lost, and no event says so")
 
     def _judge_fault(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
         """Check that a fault on the bus has an event."""
@@ -306,7 +306,7 @@ class StatusInvariants:
             and hidden + _CALM_NS < view.fault_at < now - _SOON_NS
             and not _has_event(events, name, view.fault_at)
         ):
-            self._tell_once(name, view.fault_at, "event_missing", f"{name} is in fault, and no event says so")
+            self._report_once(name, view.fault_at, "event_missing", f"{name} is in fault, and no event says so")
 
     def _judge_emcy(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
         """Check that an EMCY with an error has an event; of a series at least one."""
@@ -328,7 +328,7 @@ class StatusInvariants:
         hidden = max(self._disturbed.deaf_at, self._robot.started_ns, view.booted_at)
         was_ready = hidden + _CALM_NS < at and self._ready_since.get(name, now) < at - _CALM_NS
         if was_ready and at < now - _SOON_NS and not _has_event(events, name, at, "guarding"):
-            self._tell_once(
+            self._report_once(
                 name, at, "event_missing", f"the guarding toggle bit of {name} was wrong, and no event says so"
             )
 
@@ -348,7 +348,7 @@ class StatusInvariants:
             if since / 1e9 < event.time - _CALM_NS / 1e9 and not 0.0 <= event.time - put < _PUT_S:
                 self._report("shown_wrong", f"events: {event.text}, and its shaft has turned on")
 
-    def _tell_once(self, name: str, since: int, rule: str, text: str) -> None:
+    def _report_once(self, name: str, since: int, rule: str, text: str) -> None:
         if self._told_faults.get((name, text)) != since:
             self._told_faults[name, text] = since
             self._report(rule, text)
@@ -439,9 +439,9 @@ class GoalInvariants:
         """Check a goal; return whether it must be checked again."""
         if goal.goal.state is GoalState.CANCELED:
             return self._comes_to_rest(goal, now)
-        off = self._off(goal)
+        off = self._deviations(goal)
         if not goal.goal.ended:
-            arrived = _are_there(off)
+            arrived = _all_within(off)
             goal.there_since = (goal.there_since or now) if arrived else 0
             if not (arrived and now > max(goal.over_ns, goal.there_since) + _LATE_NS):
                 return now < goal.over_ns + 10 * _LATE_NS
@@ -451,7 +451,7 @@ class GoalInvariants:
                 if least > _GOAL_SLACK:
                     text = f"the goal of {goal.act.target} is reported as reached, {joint} is off by {least:.4f} more"
                     self._report("goal_wrong", f"{text} than its tolerance")
-        elif goal.goal.code is ResultCode.GOAL_TOLERANCE_VIOLATED and _are_there(off):
+        elif goal.goal.code is ResultCode.GOAL_TOLERANCE_VIOLATED and _all_within(off):
             self._report("goal_wrong", f"the goal of {goal.act.target} is reported as missed, and all joints are there")
         elif goal.goal.code is ResultCode.INVALID_GOAL and off and self._hides_its_stop(goal, now):
             message = f"a stop has ended the goal of {goal.act.target}, which says: {goal.goal.text}"
@@ -492,7 +492,7 @@ class GoalInvariants:
         times = [way / (LAG_NS / 1e9) / slow[joint] for joint, way in ways.items() if slow[joint] > 0.0]
         return max(times, default=0.0)
 
-    def _off(self, goal: _Open) -> dict[str, tuple[float, float]]:
+    def _deviations(self, goal: _Open) -> dict[str, tuple[float, float]]:
         """Return each joint's minimum and maximum error beyond its tolerance in the last cycles.
 
         Empty if one of them is unknown.
@@ -508,6 +508,6 @@ class GoalInvariants:
         return errors
 
 
-def _are_there(off: dict[str, tuple[float, float]]) -> bool:
+def _all_within(off: dict[str, tuple[float, float]]) -> bool:
     """Whether all joints are certainly within their tolerances."""
     return bool(off) and all(most < -_GOAL_SLACK for most, _ in off.values())

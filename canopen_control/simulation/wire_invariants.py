@@ -282,12 +282,12 @@ class WireInvariants:
             self._waiting.pop(node, None)
             return
         pending = self._waiting.get(node)
-        if pending is not None and 0 < now - pending[0] < _SDO_WAIT_NS and self._all_heard_since(pending[0]):
+        if pending is not None and 0 < now - pending[0] < _SDO_WAIT_NS and self._all_recorded_since(pending[0]):
             again = f"{(now - pending[0]) / 1e6:.1f} ms after {pending[1].hex(' ')}, which has no answer yet"
             self._report("sdo_overlap", f"node {node} is asked {data.hex(' ')} {again}")
         self._waiting[node] = (now, data)
 
-    def _all_heard_since(self, asked_ns: int) -> bool:
+    def _all_recorded_since(self, asked_ns: int) -> bool:
         """Whether an abort would have been recorded: no frame was lost meanwhile, and the master is the same."""
         return not self._wire.has_wire_faults and asked_ns > max(self._quiet_until, self._last_start)
 

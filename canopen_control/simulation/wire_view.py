@@ -92,7 +92,7 @@ class ObservedNode:
         """Whether the statusword shows OPERATION ENABLED."""
         return self.statusword & _STATE == _SHOWN_ENABLED
 
-    def told(self, index: int, value: int, now: int) -> None:
+    def record_written(self, index: int, value: int, now: int) -> None:
         """Record an object written by the master, of any axis."""
         if index == o.CONTROLWORD:
             self.told_at = now
@@ -114,7 +114,7 @@ class ObservedNode:
                 break
         return values[::-1]
 
-    def tells(self, index: int, value: int, now: int) -> None:
+    def record_sent(self, index: int, value: int, now: int) -> None:
         """Record an object sent by the node."""
         if index == o.STATUSWORD:
             if value != self.statusword:
@@ -182,7 +182,7 @@ class WireView:
             if 8 * length < needed:  # the receiver drops a short PDO (CiA 301, 7.2.2.5)
                 return
             bits = int.from_bytes(data, "little")  # no field reaches beyond `needed`
-            take = view.told if to_node else view.tells
+            take = view.record_written if to_node else view.record_sent
             for index, at, mask, signed in fields:
                 value = bits >> at & mask
                 if signed and value > mask >> 1:
@@ -191,9 +191,9 @@ class WireView:
         elif can_id == 0x80:
             self.sync_at = now
         else:
-            self._hear_service(can_id, data, length, label, now)
+            self._receive_service(can_id, data, length, label, now)
 
-    def _hear_service(self, can_id: int, data: bytes, length: int, label: str, now: int) -> None:
+    def _receive_service(self, can_id: int, data: bytes, length: int, label: str, now: int) -> None:
         """Record a frame of error control, SDO or EMCY."""
         if (view := self._alive.get(can_id)) is not None:
             view.alive(data[0] if length else 0x7F, now)
@@ -202,7 +202,7 @@ class WireView:
         elif (view := self._requests.get(can_id)) is not None and data[0] in _SDO_DOWNLOAD:
             index = int.from_bytes(data[1:3], "little")
             if index == o.CONTROLWORD:
-                view.told(index, int.from_bytes(data[4:6], "little"), now)
+                view.record_written(index, int.from_bytes(data[4:6], "little"), now)
         elif (view := self._emcys.get(can_id)) is not None and label != "stranger" and length == 8 and any(data[:2]):
             view.emcy_at = now
 

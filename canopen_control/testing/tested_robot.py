@@ -316,9 +316,9 @@ class TestedBus:
         self.frames: list[tuple[float, str, CanFrame]] = []
         self._robot = robot
         for wire in robot.simulated.wires.values():
-            wire.heard.append(self._hear)
+            wire.heard.append(self._record)
 
-    def _hear(self, now: int, label: str, record: bytes) -> None:
+    def _record(self, now: int, label: str, record: bytes) -> None:
         self.frames += [(self._robot.clock.at(now), label, frame) for frame in frames_of(record)]
 
     def lose(self, every: int = 1, seconds: float | None = None) -> None:

@@ -166,7 +166,7 @@ class BagWriter:
             write(state)
         for row in SAMPLE_TOPICS:
             if row.bag:
-                for name, sample in self._new(state.told(row.kind), f"{row.topic} {row.message}").items():
+                for name, sample in self._new(state.samples_of(row.kind), f"{row.topic} {row.message}").items():
                     self._sample(row, name, sample)
         self._ground_truth(state)
         self._transforms(state)
@@ -198,8 +198,8 @@ class BagWriter:
             self._write(f"/{topic}", sample.time, message)
 
     def _transforms(self, state: StateSample) -> None:
-        joint_states = self._new(state.told(JointStatesSample)).values()
-        odometry = self._new(state.told(OdometrySample)).values()
+        joint_states = self._new(state.samples_of(JointStatesSample)).values()
+        odometry = self._new(state.samples_of(OdometrySample)).values()
         based = frames_with_a_place(state)
         joints = [joint for joint in self._joints if joint.child not in based]
         if self._is_new("/tf_static", based):
@@ -207,7 +207,7 @@ class BagWriter:
             self._send_transforms("/tf_static", ((state.time, joint) for joint in fixed))
         moving = [joint for joint in joints if not joint.fixed]
         moved = [(sample.time, joint.transform(positions_of(sample))) for sample in joint_states for joint in moving]
-        poses = self._new(state.told(PoseSample), "transform").values()
+        poses = self._new(state.samples_of(PoseSample), "transform").values()
         based_on = [(sample.time, transform_of(sample)) for sample in (*odometry, *poses)]
         self._send_transforms("/tf", [*moved, *based_on])
 
@@ -243,7 +243,7 @@ class BagWriter:
 
     def _ground_truth(self, state: StateSample) -> None:
         truth = state.true_pose
-        frame = next((sample.frame_id for sample in state.told(OdometrySample).values()), None)
+        frame = next((sample.frame_id for sample in state.samples_of(OdometrySample).values()), None)
         if truth is None or truth.in_odometry is None or truth.rpy is None or frame is None:
             return
         if self._is_new("/ground_truth", truth.time):

@@ -205,7 +205,7 @@ def _part(prefix: str, part: str) -> Callable[[bytes], str]:
     return lambda data: f"{prefix} {part} 0x{_number(data):08X}"
 
 
-def _said(text: str) -> Callable[[bytes], str]:
+def _constant(text: str) -> Callable[[bytes], str]:
     return lambda _data: text
 
 
@@ -215,21 +215,21 @@ _MASTER: dict[int, Callable[[bytes], str]] = {
     _C.CONFIGURE_NODE_ID: lambda data: f"configure {_node_id(data[1])}",
     _C.CONFIGURE_BIT_TIMING: _bit_timing,
     _C.ACTIVATE_BIT_TIMING: lambda data: f"activate bit rate after {data[1] | data[2] << 8} ms",
-    _C.STORE: _said("store"),
+    _C.STORE: _constant("store"),
     **{_C.SWITCH_SELECTIVE + n: _part("select", part) for n, part in enumerate(_PARTS)},
     **{_C.IDENTIFY + n: _part("identify", part) for n, part in enumerate(_RANGES)},
-    _C.IDENTIFY_NON_CONFIGURED: _said("identify those without a node id"),
+    _C.IDENTIFY_NON_CONFIGURED: _constant("identify those without a node id"),
     _C.FAST_SCAN: _fast_scan,
-    **{_C.INQUIRE + n: _said(f"inquire {part}") for n, part in enumerate(_PARTS)},
-    _C.INQUIRE_NODE_ID: _said("inquire node id"),
+    **{_C.INQUIRE + n: _constant(f"inquire {part}") for n, part in enumerate(_PARTS)},
+    _C.INQUIRE_NODE_ID: _constant("inquire node id"),
 }
 _SLAVE: dict[int, Callable[[bytes], str]] = {
     _C.CONFIGURE_NODE_ID: _answer("node id", _NODE_ID_ANSWERS),
     _C.CONFIGURE_BIT_TIMING: _answer("bit rate", _BIT_TIMING_ANSWERS),
     _C.STORE: _answer("store", _STORE_ANSWERS),
-    _C.SWITCHED: _said("selected"),
-    _C.IDENTIFIED: _said("identified"),
-    _C.IDENTIFIED_NON_CONFIGURED: _said("a node has no node id"),
+    _C.SWITCHED: _constant("selected"),
+    _C.IDENTIFIED: _constant("identified"),
+    _C.IDENTIFIED_NON_CONFIGURED: _constant("a node has no node id"),
     **{_C.INQUIRE + n: _part("is", part) for n, part in enumerate(_PARTS)},
     _C.INQUIRE_NODE_ID: lambda data: _node_id(data[1]),
 }
@@ -280,7 +280,7 @@ class DecodedFrame:
 
 
 @dataclass(slots=True)
-class _Said:
+class _Decoded:
     """Result of a handler; `node_id` overrides that of the identifier."""
 
     text: str
@@ -296,7 +296,7 @@ class _Route:
     service: str
     node_id: int | None
     subject: str
-    handler: Callable[[CanFrame], _Said]
+    handler: Callable[[CanFrame], _Decoded]
 
 
 class _Node:
@@ -340,7 +340,7 @@ class Decoder:
                 self._add_pdo(node.node_id, pdo)
 
     def _add(
-        self, can_id: int, service: str, node_id: int | None, subject: str, handler: Callable[[CanFrame], _Said]
+        self, can_id: int, service: str, node_id: int | None, subject: str, handler: Callable[[CanFrame], _Decoded]
     ) -> None:
         self._routes[can_id] = _Route(service, node_id, subject, handler)
 
@@ -366,7 +366,7 @@ class Decoder:
             result.mark,
         )
 
-    def _answer(self, frame: CanFrame) -> tuple[_Route, _Said]:
+    def _answer(self, frame: CanFrame) -> tuple[_Route, _Decoded]:
         if frame.is_error:
             return _ERROR, _error(frame)
         if frame.is_remote:
@@ -405,62 +405,62 @@ class Decoder:
 
     # -- handlers
 
-    def _nmt(self, frame: CanFrame) -> _Said:
+    def _nmt(self, frame: CanFrame) -> _Decoded:
         parsed = parse_nmt(frame)
         if parsed is None:
-            return _Said("no command of the standard", mark=Mark.WARNING)
+            return _Decoded("no command of the standard", mark=Mark.WARNING)
         command, node_id = parsed
         target = "all nodes" if node_id == BROADCAST else self.network.who(node_id)
-        return _Said(f"{command.name.replace('_', ' ')}, {target}", mark=Mark.NOTABLE, node_id=node_id or None)
+        return _Decoded(f"{command.name.replace('_', ' ')}, {target}", mark=Mark.NOTABLE, node_id=node_id or None)
 
-    def _remote(self, frame: CanFrame) -> tuple[_Route, _Said]:
+    def _remote(self, frame: CanFrame) -> tuple[_Route, _Decoded]:
         route = self._routes.get(frame.can_id) or self._predefined(frame.can_id)
         text = "guarding request" if route.service == "hb" else f"asks for {route.subject}"
-        return route, _Said(text if route.subject else f"remote frame, {len(frame.data)} bytes")
+        return route, _Decoded(text if route.subject else f"remote frame, {len(frame.data)} bytes")
 
-    def _emcy(self, node_id: int) -> Callable[[CanFrame], _Said]:
-        def said(frame: CanFrame) -> _Said:
+    def _emcy(self, node_id: int) -> Callable[[CanFrame], _Decoded]:
+        def said(frame: CanFrame) -> _Decoded:
             message = EmcyMessage.parse(frame, node_id)
             if message is None:
-                return _Said(f"malformed: {len(frame.data)} bytes", mark=Mark.WARNING)
+                return _Decoded(f"malformed: {len(frame.data)} bytes", mark=Mark.WARNING)
             bits = register_text(message.error_register)
             register = f"register 0x{message.error_register:02X}" + (f" ({bits})" if bits else "")
             extra = f", data {message.data.hex(' ')}" if any(message.data) else ""
             text = f"0x{message.error_code:04X} {message.text}, {register}{extra}"
-            return _Said(text, mark=Mark.NOTABLE if message.is_reset else Mark.ERROR)
+            return _Decoded(text, mark=Mark.NOTABLE if message.is_reset else Mark.ERROR)
 
         return said
 
-    def _heartbeat(self, node_id: int) -> Callable[[CanFrame], _Said]:
-        def said(frame: CanFrame) -> _Said:
+    def _heartbeat(self, node_id: int) -> Callable[[CanFrame], _Decoded]:
+        def said(frame: CanFrame) -> _Decoded:
             node = self._node(node_id)
             state = state_of_byte(frame.data[0]) if len(frame.data) == 1 else None
             if state is None:
-                return _Said(f"malformed: {frame.data.hex(' ') or 'no data'}", mark=Mark.WARNING)
+                return _Decoded(f"malformed: {frame.data.hex(' ') or 'no data'}", mark=Mark.WARNING)
             before, node.nmt_state = node.nmt_state, state
             if state is NmtState.INITIALISING:
                 node.booted(self._time)
-                return _Said("boot-up", mark=Mark.NOTABLE)
+                return _Decoded("boot-up", mark=Mark.NOTABLE)
             name = state.text
             toggle = ", toggle 1" if frame.data[0] & 0x80 else ""
             if silence := node.silence(self._time):
-                return _Said(f"{name}{toggle} (after {silence / 1e9:.2f} s of silence)", mark=Mark.WARNING)
+                return _Decoded(f"{name}{toggle} (after {silence / 1e9:.2f} s of silence)", mark=Mark.WARNING)
             if before in (None, state):
-                return _Said(f"{name}{toggle}")
+                return _Decoded(f"{name}{toggle}")
             was = "after boot-up" if before is NmtState.INITIALISING else f"was {before.text}"
-            return _Said(f"{name}{toggle} ({was})", mark=Mark.NOTABLE)
+            return _Decoded(f"{name}{toggle} ({was})", mark=Mark.NOTABLE)
 
         return said
 
-    def _sdo(self, node_id: int, from_client: bool) -> Callable[[CanFrame], _Said]:
+    def _sdo(self, node_id: int, from_client: bool) -> Callable[[CanFrame], _Decoded]:
         node = self._node(node_id)
 
-        def said(frame: CanFrame) -> _Said:
+        def said(frame: CanFrame) -> _Decoded:
             text, value, is_abort, held_value = node.sdo.receive(frame.data, from_client=from_client)
             if held_value is not None and (learned := node.pdos.learn(held_value)) is not None:
                 self._relearn(node_id, *learned)
             mark = Mark.ERROR if is_abort else _MARKS[node.words.take_change()]
-            return _Said(text, () if value is None else (value,), mark)
+            return _Decoded(text, () if value is None else (value,), mark)
 
         return said
 
@@ -471,24 +471,24 @@ class Decoder:
             del self._routes[before]
         self._add_pdo(node_id, pdo)
 
-    def _pdo(self, node_id: int, pdo: PdoDescription) -> Callable[[CanFrame], _Said]:
+    def _pdo(self, node_id: int, pdo: PdoDescription) -> Callable[[CanFrame], _Decoded]:
         try:
             codec = PdoCodec([mapped.mapped for mapped in pdo.objects])
         except LocalProtocolError as error:
             reason = f"its mapping cannot be read: {error}"
-            return lambda frame: _Said(f"{frame.data.hex(' ')}; {reason}", mark=Mark.WARNING)
+            return lambda frame: _Decoded(f"{frame.data.hex(' ')}; {reason}", mark=Mark.WARNING)
         words = self._node(node_id).words
 
-        def said(frame: CanFrame) -> _Said:
+        def said(frame: CanFrame) -> _Decoded:
             if len(frame.data) < codec.length:
                 short = f"too short: {len(frame.data)} bytes, {codec.length} are mapped"
-                return _Said(short, mark=Mark.WARNING)
+                return _Decoded(short, mark=Mark.WARNING)
             return _mapped(words, pdo, codec, frame.data)
 
         return said
 
 
-def _mapped(words: NodeWords, pdo: PdoDescription, codec: PdoCodec, data: bytes) -> _Said:
+def _mapped(words: NodeWords, pdo: PdoDescription, codec: PdoCodec, data: bytes) -> _Decoded:
     """Return the values of a PDO as text; the mode is decoded before the statusword whose bits depend on it."""
     pairs = [
         (mapped, value) for mapped, value in zip(pdo.objects, codec.unpack(data), strict=True) if not mapped.is_dummy
@@ -503,42 +503,42 @@ def _mapped(words: NodeWords, pdo: PdoDescription, codec: PdoCodec, data: bytes)
     text = "; ".join(f"{value.name} {value.text}" for value in values)
     if len(data) > codec.length:
         text += f"; {len(data)} bytes, {codec.length} are mapped"
-    return _Said(text or "nothing is mapped", values, _MARKS[words.take_change()])
+    return _Decoded(text or "nothing is mapped", values, _MARKS[words.take_change()])
 
 
-def _sync(frame: CanFrame) -> _Said:
-    return _Said(f"counter {frame.data[0]}" if frame.data else "")
+def _sync(frame: CanFrame) -> _Decoded:
+    return _Decoded(f"counter {frame.data[0]}" if frame.data else "")
 
 
-def _time(frame: CanFrame) -> _Said:
+def _time(frame: CanFrame) -> _Decoded:
     time = parse_time(frame.data)
     if time is None:
-        return _Said(f"malformed: {len(frame.data)} bytes", mark=Mark.WARNING)
+        return _Decoded(f"malformed: {len(frame.data)} bytes", mark=Mark.WARNING)
     moment = datetime.datetime(1984, 1, 1) + datetime.timedelta(days=time.days, milliseconds=time.ms)  # noqa: DTZ001 - TIME knows no zone
-    return _Said(moment.isoformat(" ", "milliseconds"))
+    return _Decoded(moment.isoformat(" ", "milliseconds"))
 
 
-def _unmapped(_frame: CanFrame) -> _Said:
-    return _Said("mapping unknown")
+def _unmapped(_frame: CanFrame) -> _Decoded:
+    return _Decoded("mapping unknown")
 
 
-def _error(frame: CanFrame) -> _Said:
+def _error(frame: CanFrame) -> _Decoded:
     kinds = {event.kind for event in events_of(CanFrame(frame.can_id, frame.data.ljust(_LONGEST, b"\0")))}
     mark = Mark.ERROR if kinds - {BusEventKind.ERROR_ACTIVE} else Mark.NOTABLE if kinds else Mark.WARNING
-    return _Said(error_text(frame), mark=mark)
+    return _Decoded(error_text(frame), mark=mark)
 
 
-def _nothing(_frame: CanFrame) -> _Said:
-    return _Said("no CANopen service has this identifier")
+def _nothing(_frame: CanFrame) -> _Decoded:
+    return _Decoded("no CANopen service has this identifier")
 
 
 _ERROR = _Route("error", None, "CAN error", _error)
 _UNKNOWN = _Route("raw", None, "", _nothing)
-_EXTENDED = _Route("raw", None, "", lambda _frame: _Said("29-bit identifier, no PDO of this bus has it"))
-_SINGLE: dict[Service, tuple[str, str, Callable[[CanFrame], _Said] | None]] = {
+_EXTENDED = _Route("raw", None, "", lambda _frame: _Decoded("29-bit identifier, no PDO of this bus has it"))
+_SINGLE: dict[Service, tuple[str, str, Callable[[CanFrame], _Decoded] | None]] = {
     Service.NMT: ("nmt", "NMT", None),
     Service.SYNC: ("sync", "SYNC", _sync),
     Service.TIME: ("time", "TIME", _time),
-    Service.LSS_MASTER: ("lss", "LSS request", lambda frame: _Said(lss_text(frame.data, from_master=True))),
-    Service.LSS_SLAVE: ("lss", "LSS response", lambda frame: _Said(lss_text(frame.data, from_master=False))),
+    Service.LSS_MASTER: ("lss", "LSS request", lambda frame: _Decoded(lss_text(frame.data, from_master=True))),
+    Service.LSS_SLAVE: ("lss", "LSS response", lambda frame: _Decoded(lss_text(frame.data, from_master=False))),
 }

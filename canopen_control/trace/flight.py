@@ -148,7 +148,7 @@ class FlightRecorder:
             robot.ask(Subscribe(state_rate=STATE_RATE, events=True, requests=True))
             self._layout = robot.ask(GetLayout())
             self._status = status = robot.ask(GetStatus())
-            self._look_at_world()
+            self._record_world()
         except CanopenError:
             self._disconnect()
             return
@@ -166,12 +166,12 @@ class FlightRecorder:
 
     def _refresh(self) -> None:
         """Request boot table, counters and cycle histogram, and the world of virtual drives."""
-        self._look_at_world()
+        self._record_world()
         if self._robot is not None:
             with contextlib.suppress(CanopenError):
                 self._status = self._robot.ask(GetStatus())
 
-    def _look_at_world(self) -> None:
+    def _record_world(self) -> None:
         """Record the world of virtual drives; without an answer the last one is kept."""
         nodes = [(self.buses[bus], node.node_id) for bus, layout in self._layout.buses.items() if bus in self.buses
                  for node in layout.nodes]  # fmt: skip
@@ -214,9 +214,9 @@ class FlightRecorder:
         deadline = self._trigger.next_deadline()
         if self._timer is not None:
             self._timer.cancel()
-        self._timer = None if deadline is None else self._reactor.call_at(deadline, self._look)
+        self._timer = None if deadline is None else self._reactor.call_at(deadline, self._check_trigger)
 
-    def _look(self) -> None:
+    def _check_trigger(self) -> None:
         if self._writer is None:
             reason = self._trigger.due(self._reactor.now())
             if reason is not None:
@@ -247,7 +247,7 @@ class FlightRecorder:
         os.close(pipe)
         os.waitpid(child, 0)
         self._writer = None
-        self._say(sentence or "the flight recorder could not write: its writing process died")
+        self._send_event(sentence or "the flight recorder could not write: its writing process died")
         self._plan()
 
     def write(self, reason: RobotEvent) -> str:
@@ -277,7 +277,7 @@ class FlightRecorder:
             return f"the flight recorder could not write what led to this: {error}"
         return f"flight recording: {path} (a page of it: canopen-control report)"
 
-    def _say(self, sentence: str) -> None:
+    def _send_event(self, sentence: str) -> None:
         """Send an event to the robot; if the robot is gone, print the text at the end."""
         if self._robot is not None:
             with contextlib.suppress(CanopenError):
@@ -305,7 +305,7 @@ class FlightRecorder:
             self._on_written()
         reason = self._trigger.end(self._reactor.now())
         if reason is not None:
-            self._say(self.write(reason))
+            self._send_event(self.write(reason))
         self._disconnect()
         for port in self._ports.values():
             port.close()

@@ -165,12 +165,12 @@ def stopped_after(joints: Mapping[str, JointFacts], time: float) -> dict[str, fl
         fastest = max((speed for at, speed in moves if time - _JUST_S <= at <= time), default=0.0)
         if fastest < _STANDING:
             continue
-        since = _stands_since([(at, speed) for at, speed in moves if at >= time], _SMALL * fastest)
+        since = _standstill_since([(at, speed) for at, speed in moves if at >= time], _SMALL * fastest)
         stopped[name] = None if since is None else round(since - time, 3)
     return stopped
 
 
-def _stands_since(moves: Sequence[tuple[float, float]], small: float) -> float | None:
+def _standstill_since(moves: Sequence[tuple[float, float]], small: float) -> float | None:
     since: float | None = None
     for at, speed in moves:
         if speed > small:
@@ -195,7 +195,7 @@ _MOST_NOTABLE: Final = 1000
 _LEVELS: Final = {Mark.NOTABLE: "info", Mark.WARNING: "warning", Mark.ERROR: "error"}
 
 
-class _Heard(NamedTuple):
+class _Decoded(NamedTuple):
     """Decoded frame with its bus and time."""
 
     bus: str
@@ -221,9 +221,9 @@ class FrameReader:
         self._services: dict[str, Counter[str]] = {}
         self._drives: dict[tuple[str, int], _Drive] = {}
         self._same: dict[tuple[str, int], bytes] = {}
-        self._before: deque[_Heard] = deque(maxlen=_BEFORE)
-        self._after: list[_Heard] = []
-        self._last: dict[tuple[str, int], _Heard] = {}
+        self._before: deque[_Decoded] = deque(maxlen=_BEFORE)
+        self._after: list[_Decoded] = []
+        self._last: dict[tuple[str, int], _Decoded] = {}
         self._heard: dict[tuple[str, int], float] = {}  # time of the last frame of each node
         self._end = 0.0
         self._told: set[tuple[int, str]] = set()
@@ -274,7 +274,7 @@ class FrameReader:
         self.notable.append(RobotEvent(time=time_ns / _NS, kind=decoded.service, node=node, level=level, text=text))
 
     def _remember(self, bus: str, time: float, decoded: DecodedFrame) -> None:
-        heard = _Heard(bus, time, decoded)
+        heard = _Decoded(bus, time, decoded)
         if decoded.node_id is not None and _from_node(decoded):
             self._heard[bus, decoded.node_id] = time
         if self._fault is None or time <= self._fault:
@@ -341,7 +341,7 @@ def _coarse(bits: Counter[int]) -> tuple[Counter[int], float]:
     return coarse, many * _BIN_S
 
 
-def _line(heard: _Heard) -> FrameFacts:
+def _line(heard: _Decoded) -> FrameFacts:
     bus, time, decoded = heard
     return FrameFacts(
         time=round(time, 6),

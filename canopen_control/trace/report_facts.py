@@ -26,11 +26,11 @@ def clock(unix_s: float, *, date: bool = False) -> str:
 
 def summary(facts: ReportFacts) -> list[str]:
     """Return the summary sentences: robot and time, first error, consequences, end, missing data."""
-    how = (*_cycle(facts), *_tracking(facts), *_truth(facts))
-    return [*_who(facts), *_wrong(facts), *_reaction(facts), *how, *_gaps(facts)]
+    how = (*_cycle(facts), *_tracking(facts), *_true_pose(facts))
+    return [*_drive_names(facts), *_wrong(facts), *_reaction(facts), *how, *_gaps(facts)]
 
 
-def _who(facts: ReportFacts) -> Iterator[str]:
+def _drive_names(facts: ReportFacts) -> Iterator[str]:
     drives = ", ".join(f"{name} (node {node.node_id})" for name, node in facts.nodes.items())
     channels = ", ".join(f"{name} ({channel})" for name, channel in facts.channels.items())
     heard = f" on {channels}" if channels else ""
@@ -95,7 +95,7 @@ def _tracking(facts: ReportFacts) -> Iterator[str]:
         yield f"Set-points that were repeated, and skipped, while a joint moved: {', '.join(odd)}."
 
 
-def _truth(facts: ReportFacts) -> Iterator[str]:
+def _true_pose(facts: ReportFacts) -> Iterator[str]:
     """Yield sentences about the true final pose of a simulated base and its odometry."""
     if facts.true_pose is not None:
         yield _sentence(f"At the end: {facts.true_pose.words}")

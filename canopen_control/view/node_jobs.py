@@ -31,7 +31,7 @@ from canopen_control.commissioning.program_download import (
     download,
     interrupted_words,
     is_loader,
-    refuse_stranger,
+    refuse_other_product,
 )
 from canopen_control.commissioning.restore import (
     Reached,
@@ -172,7 +172,7 @@ def check_image(image: bytes, name: str) -> None:
 def load_program(session: NodeSession, work: NodeJob, image: bytes, options: ProgramOptions) -> str:
     """Load a program and start it; DriveError with the present state of the node if that failed."""
     identity = session.identity()
-    refuse_stranger(session, identity)
+    refuse_other_product(session, identity)
     if is_loader(identity):
         work.lines.append(f"{session} is in its boot-loader")
     progress = DownloadProgress()

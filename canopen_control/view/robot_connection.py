@@ -108,7 +108,7 @@ def true_pose_of(state: StateSample) -> Pose | None:
 
 def pose_of(state: StateSample) -> Pose | None:
     """Return the odometry pose of the first base controller."""
-    for sample in state.told(OdometrySample).values():
+    for sample in state.samples_of(OdometrySample).values():
         return sample.x, sample.y, sample.heading
     return None
 

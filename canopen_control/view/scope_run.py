@@ -97,7 +97,7 @@ class ScopeRun:
         """Capture until complete or ended; body of the thread."""
         try:
             with self._desk.session() as session, self._connect(self._desk.robot, _TIMEOUT_S) as client:
-                self._look(session, client)
+                self._resolve(session, client)
         except CanopenError as error:
             self.good, self.words = False, str(error)
         except Exception as error:  # noqa: BLE001 - the page says it, and goes on
@@ -105,7 +105,7 @@ class ScopeRun:
         finally:
             self.over = True
 
-    def _look(self, session: NodeSession, client: RobotClient) -> None:
+    def _resolve(self, session: NodeSession, client: RobotClient) -> None:
         self.signals = tuple(joint_signal_of(text) or signal_of(text, session) for text in self.wish.signals)
         extra: list[Signal] = []
         if self.wish.trigger == Condition.FAULT.value:

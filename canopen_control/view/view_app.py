@@ -368,7 +368,7 @@ class ViewApp:
         self.player.tick()
         if self._known is None:
             return
-        self._judge_silence()
+        self._check_silence()
         content, rows = self._known.content(self._lost), self._known.history.take_new_rows()
         for page in list(self._pages.values()):
             try:
@@ -380,7 +380,7 @@ class ViewApp:
                 changes["plots"] = {"rows": rows}
             page.send(changes)
 
-    def _judge_silence(self) -> None:
+    def _check_silence(self) -> None:
         """Mark a connected robot as lost after a silence, until it sends again."""
         silent_s = time.monotonic() - self._heard
         self._silent = self._connection is not None and silent_s > _SILENT_S
@@ -449,7 +449,7 @@ class ViewApp:
         connection, info = met
         self._connection, self._lost, self._heard = connection, "", time.monotonic()
         self._controller_states = None
-        self._learn(info)
+        self._read_info(info)
         self._announce(connection)
         self._set_rate()
         if self._connection is connection:
@@ -463,7 +463,7 @@ class ViewApp:
             self._lost = str(error)
             return None
 
-    def _learn(self, info: RobotInfo) -> None:
+    def _read_info(self, info: RobotInfo) -> None:
         """Process the constant data of the robot; reload pages of another structure."""
         if self._known is not None and self._known.come_back(info):
             return

@@ -17,7 +17,7 @@ from canopen_control.rpc.messages.health import (
     WARN,
     Health,
     StateWords,
-    judge_axis,
+    diagnose_axis,
 )
 
 if TYPE_CHECKING:
@@ -81,12 +81,12 @@ def banner(state: StateSample) -> Banner:
         return replace(result, cause=_causes(axis_rows(state)))
     off = [axis for node in state.nodes.values() for axis in node.axes if not axis.enabled]
     if result.action == "enable" or (result.tone == GOOD and off):  # a stop that has ended leaves the drives disabled
-        drives = _who_is_off(off, sum(len(node.axes) for node in state.nodes.values()))
+        drives = _disabled_text(off, sum(len(node.axes) for node in state.nodes.values()))
         return Banner.of(ROBOT_STATES["disabled"], state.hint or drives)
     return result
 
 
-def _who_is_off(off: list[AxisReading], axes: int) -> str:
+def _disabled_text(off: list[AxisReading], axes: int) -> str:
     if len(off) in (0, axes):
         return "All drives are disabled."
     return f"{', '.join(axis.joint for axis in off)} {'is' if len(off) == 1 else 'are'} disabled."
@@ -121,7 +121,7 @@ def _row(node: NodeReading, axis: AxisReading | None) -> AxisRow:
         words, tone = (f"not ready, {nmt}", WARN) if nmt and node.age is not None else ("not there", BAD)
     elif not words:
         words, tone = "no statusword", BAD
-    verdict = judge_axis(node, axis)
+    verdict = diagnose_axis(node, axis)
     if verdict.level is Health.ERROR:
         tone = BAD
     elif verdict.level is Health.WARN and tone == GOOD:

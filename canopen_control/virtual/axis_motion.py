@@ -473,7 +473,7 @@ class AxisMotion:
 
     def _watch(self, now: int) -> None:
         if self._coupled is not None:
-            self._judge_again(self._coupled, now)
+            self._evaluate_next(self._coupled, now)
         elif (self.loop is not None or not self.plant.stiff) and self.torque is None:
             self.at("follow", now + FOLLOW_NS, self._follow)
         hit = self.switches.next_hit(self.demand, now) if self.torque is None else None
@@ -511,19 +511,19 @@ class AxisMotion:
         if velocity or now < self.demand.end_ns or abs(error) >= 0.5 or not self.at_standstill:
             self.at("follow", now + FOLLOW_NS, self._follow)
 
-    def _judge_again(self, plant: CoupledPlant, now: int) -> None:
+    def _evaluate_next(self, plant: CoupledPlant, now: int) -> None:
         """Check a coupled plant at the next of its common times."""
         every = plant.follow_ns
-        self.at("follow", (now // every + 1) * every, lambda then: self._judge(plant, then))
+        self.at("follow", (now // every + 1) * every, lambda then: self._evaluate(plant, then))
 
-    def _judge(self, plant: CoupledPlant, now: int) -> None:
+    def _evaluate(self, plant: CoupledPlant, now: int) -> None:
         if not self.powered:
             return
         if self.torque is None and not self._drifts:
             self.owner.judge_following_error(self.demand.at(now)[0] - plant.position, now)
         self.owner.judge_load(plant.torque, now)
         if self.powered:
-            self._judge_again(plant, now)
+            self._evaluate_next(plant, now)
 
     def _sample(self, now: int) -> None:
         self.owner.sampled()

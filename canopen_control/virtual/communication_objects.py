@@ -282,7 +282,7 @@ class ErrorControl:
         present = self._heartbeats.watched()
         for node_id in present.keys() - periods.keys():
             self._heartbeats.unwatch(node_id)
-            self._clear_if_all_heard()
+            self._clear_if_all_received()
         for node_id, timeout in periods.items():
             if present.get(node_id) != timeout:
                 self._heartbeats.watch(node_id, timeout)
@@ -297,7 +297,7 @@ class ErrorControl:
             self._leave_operational()
         elif event.kind in (HeartbeatEventKind.RESOLVED, GuardingEventKind.RESOLVED):
             self._outbox.publish(HeartbeatMissed(node_id, missed=False))
-            self._clear_if_all_heard()
+            self._clear_if_all_received()
 
     def bus_event(self, kind: BusEventKind, now: int) -> None:
         """React to an event of the node's CAN controller."""
@@ -321,7 +321,7 @@ class ErrorControl:
         """Report that the node was in bus-off and has recovered."""
         self._outbox.report(RECOVERED, ErrorRegister.COMMUNICATION, self._model.communication_data)
 
-    def _clear_if_all_heard(self) -> None:
+    def _clear_if_all_received(self) -> None:
         """Clear the error for silent nodes if none is left: every monitored node is received again."""
         if not any(self._heartbeats.is_missed(node_id) for node_id in self._heartbeats.watched()):
             self._outbox.clear_error(HEARTBEAT_ERROR)

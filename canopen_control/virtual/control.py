@@ -101,7 +101,7 @@ class NodeMethods:
     def _state(self, _request: messages.GetDriveState) -> DriveState:
         return describe(self._node, None if self._world is None else self._world.describe())
 
-    def _tell_world(self, _request: messages.GetWorld) -> WorldState:
+    def _world_state(self, _request: messages.GetWorld) -> WorldState:
         if self._world is None:
             return WorldState()
         world_state = self._world.describe()
@@ -109,7 +109,7 @@ class NodeMethods:
             world_state.base, world_state.others, world_state.sensors, changeable=isinstance(self._world, AcceptsEvents)
         )
 
-    def _tell_shapes(self, _request: messages.GetWorldShapes) -> tuple[WorldShape, ...]:
+    def _world_shapes(self, _request: messages.GetWorldShapes) -> tuple[WorldShape, ...]:
         return self._world.shapes() if isinstance(self._world, HasScenery) else ()
 
     def _restart_quality(self, request: messages.RestartQuality) -> Done:
@@ -162,8 +162,8 @@ class NodeMethods:
         messages.SetPlant: _set_plant,
         messages.RestartQuality: _restart_quality,
         **dict.fromkeys(get_args(messages.WorldAct), _act),
-        messages.GetWorld: _tell_world,
-        messages.GetWorldShapes: _tell_shapes,
+        messages.GetWorld: _world_state,
+        messages.GetWorldShapes: _world_shapes,
     }
 
 

@@ -58,7 +58,7 @@ class DeviceFunction(Protocol):
     def passes(self, changed: Collection[Address]) -> bool:
         """Whether changes of these objects are an event that triggers a TPDO."""
 
-    def told(self) -> None:
+    def tpdos_checked(self) -> None:
         """Process the end of a check of all TPDOs."""
 
     def set_signals(self, values: Mapping[str, float], now: int) -> None:

@@ -182,7 +182,7 @@ class CyclicPosition(StreamMode):
         if not self._drifts:
             self._follow(now)
         elif "interpolate" not in self.mover.timers:
-            self._look(now)
+            self._evaluate(now)
 
     @property
     def _drifts(self) -> bool:
@@ -190,12 +190,12 @@ class CyclicPosition(StreamMode):
         locked = self.model.follows_sync and self.clock.sync_ns is not None
         return bool(self.clock.drift_ppm.value) and not locked
 
-    def _look(self, now: int) -> None:
+    def _evaluate(self, now: int) -> None:
         """Evaluate the target at the period of the drive's own clock."""
         ppm = self.clock.drift_ppm.value
         if self.power.live and self._in_use and self._drifts:
             period = round(self.objects.interpolation_s * (1e9 - 1e3 * ppm)) or _MS
-            self.mover.at("interpolate", now + period, self._look)
+            self.mover.at("interpolate", now + period, self._evaluate)
             self._count_unseen()
             self._follow(now)
 
@@ -351,7 +351,7 @@ class SetPointBuffer:
         buffer = o.INTERPOLATION_BUFFER + shift
         store.guard([o.INTERPOLATION_SUB_MODE + shift], _only_linear)
         store.guard([buffer], self._check)
-        store.guard([o.INTERPOLATION_DATA + shift], self._check_room)
+        store.guard([o.INTERPOLATION_DATA + shift], self._check_buffer)
         store.on_write([buffer], self._written)
         store.on_read(buffer, POSITION, lambda: len(self._waiting))
 
@@ -390,7 +390,7 @@ class SetPointBuffer:
             raise SdoServerAbort(AbortCode.INVALID_VALUE)
         return value
 
-    def _check_room(self, entry: Entry, value: Value) -> Value:
+    def _check_buffer(self, entry: Entry, value: Value) -> Value:
         if entry.subindex == self.last_subindex and self.open and len(self._waiting) >= self.size:
             raise SdoServerAbort(AbortCode.OUT_OF_MEMORY)
         return value

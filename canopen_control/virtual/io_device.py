@@ -233,7 +233,7 @@ class IoDevice:
         """See `DeviceFunction`."""
         return any(address not in self._inputs or address in self._fired for address in changed)
 
-    def told(self) -> None:
+    def tpdos_checked(self) -> None:
         """See `DeviceFunction`."""
         self._fired.clear()
 
@@ -461,7 +461,7 @@ class SensorDevice:
         """See `DeviceFunction`."""
         return bool(changed)
 
-    def told(self) -> None:
+    def tpdos_checked(self) -> None:
         """See `DeviceFunction`."""
 
 

@@ -158,17 +158,17 @@ class SetpointStatistics:
             self.pause()
             grid = (now // GRID_NS + 1) * GRID_NS
         while grid <= now:
-            self._look(demand.at(grid)[0])
+            self._sample(demand.at(grid)[0])
             end = demand.steady_until(grid)
             points = ((now if end is None else min(end, now)) - grid) // GRID_NS
             if points > 1:  # the way to the next point is that of all others
-                self._look(demand.at(grid + GRID_NS)[0])
+                self._sample(demand.at(grid + GRID_NS)[0])
                 self._go_on_evenly(demand.at(grid + points * GRID_NS)[0], points - 1)
                 grid += points * GRID_NS
             grid += GRID_NS
         self._grid = grid
 
-    def _look(self, position: float) -> None:
+    def _sample(self, position: float) -> None:
         """Sample the demanded position at the next point of the grid."""
         way, self._position = position - self._position, position
         self._points += 1
@@ -437,7 +437,7 @@ class FollowingMode(Mode):
         if self.power.live:
             self.update(now)
 
-    def looks_anew(self) -> bool:
+    def inputs_may_change(self) -> bool:
         """Whether inputs may have changed since the last update; a limit switch may change at any time."""
         looked = None if self.mover.switches.wired else (self.objects.store.version, self.units.zero)
         before, self._looked = self._looked, looked

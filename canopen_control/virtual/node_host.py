@@ -95,7 +95,7 @@ class NodeHost:
         self.port, self._off = port, False
         self.reactor.add_reader(port, self._on_readable)
         set_filter(port, self._routes)
-        self._tell_all(BusEventKind.UP)
+        self._notify_all(BusEventKind.UP)
 
     def wake(self, node: VirtualNode) -> None:
         """Serve a node changed from outside: send its frames, update its timer."""
@@ -214,10 +214,10 @@ class NodeHost:
     def _lost(self, error: BusClosed) -> None:
         if not self._off:
             self._release()
-            self._tell_all(BusEventKind.CLOSED)
+            self._notify_all(BusEventKind.CLOSED)
             self.on_closed(error)
 
-    def _tell_all(self, kind: BusEventKind) -> None:
+    def _notify_all(self, kind: BusEventKind) -> None:
         for node in self.nodes:
             node.bus_event(kind, self.reactor.now())
         self._finish(dict.fromkeys(self.nodes))

@@ -197,7 +197,7 @@ class SyncPll:
         """Whether the SYNC period equals the interpolation time period."""
         return self._count >= _LOCKED and abs(self.period_ns * 1e-9 - seconds) <= _SAME * seconds
 
-    def heard(self, now: int) -> None:
+    def receive_sync(self, now: int) -> None:
         """Process a received SYNC."""
         gap, period = now - self._edge, self.period_ns
         if not period and self._count and gap > 0:

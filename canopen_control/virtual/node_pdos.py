@@ -351,7 +351,7 @@ class EventGate(Protocol):
     def passes(self, changed: Collection[Address]) -> bool:
         """Whether changes of these objects are an event that triggers a TPDO."""
 
-    def told(self) -> None:
+    def tpdos_checked(self) -> None:
         """Process the end of a check of all TPDOs."""
 
 
@@ -451,7 +451,7 @@ class PdoExchange:
         rpdo.concerns, rpdo.version = concerns_of(rpdo.entries, self._axes), -1
         indices = [entry.index for entry in rpdo.entries if entry is not None]
         rpdo.by_values = all(self._store.judges_by_values(index) for index in indices)
-        self._judge(rpdo, set())
+        self._check(rpdo, set())
 
     def _make_tpdo(self, number: int, now: int) -> None:
         tpdo = self.tpdos[number]
@@ -530,7 +530,7 @@ class PdoExchange:
                 return False
             source.received += 1
             if rpdo.set_points:
-                self._tell_set_points(rpdo, now, overwrites=waiting)
+                self._count_set_points(rpdo, now, overwrites=waiting)
             return True
 
         return hold
@@ -542,15 +542,15 @@ class PdoExchange:
             waiting, before = consumer.holds, consumer.received
             consumer.receive(frame, now)
             if rpdo.set_points and consumer.received != before:
-                self._tell_set_points(rpdo, now, overwrites=waiting)
+                self._count_set_points(rpdo, now, overwrites=waiting)
             self._serve(rpdo, now)
             length_error = consumer.length_error
             if length_error is not None or rpdo.wrong:
-                self._judge(rpdo, rpdo.wrong & {RpdoEventKind.TIMEOUT} | ({length_error} if length_error else set()))
+                self._check(rpdo, rpdo.wrong & {RpdoEventKind.TIMEOUT} | ({length_error} if length_error else set()))
 
         return self.input.receiver(receive)
 
-    def _tell_set_points(self, rpdo: MappedRpdo, now: int, *, overwrites: bool) -> None:
+    def _count_set_points(self, rpdo: MappedRpdo, now: int, *, overwrites: bool) -> None:
         for axis, base in rpdo.set_points:
             if self._axes[axis].set_point == base:
                 self._axes[axis].set_point_received(now, overwrites=overwrites)
@@ -562,11 +562,11 @@ class PdoExchange:
             if event.kind is RpdoEventKind.APPLY:
                 self._apply(rpdo, event.data, now)
             elif event.kind is RpdoEventKind.TIMEOUT:
-                self._judge(rpdo, rpdo.wrong | {event.kind})
+                self._check(rpdo, rpdo.wrong | {event.kind})
             elif event.kind is RpdoEventKind.RESOLVED:
-                self._judge(rpdo, rpdo.wrong - {RpdoEventKind.TIMEOUT})
+                self._check(rpdo, rpdo.wrong - {RpdoEventKind.TIMEOUT})
 
-    def _judge(self, rpdo: MappedRpdo, wrong: set[RpdoEventKind]) -> None:
+    def _check(self, rpdo: MappedRpdo, wrong: set[RpdoEventKind]) -> None:
         """Raise an RPDO's error, and clear an error that no RPDO has any more."""
         cleared, rpdo.wrong = rpdo.wrong - wrong, wrong
         for kind in wrong:
@@ -596,7 +596,7 @@ class PdoExchange:
             except SdoServerAbort:
                 self.refused += 1
         is_unchanged = self.refused == refused
-        self._tell_refusal(rpdo, not is_unchanged)
+        self._report_refusal(rpdo, not is_unchanged)
         if is_unchanged and rpdo.by_values and rpdo.concerns:
             rpdo.applied, rpdo.version = data, store.version
             self._act_again(rpdo, now)
@@ -622,7 +622,7 @@ class PdoExchange:
         for axis, brings in axes.items():
             self._axes[axis].refresh(now, controlword=bool(brings & _CONTROLWORD), set_point=bool(brings & _SET_POINT))
 
-    def _tell_refusal(self, rpdo: MappedRpdo, refused: bool) -> None:
+    def _report_refusal(self, rpdo: MappedRpdo, refused: bool) -> None:
         """Raise an error for a refused value, if the device reports it, until all values are accepted."""
         error = self._model.rpdo_error
         if refused:
@@ -637,17 +637,17 @@ class PdoExchange:
     def sync(self, counter: int | None, now: int) -> None:
         """Process a SYNC; a missing set-point is counted."""
         self._clock.sync_ns = now
-        self._clock.rhythm.heard(now)
+        self._clock.rhythm.receive_sync(now)
         for tpdo in self._valid_tpdos:
             tpdo.producer.sync(now, counter)
         for rpdo in self._valid_rpdos:
             consumer = rpdo.consumer
             if rpdo.cyclic and rpdo.set_points and consumer.running and not consumer.holds:
-                self._tell_missed(rpdo)
+                self._count_missed(rpdo)
             consumer.sync(now)
             self._serve(rpdo, now)
 
-    def _tell_missed(self, rpdo: MappedRpdo) -> None:
+    def _count_missed(self, rpdo: MappedRpdo) -> None:
         for axis, base in rpdo.set_points:
             if self._axes[axis].set_point == base:
                 self._axes[axis].set_point_missed()
@@ -661,7 +661,7 @@ class PdoExchange:
             if differs and (gate is None or gate.passes(tpdo.changed_since(before))):
                 tpdo.producer.changed(now)
         if gate is not None:
-            gate.told()
+            gate.tpdos_checked()
 
     def tick(self, now: int) -> None:
         """Serve event timers, inhibit times and deadlines, and RPDOs that a fault delays."""

@@ -311,11 +311,11 @@ class DriveProcess:
             self._reactor.remove_reader(self._lifeline)
         self._log("", "the parent process is gone; ending when the drives stand still")
         self._standstill_until = self._reactor.now() + STANDSTILL_NS
-        self._look_for_standstill()
+        self._check_standstill()
 
-    def _look_for_standstill(self) -> None:
+    def _check_standstill(self) -> None:
         self._advance()
         if any(bus.moving for bus in self._buses) and self._reactor.now() < (self._standstill_until or 0):
-            self._reactor.call_later(_LOOK_NS, self._look_for_standstill)
+            self._reactor.call_later(_LOOK_NS, self._check_standstill)
         else:
             self._leave()

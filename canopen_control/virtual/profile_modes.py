@@ -239,7 +239,7 @@ class ProfileVelocity(FollowingMode):
 
     def update(self, now: int) -> None:
         """Apply target and ramps; a position limit ahead ends the motion."""
-        if not self.looks_anew():
+        if not self.inputs_may_change():
             return
         target = self.limits.target_velocity()
         ramps = self.objects.ramp(o.PROFILE_ACCELERATION), self.deceleration()

@@ -144,7 +144,7 @@ class QuirkHooks:
                 continue
             present, by_values = store.guard_of(index)
             self.later(partial(store.set_guard, index, present, by_values=by_values))
-            store.set_guard(index, _judged(judge, present))
+            store.set_guard(index, _checked(judge, present))
 
     def show(self, index: int, subindex: int, view: Callable[[Any], Value]) -> None:
         """Show an entry's value through `view`."""
@@ -207,7 +207,7 @@ class QuirkHooks:
         drive.set_model(replace(drive.objects.model, **changed))
 
 
-def _judged(judge: Judge, present: Guard | None) -> Guard:
+def _checked(judge: Judge, present: Guard | None) -> Guard:
     before = _taken if present is None else present
     return lambda entry, value: judge(entry, value, before)
 

@@ -6,7 +6,7 @@ import pytest
 from support.arm6 import copy_arm
 from support.robots import copy_robby
 
-from canopen_control.check.stop_times import axis_facts, command_lives
+from canopen_control.check.stop_times import axis_facts, command_timeouts
 from canopen_control.host.polling import MarkedSelector
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
@@ -46,6 +46,6 @@ def test_the_lives_of_commands_are_those_of_the_loaded_controllers():
     setup = read_robot(find_robot("robby"))
     with Reactor(ManualClock(), MarkedSelector()) as reactor:
         core = RobotCore(setup, reactor)
-        lives = command_lives(core.manager)
+        lives = command_timeouts(core.manager)
         core.close()
     assert lives == {joint: {"robby_forward_controller": 2.0} for joint in ("left_wheel_joint", "right_wheel_joint")}

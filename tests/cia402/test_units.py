@@ -11,10 +11,10 @@ from canopen_control.cia402.units import (
     INT32_MIN,
     PositionUnwrapper,
     Scale,
+    counts_of_objects,
     counts_per_revolution,
     rpm_of_unit,
     to_object,
-    told_counts,
     wrap_int32,
 )
 from canopen_control.errors import ConfigError
@@ -181,4 +181,4 @@ def test_the_unit_of_velocities_is_read_with_its_power_of_ten(unit, rpm):
     ],
 )
 def test_counts_of_a_turn_are_told_where_somebody_has_set_them(encoder, gear, feed, counts):
-    assert told_counts(encoder, gear, feed) == counts
+    assert counts_of_objects(encoder, gear, feed) == counts

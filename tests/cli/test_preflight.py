@@ -125,7 +125,7 @@ def test_a_joint_that_has_a_position_only_is_led_by_it_and_back_for_stop(private
     setup = read_robot(find_robot("arm6"), can=["memory:jogged-arm"])
     assert set(jog_interfaces(setup).values()) == {"position"}
     with drives_on("memory:jogged-arm", dict.fromkeys(range(2, 8), GENERIC)) as drives, Jog(setup, 0.5) as jog:
-        assert jog.no_room("joint_1") is None
+        assert jog.range_refusal("joint_1") is None
         step = jog.turn("joint_1")
         assert step.passed, step
         way = drives.call(lambda: drives.nodes[2].get(0x6064)) / 1043037.8350470454
@@ -140,9 +140,11 @@ def test_a_joint_that_has_a_position_only_is_led_by_it_and_back_for_stop(private
 def test_a_joint_without_room_before_its_limit_is_said_and_not_turned(private_folders):
     setup = read_robot(find_robot("arm6"), can=["memory:narrow-arm"])
     with drives_on("memory:narrow-arm", dict.fromkeys(range(2, 8), GENERIC)), Jog(setup, 1.0) as jog:
-        assert jog.no_room("joint_2") is None, "2 rad are enough for two seconds"
+        assert jog.range_refusal("joint_2") is None, "2 rad are enough for two seconds"
         jog.speed = 1.2
-        assert jog.no_room("joint_2") == ("it is at 0.000, 2.000 before its limit, and a jog at 1.2 rad/s needs 2.400")
+        assert jog.range_refusal("joint_2") == (
+            "it is at 0.000, 2.000 before its limit, and a jog at 1.2 rad/s needs 2.400"
+        )
 
 
 NODES = (3, 2)
@@ -271,7 +273,7 @@ class FakeJog:
     def __exit__(self, *error):
         pass
 
-    def no_room(self, joint):
+    def range_refusal(self, joint):
         return "it is at its limit" if joint == "lift" else None
 
     def turn(self, joint):

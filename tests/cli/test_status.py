@@ -15,7 +15,7 @@ from support.samples import event_of, sample_of, status_of
 from canopen_control.cia402.modes import INTERFACE_MODES
 from canopen_control.cli import status
 from canopen_control.cli.main import main
-from canopen_control.cli.status import render, tell_causes
+from canopen_control.cli.status import cause_lines, render
 from canopen_control.client import RobotClient
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.declare import Done
@@ -56,21 +56,21 @@ def loss(at):
 
 
 def test_a_fault_its_emergency_message_and_its_stop_are_one_line():
-    assert tell_causes(drive_fault(10.0), {}) == [FAULT_LINE]
+    assert cause_lines(drive_fault(10.0), {}) == [FAULT_LINE]
 
 
 def test_a_lost_node_is_one_line():
-    assert tell_causes(loss(10.0), {}) == [f"error: {RIGHT}: {SILENT}; {BOTH}"]
+    assert cause_lines(loss(10.0), {}) == [f"error: {RIGHT}: {SILENT}; {BOTH}"]
 
 
 def test_what_stands_above_as_the_error_of_the_node_is_not_told_again():
-    assert tell_causes(loss(10.0)[:2], {"right_drive": f"{RIGHT}: {SILENT}"}) == []
-    assert tell_causes(loss(10.0), {"right_drive": f"{RIGHT}: {SILENT}"}) == [f"error: {RIGHT}: {BOTH}"]
-    assert tell_causes(loss(10.0)[:2], {"left_drive": f"{LEFT}: {SILENT}"}) == [f"error: {RIGHT}: {SILENT}"]
+    assert cause_lines(loss(10.0)[:2], {"right_drive": f"{RIGHT}: {SILENT}"}) == []
+    assert cause_lines(loss(10.0), {"right_drive": f"{RIGHT}: {SILENT}"}) == [f"error: {RIGHT}: {BOTH}"]
+    assert cause_lines(loss(10.0)[:2], {"left_drive": f"{LEFT}: {SILENT}"}) == [f"error: {RIGHT}: {SILENT}"]
 
 
 def test_what_comes_again_is_counted_with_its_times():
-    lines = tell_causes([*drive_fault(0.0), *drive_fault(60.0), *drive_fault(120.0)], {})
+    lines = cause_lines([*drive_fault(0.0), *drive_fault(60.0), *drive_fault(120.0)], {})
     assert len(lines) == 1
     assert lines[0].startswith(f"{FAULT_LINE} (3 times, ")
     assert lines[0].endswith(":02:00)")
@@ -78,19 +78,19 @@ def test_what_comes_again_is_counted_with_its_times():
 
 def test_what_comes_again_at_once_is_counted_too():
     again = [event(at, "error_passive", "bus can (local:robby): error-passive; check", "warning") for at in (1, 1.5)]
-    (line,) = tell_causes(again, {})
+    (line,) = cause_lines(again, {})
     assert line.startswith("warning: bus can (local:robby): error-passive; check (2 times, ")
 
 
 def test_two_nodes_and_two_times_are_two_causes():
     other = event(10.0, "heartbeat_lost", f"{LEFT}: {SILENT}")
-    assert len(tell_causes([*loss(10.0), other], {})) == 2
+    assert len(cause_lines([*loss(10.0), other], {})) == 2
     late = event(20.0, "fault", f"{LEFT}: fault (statusword 0x0618); {HOT}")
-    assert len(tell_causes([*drive_fault(10.0), late], {})) == 2
+    assert len(cause_lines([*drive_fault(10.0), late], {})) == 2
 
 
 def test_each_axis_of_a_node_that_tells_the_same_in_one_cycle_is_told_once():
-    assert tell_causes([event(5.0, "node_lost", f"{LEFT}: lost: {SILENT}")] * 6, {}) == [f"error: {LEFT}: {SILENT}"]
+    assert cause_lines([event(5.0, "node_lost", f"{LEFT}: lost: {SILENT}")] * 6, {}) == [f"error: {LEFT}: {SILENT}"]
 
 
 def test_infos_are_left_out_and_other_sentences_stay_as_they_are():
@@ -98,7 +98,7 @@ def test_infos_are_left_out_and_other_sentences_stay_as_they_are():
         event(1.0, "running", "robby runs", "info"),
         event(2.0, "client_dropped", "client x (pid 7) read too slowly"),
     ]
-    assert tell_causes(events, {}) == ["error: client x (pid 7) read too slowly"]
+    assert cause_lines(events, {}) == ["error: client x (pid 7) read too slowly"]
 
 
 WORDS = [f"{LEFT}: {HOT}", f"{LEFT}: fault; {HOT}", f"{RIGHT}: {SILENT}", f"{BOTH}: {LEFT}: fault", "a: b; c", "c"]
@@ -108,7 +108,7 @@ WORDS = [f"{LEFT}: {HOT}", f"{LEFT}: fault; {HOT}", f"{RIGHT}: {SILENT}", f"{BOT
 @given(st.lists(st.tuples(st.floats(0, 100), st.sampled_from("abc"), st.sampled_from(WORDS)), max_size=12))
 def test_whatever_happens_every_clause_is_told_and_no_line_twice(told):
     events = [event(at, kind, text) for at, kind, text in sorted(told)]
-    lines = tell_causes(events, {})
+    lines = cause_lines(events, {})
     assert len(lines) == len(set(lines))
     for each in events:
         for clause in each.text.rpartition("): ")[2].split("; "):
@@ -117,7 +117,7 @@ def test_whatever_happens_every_clause_is_told_and_no_line_twice(told):
 
 @pytest.mark.parametrize("events", [drive_fault(1.0), loss(1.0)])
 def test_no_clause_stands_twice_in_a_line(events):
-    (line,) = tell_causes(events, {})
+    (line,) = cause_lines(events, {})
     clauses = line.split("; ")
     assert len(clauses) == len(set(clauses))
 

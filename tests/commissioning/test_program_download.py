@@ -29,7 +29,7 @@ from canopen_control.commissioning.program_download import (
     flash_text,
     is_loader,
     program_download,
-    refuse_stranger,
+    refuse_other_product,
 )
 from canopen_control.errors import BusClosed, ConfigError, DriveError, SdoAbort, SdoTimeout
 from canopen_control.virtual.communication_objects import whole_program
@@ -161,18 +161,18 @@ def test_the_loader_needs_no_eds(frames):
 
 def test_a_stranger_is_refused_but_its_loader_is_not(frames):
     session = NodeSession(frames, 5, frames.device.od)
-    refuse_stranger(session, session.identity())
+    refuse_other_product(session, session.identity())
     session.od = replace(
         session.od, entries={**session.od.entries, (0x1018, 2): replace(session.od[0x1018, 2], default=7)}
     )
     with pytest.raises(ConfigError, match="node 5 is not a device of that EDS: product"):
-        refuse_stranger(session, session.identity())
-    refuse_stranger(session, DeviceIdentity(device_type=0))
+        refuse_other_product(session, session.identity())
+    refuse_other_product(session, DeviceIdentity(device_type=0))
     session.od = replace(
         session.od, entries={**session.od.entries, (0x1018, 1): replace(session.od[0x1018, 1], default=8)}
     )
     with pytest.raises(ConfigError, match="not a device of that EDS: vendor"):
-        refuse_stranger(session, DeviceIdentity(device_type=0))
+        refuse_other_product(session, DeviceIdentity(device_type=0))
 
 
 def test_the_boot_check_knows_the_loader_and_another_product(frames):

@@ -20,7 +20,7 @@ def test_outputs_and_inputs_are_in_the_order_of_the_parameters():
     given = read(command_interfaces=both, state_interfaces={"io": {"interfaces": ["pressed"]}})
     assert given.outputs == ["io/horn", "io/lamp", "valve/open"]
     assert given.inputs == ["io/pressed"]
-    assert given.told_whole == ["valve"]
+    assert given.unnamed_gpios == ["valve"]
 
 
 def test_an_output_is_safe_at_zero_unless_another_value_is_written_or_it_is_kept():

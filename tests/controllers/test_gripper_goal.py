@@ -23,26 +23,26 @@ def test_only_the_first_end_counts_and_is_told_once():
 def test_within_the_tolerance_it_is_reached_and_at_its_edge_not():
     progress = StallDetector(0.01, 0.001, 1.0)
     progress.begin(0)
-    assert progress.look(0, 0.0099, 0.0) is GripStatus.REACHED
-    assert progress.look(0, -0.0099, 5.0) is GripStatus.REACHED
-    assert progress.look(0, 0.01, 0.0) is GripStatus.MOVING
+    assert progress.update(0, 0.0099, 0.0) is GripStatus.REACHED
+    assert progress.update(0, -0.0099, 5.0) is GripStatus.REACHED
+    assert progress.update(0, 0.01, 0.0) is GripStatus.MOVING
 
 
 def test_it_has_stalled_after_the_time_out_without_motion():
     progress = StallDetector(0.01, 0.001, 1.0)
     progress.begin(0)
-    assert progress.look(500 * MS, 0.5, 0.0011) is GripStatus.MOVING
-    assert progress.look(1500 * MS, 0.5, 0.001) is GripStatus.MOVING
-    assert progress.look(1501 * MS, 0.5, 0.001) is GripStatus.STALLED
+    assert progress.update(500 * MS, 0.5, 0.0011) is GripStatus.MOVING
+    assert progress.update(1500 * MS, 0.5, 0.001) is GripStatus.MOVING
+    assert progress.update(1501 * MS, 0.5, 0.001) is GripStatus.STALLED
     progress.begin(2000 * MS)
-    assert progress.look(3000 * MS, 0.5, 0.0) is GripStatus.MOVING
+    assert progress.update(3000 * MS, 0.5, 0.0) is GripStatus.MOVING
 
 
 def test_of_a_position_that_nobody_knows_it_is_not_said_that_it_is_reached():
     progress = StallDetector(0.01, 0.001, 1.0)
     progress.begin(0)
-    assert progress.look(0, math.nan, math.nan) is GripStatus.MOVING
-    assert progress.look(1001 * MS, math.nan, math.nan) is GripStatus.STALLED
+    assert progress.update(0, math.nan, math.nan) is GripStatus.MOVING
+    assert progress.update(1001 * MS, math.nan, math.nan) is GripStatus.STALLED
 
 
 @given(st.lists(st.tuples(st.floats(-1, 1), st.floats(-0.01, 0.01)), max_size=40))
@@ -51,7 +51,7 @@ def test_it_agrees_with_the_definition(steps):
     progress.begin(0)
     for number, (error, velocity) in enumerate(steps, 1):
         now = number * 10 * MS
-        found = progress.look(now, error, velocity)
+        found = progress.update(now, error, velocity)
         if abs(error) < 0.1:
             assert found is GripStatus.REACHED
             continue

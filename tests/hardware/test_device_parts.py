@@ -50,7 +50,7 @@ VALVE = Signal("valve", 0x6411, 1, output=True, factor=0.5, offset=1.0, safe=3.0
 
 def test_a_bit_is_sent_with_the_others_of_its_object_as_they_are():
     line = Line(LAMP)
-    line.object.know(0x81)
+    line.object.record(0x81)
     assert [line.sends(value) for value in (1.0, 1.0, 0.0)] == [0x85, None, 0x81]
 
 
@@ -75,7 +75,7 @@ def test_what_was_commanded_before_the_node_was_lost_is_void(goes_on):
     assert line.output.void
     assert not line.command.enabled
     line.node.ready, line.node.boots = True, 2
-    line.object.know(0)
+    line.object.record(0)
     assert line.sends(1.0 if goes_on else math.nan) is None
     assert line.command.enabled
     if goes_on:  # a controller that writes the same in each cycle has not commanded again

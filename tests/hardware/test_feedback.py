@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from canopen_control.cia301.pdo import MappedObject
 from canopen_control.cia402.units import PositionUnwrapper, Scale, wrap_int32
 from canopen_control.hardware.axis import AxisObjectLimits
-from canopen_control.hardware.feedback import Feedback, doubt_unit
+from canopen_control.hardware.feedback import Feedback, unit_mismatch
 from canopen_control.master.cycle import ProcessImage
 from canopen_control.od.model import DataType
 from canopen_control.urdf.joint_element import InterfaceInfo
@@ -218,7 +218,7 @@ def test_counts_that_are_taken_for_rpm_are_named_by_a_motion_that_is_too_slow():
     told, _ = in_rpm(feedback, rpm=80, factor=COUNTS * math.tau / 60.0)
     (text,) = filter(None, told)
     assert "turns much slower than its velocity" in text
-    assert not doubt_unit(axis, 8000.0, 8000, rising=False).faster  # a warning: nothing is faster than it was to be
+    assert not unit_mismatch(axis, 8000.0, 8000, rising=False).faster  # a warning: nothing is faster than it was to be
     assert "velocities are in counts per second and not in another unit" in text
     assert "scale_vel_to_dev: 1000, scale_vel_from_dev: 0.001" in text
 

@@ -80,7 +80,7 @@ def test_what_a_boot_read_is_no_target_of_an_axis_that_has_moved_since(robby):
     targets.take_mode(OperationMode.CSP)
     targets.hold()
     output, here = targets.current.output, robby.joint(2).axis.raw_position
-    output.know(here + 2370)  # as the presets of a boot do
+    output.record(here + 2370)  # as the presets of a boot do
     targets.hold()
     assert output.value == here + 2370  # nobody writes anew what is held
     targets.node_ready()

@@ -181,11 +181,11 @@ def test_a_silence_on_a_channel_that_is_down_is_told_as_that():
     MemoryBus.get("down")
     with DirectBus.open("memory:down", timeout_s=0.05, retries=0) as bus:
         bus.port.events = lambda: [BusEvent(BusEventKind.DOWN, "bus x: unplugged")]
-        bus._look_at_events()
+        bus._check_events()
         with pytest.raises(BusError, match="bus x: unplugged; node 3 could not be asked"):
             bus.read(3, 0x1000)
         bus.port.events = lambda: [BusEvent(BusEventKind.UP, "")]
-        bus._look_at_events()
+        bus._check_events()
         with pytest.raises(SdoTimeout):
             bus.read(3, 0x1000)
 

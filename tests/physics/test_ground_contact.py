@@ -1,7 +1,7 @@
 import mujoco
 import pytest
 
-from canopen_control.physics.ground_contact import ContactPart, stand
+from canopen_control.physics.ground_contact import ContactPart, ground_at_rest
 
 WHEEL = '<body name="{name}" pos="{pos}"><joint name="{name} turns" axis="{axis}"/><geom name="{name}" {shape}/></body>'
 CYLINDER = 'type="cylinder" size="0.1 0.02" euler="90 0 0"'
@@ -10,7 +10,7 @@ CYLINDER = 'type="cylinder" size="0.1 0.02" euler="90 0 0"'
 def ground(*bodies):
     inside = "".join(bodies)
     base = f'<body name="base" pos="0 0 0.3"><geom name="box" type="box" size="0.2 0.1 0.05"/>{inside}</body>'
-    return stand(mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{base}</worldbody></mujoco>"))
+    return ground_at_rest(mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{base}</worldbody></mujoco>"))
 
 
 def wheel(name="wheel", pos="0 0.2 -0.1", axis="0 1 0", shape=CYLINDER):
@@ -54,5 +54,5 @@ def test_casters_alone_carry_no_robot_that_rolls():
 
 
 def test_a_world_without_shapes_has_no_ground():
-    empty = stand(mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>"))
+    empty = ground_at_rest(mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>"))
     assert (empty.touches, empty.lift, empty.rolls) == ((), 0.0, False)

@@ -61,7 +61,7 @@ def test_what_happens_while_odometry_does_not_count_is_an_error_of_it():
 def test_without_odometry_the_pose_is_known_and_no_error():
     reading = taken(TruePoseTracker(), (1.0, 0.5, 0.2), None)
     assert (reading.x, reading.error, reading.in_odometry) == (1.0, None, None)
-    assert reading.beside((0.0, 0.0, 0.0)) is reading
+    assert reading.with_odometry_error((0.0, 0.0, 0.0)) is reading
     assert TruePose(time=0.0, x=0.0, y=0.0, heading=0.0).odom is None
 
 

@@ -28,7 +28,7 @@ def follow(period, behind, syncs, *, ppm, lateness, seed=1, begin=0):
         while edge <= seen:
             edges.append(edge)
             edge += period + phase.step()
-        edge += phase.heard(seen, edge)
+        edge += phase.receive_sync(seen, edge)
     sent = [round(begin + number * real) for number in range(syncs)]
     counts, at = [], 0
     for sync in sent:
@@ -113,18 +113,18 @@ def test_late_sights_bunches_and_stalls_never_lose_or_double_an_edge(period, par
 def test_the_first_sync_makes_a_period_longer_and_never_shorter():
     for tick in range(0, 10 * MS, MS // 4):
         phase = SyncPhase(10 * MS, 5 * MS)
-        shift = phase.heard(tick, 12 * MS)
+        shift = phase.receive_sync(tick, 12 * MS)
         assert 0 <= shift < 10 * MS
         assert (12 * MS + shift - tick) % (10 * MS) == 5 * MS
 
 
 def test_a_sync_that_comes_at_another_time_from_now_on_is_followed_anew():
     phase = SyncPhase(10 * MS, 5 * MS)
-    edge = 5 * MS + phase.heard(0, 5 * MS)
+    edge = 5 * MS + phase.receive_sync(0, 5 * MS)
     shifts = []
     for number in range(1, 40):
         edge += 10 * MS + phase.step()
-        shifts.append(phase.heard(number * 10 * MS + 6 * MS, edge))  # as if 4 ms earlier
+        shifts.append(phase.receive_sync(number * 10 * MS + 6 * MS, edge))  # as if 4 ms earlier
         edge += shifts[-1]
     assert [each for each in shifts if each] == [6 * MS]
     assert (edge - 6 * MS) % (10 * MS) == 5 * MS
@@ -132,11 +132,11 @@ def test_a_sync_that_comes_at_another_time_from_now_on_is_followed_anew():
 
 def test_a_step_is_a_sixty_fourth_of_a_period_at_most():
     phase, edge, steps = SyncPhase(64_000, 32_000), 32_000, []
-    phase.heard(0, edge)
+    phase.receive_sync(0, edge)
     for number in range(1, 100):
         steps.append(phase.step())
         edge += 64_000 + steps[-1]
-        phase.heard(number * 64_000 + 20_000, edge)
+        phase.receive_sync(number * 64_000 + 20_000, edge)
     assert max(map(abs, steps)) == 1000
     assert sum(steps) == 20_000
 

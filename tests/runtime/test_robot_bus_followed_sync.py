@@ -137,7 +137,7 @@ def test_a_bus_that_leads_no_cycle_watches_its_sync_all_the_same():
     sync = ExternalSync(task, 20_000, None, told.append)
     sync.start(0)
     for now in range(0, 3000 * MS, 20 * MS):
-        sync.heard(now)
+        sync.receive_sync(now)
         sync.tick(now)
     assert (task.starts, told) == (1, [])
     for now in range(3000 * MS, 4800 * MS, 20 * MS):
@@ -185,7 +185,7 @@ def heard_by_a_late_process(task, syncs, stalls=(), period_us=10_000):
     for number in range(syncs):
         now += task.told[-1] * 1000 + task.latency_ns + (5 * MS if number in stalls else 0)
         sent.append(now)
-        sync.heard(now + round(chance.random() * 2 * MS))
+        sync.receive_sync(now + round(chance.random() * 2 * MS))
     return [after - before for before, after in itertools.pairwise(sent[-100:])]
 
 
@@ -209,7 +209,7 @@ def test_one_that_is_set_up_again_begins_with_the_whole_period():
     sync = ExternalSync(task, 10_000, None, lambda _event: None)
     sync.start(0)
     for number in range(400):
-        sync.heard(number * 10_070_000)
+        sync.receive_sync(number * 10_070_000)
     assert task.told[-1] == 9_930
     sync.tick(10_000 * MS)
     assert task.told[-1] == 10_000

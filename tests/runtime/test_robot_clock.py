@@ -32,7 +32,7 @@ class Made:
                     if self.clock.paused and self.clock.take_step(self.manual.now_ns):
                         self.times.append(self.clock.edge)
             if self.clock.paused:
-                self.clock.tell_steps()
+                self.clock.report_steps()
 
 
 @pytest.fixture

@@ -104,7 +104,7 @@ def test_the_kernel_sends_sync_only_where_there_is_one(tmp_path):
         read_robot(files, can=["vcan0"], kernel_sync=True)
     setup = read_robot(find_robot("robby"), can=["vcan0"], kernel_sync=True)
     told = "SYNC is sent by the kernel, and the cycle follows it: --kernel-sync"
-    assert (setup.kernel_sync, list(setup.told_of_sync)) == (True, [told])
+    assert (setup.kernel_sync, list(setup.sync_notes)) == (True, [told])
 
 
 def test_peer_merge_reaches_the_plan(tmp_path):

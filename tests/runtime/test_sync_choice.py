@@ -63,7 +63,7 @@ def test_of_drives_in_csp_the_kernel_sends_sync_where_it_can_and_nobody_says_oth
 def test_wheels_in_profile_velocity_and_a_bus_without_sync_are_as_they_were(tmp_path):
     wheels = setup_of(copy_robby(tmp_path))
     assert wheels.sync["can"].sender is PROGRAM
-    assert list(wheels.told_of_sync) == []
+    assert list(wheels.sync_notes) == []
     silent = copy_robby(tmp_path / "silent", bus={"sync_period: 20000": "sync_period: 0"})
     choice = setup_of(silent).sync["can"]
     assert (choice.sender, choice.words, choice.hint) == (NOBODY, "no device sends SYNC", "")
@@ -87,15 +87,15 @@ def test_behind_the_sync_of_others_an_eighth_of_a_period_is_the_default_which_le
 
 def test_it_is_told_that_the_kernel_sends_and_what_a_late_process_does_to_real_drives(tmp_path):
     config = arm(tmp_path)
-    (told,) = setup_of(config).told_of_sync
+    (told,) = setup_of(config).sync_notes
     assert told.startswith("SYNC is sent by the kernel, and the cycle follows it: joint_1, joint_2")
-    (hint,) = setup_of(config, "pcan:PCAN_USBBUS1").told_of_sync
+    (hint,) = setup_of(config, "pcan:PCAN_USBBUS1").sync_notes
     assert hint.startswith("SYNC comes from this program: the kernel can send it on SocketCAN interfaces alone")
     assert "joint_1, joint_2, joint_3 and 3 more time their motion by it, and what is late is heard" in hint
     assert "sync_producer: other" in hint
     assert "--realtime" in hint
-    assert list(setup_of(config, "local:arm").told_of_sync) == [], "no motor is there to be heard"
-    assert list(setup_of(config, mock=True).told_of_sync) == []
+    assert list(setup_of(config, "local:arm").sync_notes) == [], "no motor is there to be heard"
+    assert list(setup_of(config, mock=True).sync_notes) == []
 
 
 def test_check_says_of_each_bus_who_sends_sync_and_why(tmp_path):

@@ -36,13 +36,13 @@ def stop_does_nothing(patch):
 
 
 def enabled_again_when_its_node_is_back(patch):
-    came = JointDrive._came
+    came = JointDrive._node_ready
 
     def back(self):
         came(self)
         self.resume = bool(self.stopped_by)
 
-    patch.setattr(JointDrive, "_came", back)
+    patch.setattr(JointDrive, "_node_ready", back)
 
 
 def enabled_again_after_a_stop(patch):
@@ -186,7 +186,7 @@ def joint_states_stand(patch):
 def states_told_as_they_were(patch):
     real, first = node_readings._axis, {}
     patch.setattr(node_readings, "_axis", lambda joint: first.setdefault(joint, real(joint)))
-    patch.setattr(node_readings._ReadNode, "_look", lambda self: (object(),))  # gathered anew each time
+    patch.setattr(node_readings._ReadNode, "_inputs", lambda self: (object(),))  # gathered anew each time
 
 
 def velocities_told_reversed(patch):

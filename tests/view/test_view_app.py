@@ -507,7 +507,7 @@ async def begun(app, seconds=30.0):
     await connected(app)
     app._page_opened(WholePage())
     playing = asyncio.ensure_future(app.player.play("page 1", "arm_controller", wave(seconds)))
-    await until(lambda: any(each.executing for each in app.robot.state.told(TrajectorySample).values()))
+    await until(lambda: any(each.executing for each in app.robot.state.samples_of(TrajectorySample).values()))
     return playing
 
 

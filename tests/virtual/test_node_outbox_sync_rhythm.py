@@ -13,7 +13,7 @@ T = 4 * MS
 def heard(times):
     rhythm = SyncPll()
     for when in times:
-        rhythm.heard(when)
+        rhythm.receive_sync(when)
     return rhythm
 
 
@@ -39,7 +39,7 @@ def test_for_an_hour_at_200_ppm_with_two_ms_of_jitter_its_edges_keep_to_the_send
     for count in range(360_000):
         due = count * period
         when = round(due + chance.random() * 2 * MS)
-        rhythm.heard(when)
+        rhythm.receive_sync(when)
         edge = when - rhythm.late_ns
         if count > 1000:
             worst = max(worst, abs(edge - due - MS))
@@ -56,7 +56,7 @@ def test_a_sync_that_is_missing_costs_nothing_and_another_period_begins_anew():
     rhythm = heard(times)
     assert (rhythm.late_ns, rhythm.period_ns) == (0.0, T)
     for count in range(10):
-        rhythm.heard(times[-1] + round((count + 1) * 2.6 * T))
+        rhythm.receive_sync(times[-1] + round((count + 1) * 2.6 * T))
     assert rhythm.has_period(2.6 * 0.004)
     assert rhythm.late_ns == pytest.approx(0.0, abs=2.0)
 

@@ -80,7 +80,7 @@ def watched_bus(args: argparse.Namespace, channel: str | None) -> WatchedBus:
         channel = chosen.channel
     else:
         channel = str(parse_channel(channel))
-        owner, layout = _robot_there(channel)
+        owner, layout = _robot_on(channel)
     network = _described(args, channel)
     nameless = network is None and layout is None
     if network is None:
@@ -163,7 +163,7 @@ def _chosen(buses: Mapping[str, T], name: str | None, whose: str) -> T:
     return buses[name]
 
 
-def _robot_there(channel: str) -> tuple[str, BusLayout | None]:
+def _robot_on(channel: str) -> tuple[str, BusLayout | None]:
     """Return name and layout of the robot on `channel`; empty name and None without a robot."""
     if not find_robots() or (found := robot_on(channel)) is None:
         return "", None

@@ -78,11 +78,11 @@ class Keyboard:
         changed[3] &= ~(termios.ICANON | termios.ECHO | termios.ISIG | termios.IEXTEN)
         changed[6][termios.VMIN], changed[6][termios.VTIME] = 1, 0
         termios.tcsetattr(self._fd, termios.TCSADRAIN, changed)
-        self._say(_FOCUS_ON)
+        self._write_terminal(_FOCUS_ON)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
-        self._say(_FOCUS_OFF)
+        self._write_terminal(_FOCUS_OFF)
         with contextlib.suppress(OSError, termios.error):  # the terminal has gone: nothing is left to restore
             termios.tcsetattr(self._fd, termios.TCSAFLUSH, self._saved)
         self._signals.close()
@@ -102,7 +102,7 @@ class Keyboard:
     def _end(self) -> None:
         self.ended = True
 
-    def _say(self, sequence: str) -> None:
+    def _write_terminal(self, sequence: str) -> None:
         """Print a control sequence if standard output is a terminal."""
         with contextlib.suppress(OSError, ValueError):
             if sys.stdout.isatty():

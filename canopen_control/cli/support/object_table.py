@@ -84,10 +84,10 @@ def tree_lines(od: ObjectDictionary, rows: Sequence[ObjectRow], *, live: bool) -
         last = row.index
         name = row.name.rpartition(": ")[2] if not single else row.name
         place = row.index if single else f"  :{row.subindex:02X}"
-        yield f"{place} {name}{_told(row, live=live)}"
+        yield f"{place} {name}{_suffix(row, live=live)}"
 
 
-def _told(row: ObjectRow, *, live: bool) -> str:
+def _suffix(row: ObjectRow, *, live: bool) -> str:
     """Return the text after a name in a tree."""
     shown = row.value if live else row.default
     unit = f" {row.unit}" if row.unit and shown else ""

@@ -105,7 +105,7 @@ class Progress:
         self._due = now + (REDRAW_S if self._live else PLAIN_S)
         since, before = self._rated_from
         rate = _rate(done, total, done - before, now - since, self._unit) if self._rate else ""
-        self._say(f"{self._what}{_amount(done, total, self._unit)}, {now - self._begin:.0f} s{rate}")
+        self._show(f"{self._what}{_amount(done, total, self._unit)}, {now - self._begin:.0f} s{rate}")
 
     def end(self) -> None:
         """Erase the line; a second call does nothing."""
@@ -113,7 +113,7 @@ class Progress:
             self._write("\r\x1b[K")
         self._shown = False
 
-    def _say(self, line: str) -> None:
+    def _show(self, line: str) -> None:
         self._write(f"\r{line}\x1b[K" if self._live else f"{line}\n")
         self._shown = True
 

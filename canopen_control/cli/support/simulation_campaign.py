@@ -95,7 +95,7 @@ def _run(campaign: Campaign, seeds: Sequence[int], order: CampaignOrder, totals:
                 totals.add(result)
                 progress.at(len(totals.results), len(order.seeds) + order.aim)
                 for breach in result.breaches:
-                    _say(f"seed {result.seed}: {breach.sentence}", progress, order)
+                    _print(f"seed {result.seed}: {breach.sentence}", progress, order)
         except ConfigError:
             raise
         except CanopenError as error:
@@ -131,7 +131,7 @@ def _shrink(
             acts = campaign.shrink(result, progress.at)
             path = write_breach(folder, setup, result, acts, campaign.length_of(acts), command)
             written.append(str(path))
-            _say(
+            _print(
                 f"seed {result.seed}: shrunk to {len(acts)} acts: {command} --scenario {shlex.quote(str(path))}",
                 progress,
                 order,
@@ -139,7 +139,7 @@ def _shrink(
     return tuple(written)
 
 
-def _say(line: str, progress: Progress, order: CampaignOrder) -> None:
+def _print(line: str, progress: Progress, order: CampaignOrder) -> None:
     if not order.as_json:
         progress.end()
         print(line)

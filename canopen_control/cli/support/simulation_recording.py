@@ -66,11 +66,11 @@ class SimulationRecorder(SimulationObserver):
         self._lines: list[bytes] = []
         self._requests: list[bytes] = []
         for number, wire in enumerate(self._robot.wires.values()):
-            wire.heard.append(self._heard(number))
+            wire.heard.append(self._recorder(number))
         self._robot.time.later(_SAMPLE_NS, self._sample)
         self._robot.observers.append(self)
 
-    def _heard(self, number: int) -> Callable[[int, str, bytes], object]:
+    def _recorder(self, number: int) -> Callable[[int, str, bytes], object]:
         def heard(now: int, _label: str, record: bytes) -> None:
             self._frames.append(KeptFrame(now, number, record))
 

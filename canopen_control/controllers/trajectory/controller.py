@@ -459,7 +459,7 @@ class JointTrajectoryController(Controller):
         """Return the trajectory's state at `t` in ns; the actual state if it has none."""
         if self.state.value != "active":
             return TrajectoryAt(known=False, text=f"{self.name} is {self.state.value}; activate it first")
-        return self._follower.told(t, self.name)
+        return self._follower.state_reading(t, self.name)
 
     def sample(self, wall_offset_ns: int) -> TrajectorySample | None:
         """Return desired and actual state of the last cycle with a command."""
@@ -497,10 +497,10 @@ class JointTrajectoryController(Controller):
             raise self.refusal(f"is {self.state.value}; activate it before sending it trajectories")
         if self._waiting is not None:
             raise self.refusal(f"cannot move: {self._why(self._waiting)}, then send it again")
-        begin = self._follower.where_it_begins(message.stamp)
+        begin = self._follower.start_positions(message.stamp)
         if (wrong := self._acceptance.mistake(message, now, begin)) is not None:
             raise TrajectoryRefused(str(self.refusal(f"refuses the trajectory: {wrong.text}")), wrong.code)
-        if (doubt := self._acceptance.doubt(message)) is not None:
+        if (doubt := self._acceptance.unreachable_part(message)) is not None:
             self.report("unreachable", f"{doubt}; until then it is behind")
 
     def _queue(self, message: JointTrajectory, now: int) -> None:

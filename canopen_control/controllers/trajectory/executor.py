@@ -404,7 +404,7 @@ class TrajectoryExecutor:
             else None
         )
 
-    def where_it_begins(self, stamp: int) -> Sequence[float]:
+    def start_positions(self, stamp: int) -> Sequence[float]:
         """Return the positions from which a trajectory with this stamp would continue."""
         follows, out = self.follows, Point()
         if follows is not None and follows.query(max(self._start_of(stamp), self._commanded_until), out):
@@ -476,12 +476,12 @@ class TrajectoryExecutor:
             return False
         return not motion.is_over
 
-    def told(self, t: int, name: str) -> TrajectoryAt:
+    def state_reading(self, t: int, name: str) -> TrajectoryAt:
         """Return the state at `t` in ns; the actual state of controller `name` if there is none."""
         point = Point()
         is_known = self.query(t, point)
         text = "" if is_known else f"{name} follows nothing at that time; this is where the joints are, or are to end"
-        return TrajectoryAt(known=is_known, text=text, joints=list(self._group.joints), point=_told(point))
+        return TrajectoryAt(known=is_known, text=text, joints=list(self._group.joints), point=_plain_point(point))
 
     def sample_of(self, time: float, executing: bool, factor: float) -> TrajectorySample:
         """Return the sample of the last cycle, `time` in Unix s."""
@@ -490,10 +490,10 @@ class TrajectoryExecutor:
             joints=self._group.joints,
             executing=executing,
             holding=self.holding,
-            reference=_told(self.desired),
-            feedback=_told(self._group.actual),
-            error=_told(self._group.error),
-            output=_told(self.output),
+            reference=_plain_point(self.desired),
+            feedback=_plain_point(self._group.actual),
+            error=_plain_point(self._group.error),
+            output=_plain_point(self.output),
             speed_scaling_factor=factor,
         )
 
@@ -510,7 +510,7 @@ class TrajectoryExecutor:
         self._time = now
 
 
-def _told(point: Point) -> TrajectoryPoint:
+def _plain_point(point: Point) -> TrajectoryPoint:
     return TrajectoryPoint(
         positions=list(point.positions),
         velocities=list(point.velocities),

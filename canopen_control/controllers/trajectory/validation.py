@@ -118,7 +118,7 @@ class TrajectorySummary:
         if not points:
             return
         begin, before = self.count, self._last
-        self._look_at_times(times)
+        self._check_times(times)
         columns = (
             [point.positions for point in points],
             [point.velocities for point in points],
@@ -127,10 +127,10 @@ class TrajectorySummary:
         )
         empty = True
         for quantity, vectors in enumerate(columns):
-            result = self._look_at_sizes(quantity, vectors)
+            result = self._count_sizes(quantity, vectors)
             empty = empty and (quantity > 2 or 0 in result)
             if self.infinite == NONE or self.infinite >= begin:
-                self._look_at_numbers(vectors)
+                self._check_finite(vectors)
             if quantity < 2 and len(result - {0}) == 1:
                 extremes = self.velocities if quantity else self.positions
                 extremes.add(Range(begin, begin + len(points), list(zip(*filter(None, vectors), strict=True))))
@@ -139,9 +139,9 @@ class TrajectorySummary:
             self.empty = begin + next(none, NONE - begin)
         self.count += len(points)
         if self.not_increasing == self.infinite == NONE and len(self.sizes[0]) == 1:
-            self._look_at_ways(begin, columns[0], before, times)
+            self._add_mean_velocities(begin, columns[0], before, times)
 
-    def _look_at_ways(self, begin: int, positions: list[list[float]], before: int, times: Sequence[int]) -> None:
+    def _add_mean_velocities(self, begin: int, positions: list[list[float]], before: int, times: Sequence[int]) -> None:
         """Compute the mean velocities between the points."""
         last, self._place = self._place, positions[-1]
         instants = [time * 1e-9 for time in ((before, *times) if last else times)]
@@ -158,7 +158,7 @@ class TrajectorySummary:
         """Return the first point with a wrong number of values of a quantity, NONE without one."""
         return min((at for size, at in self.sizes[quantity].items() if size not in allowed), default=NONE)
 
-    def _look_at_times(self, times: Sequence[int]) -> None:
+    def _check_times(self, times: Sequence[int]) -> None:
         if self.not_increasing == NONE:
             if self.count and times[0] <= self._last:
                 self.not_increasing = self.count
@@ -167,7 +167,7 @@ class TrajectorySummary:
                 self.not_increasing = self.count + next(late)
         self._last = times[-1]
 
-    def _look_at_sizes(self, quantity: int, vectors: list[list[float]]) -> set[int]:
+    def _count_sizes(self, quantity: int, vectors: list[list[float]]) -> set[int]:
         sizes = list(map(len, vectors))
         distinct = set(sizes)
         firsts = self.sizes[quantity]
@@ -176,7 +176,7 @@ class TrajectorySummary:
                 firsts[size] = self.count + sizes.index(size)
         return distinct
 
-    def _look_at_numbers(self, vectors: list[list[float]]) -> None:
+    def _check_finite(self, vectors: list[list[float]]) -> None:
         if math.isfinite(sum(chain.from_iterable(vectors))):
             return
         for index, values in enumerate(vectors, self.count):
@@ -450,7 +450,7 @@ def _wrong_sizes(index: int, point: Point, joints: int, rules: Rules) -> Refused
     return None
 
 
-def beyond(message: JointTrajectory, survey: TrajectorySummary, limits: dict[str, JointLimits]) -> str | None:
+def limit_error(message: JointTrajectory, survey: TrajectorySummary, limits: dict[str, JointLimits]) -> str | None:
     """Return the first value that is not finite or exceeds its joint's limits, None without one."""
     names = message.joint_names
     for name in names:
@@ -648,7 +648,7 @@ class Acceptance:
             return refused
         here = dict(zip(params.joints, begin, strict=True))
         unbearable = (
-            beyond(message, survey, self.limits)
+            limit_error(message, survey, self.limits)
             or lost_start(message, now + _NEXT)
             or far_start(message, here, self.limits, params.allowed_start_tolerance)
             or (self._unreachable(message) if params.unreachable_points == "refuse" else None)
@@ -656,7 +656,7 @@ class Acceptance:
         )
         return None if unbearable is None else Refused(None, unbearable)
 
-    def doubt(self, message: JointTrajectory) -> str | None:
+    def unreachable_part(self, message: JointTrajectory) -> str | None:
         """Return the part of an accepted trajectory that the joints cannot follow, else None."""
         return self._unreachable(message) if self._params.unreachable_points == "warn" else None
 

@@ -354,7 +354,7 @@ class Supports:
                 return False
 
         def to_py(message: int) -> int | None:
-            self._tell_dropped()
+            self._report_dropped()
             try:
                 codec = codecs.decode(name, libraries.body_of(message))
             except Exception as error:  # noqa: BLE001 - the module says why
@@ -470,7 +470,7 @@ class Supports:
             return abi.LayoutField(_TEXT, shape, 0, kind.capacity)
         return abi.LayoutField(_NUMBER, shape, size_of(kind.base), kind.capacity)
 
-    def _tell_dropped(self) -> None:
+    def _report_dropped(self) -> None:
         for name in self._libraries.callbacks.newly_dropped():
             _complain(name, "dropped a message of another layout")
 

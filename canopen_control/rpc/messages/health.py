@@ -106,14 +106,14 @@ def judge(states: Sequence[str | None], *, ready: bool, nmt: str | None, error: 
     return Verdict(Health.OK, "operational")
 
 
-def judge_node(node: NodeReading) -> Verdict:
+def diagnose_node(node: NodeReading) -> Verdict:
     """Return the verdict for a node with all its axes."""
     states = [axis.state for axis in node.axes]
     error = node.error or next((axis.error for axis in node.axes if axis.error), None)
     return judge(states, ready=node.ready, nmt=_seen(node), error=error)
 
 
-def judge_axis(node: NodeReading, axis: AxisReading | None) -> Verdict:
+def diagnose_axis(node: NodeReading, axis: AxisReading | None) -> Verdict:
     """Return the verdict for one axis of a node, or for a node without axes."""
     states = [] if axis is None else [axis.state]
     error = (axis.error if axis is not None else None) or node.error

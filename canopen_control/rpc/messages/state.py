@@ -202,7 +202,7 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         x, y, turn = self.error
         return f"{place}; odometry is off by {1e3 * math.hypot(x, y):.1f} mm and {abs(math.degrees(turn)):.2f} deg"
 
-    def beside(self, odometry: Planar) -> TruePose:
+    def with_odometry_error(self, odometry: Planar) -> TruePose:
         """Return the true pose with the error of the odometry at that time."""
         pose = self.in_odometry
         if pose is None:
@@ -253,7 +253,7 @@ class StateSample(TimedSnapshot, frozen=True, kw_only=True):
     sim_epoch: float | None = None
     samples: dict[str, ControllerSample] = {}
 
-    def told(self, kind: type[S]) -> dict[str, S]:
+    def samples_of(self, kind: type[S]) -> dict[str, S]:
         """Return the samples of one kind by controller."""
         return {name: sample for name, sample in self.samples.items() if isinstance(sample, kind)}
 

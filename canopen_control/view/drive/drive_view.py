@@ -96,7 +96,7 @@ class ObjectsTab:
         if self._tree is not None and self._list is not None and self._is_heard:
             self._turns += 1
             if not self._turns % _ANEW:  # a browser that was away for a moment has not heard all
-                self._tell_seen()
+                self._show_values()
             if news := self._list.news(desk.live):
                 self._tree.values(news)
             lost = desk.lost if self._seen and not content.lost else ""
@@ -115,11 +115,11 @@ class ObjectsTab:
     def seen(self, addresses: list[str]) -> None:
         """Read the visible objects."""
         self._seen, self._is_heard = addresses, True
-        self._tell_seen()
+        self._show_values()
         if not self._is_left:
             self._watch()
 
-    def _tell_seen(self) -> None:
+    def _show_values(self) -> None:
         if self._tree is not None and self._list is not None:
             self._tree.values(self._list.known(self._context.desk.live, self._seen))
 
@@ -368,7 +368,7 @@ class DriveView:
             self._open_tab()
         else:
             self.leave()
-        self._tell_place()
+        self._update_address()
 
     def _chosen(self, event: Any) -> None:  # noqa: ANN401 - what a browser sends
         if event.value and event.value != self._node:
@@ -378,7 +378,7 @@ class DriveView:
             self._places.clear()
             self._body.clear()
             self._open_tab()
-            self._tell_place()
+            self._update_address()
 
     def _turn(self, key: str) -> None:
         if key == self._key:
@@ -387,7 +387,7 @@ class DriveView:
             before.leave()
         self._key = key
         self._open_tab()
-        self._tell_place()
+        self._update_address()
 
     def _open_tab(self) -> None:
         """Show the chosen tab of the chosen node, creating it if necessary."""
@@ -401,7 +401,7 @@ class DriveView:
         if self._content is not None:
             self.show(self._content)
 
-    def _tell_place(self) -> None:
+    def _update_address(self) -> None:
         """Update the page's address to the selection."""
         place = urlencode({_DRIVE: self._node, "tab": self._key}) if self.is_open else ""
         script = (

@@ -56,7 +56,7 @@ class ScopeTab:
         self._seen: tuple[ScopeRun | None, int] = (None, 0)
         with ui.element("section").classes("cc-panel"):
             ui.html("Signals", sanitize=False, tag="h2")
-            self._make_wish()
+            self._make_form()
             self._state = Html()
         with ui.element("section").classes("cc-panel cc-scope") as self._picture:
             self._chart = ui.echart({}).classes("cc-scope-chart")
@@ -65,7 +65,7 @@ class ScopeTab:
         self._picture.visible = False
         background_tasks.create(self._list_signals(), name="signals")
 
-    def _make_wish(self) -> None:
+    def _make_form(self) -> None:
         self._signals = ui.select(
             [], multiple=True, value=[], with_input=True, label=f"signals, {MOST_SIGNALS} at most"
         )
@@ -169,13 +169,13 @@ class ScopeTab:
         if self._desk.scope is not None and not self._desk.scope.over:
             return
         try:
-            self._desk.scope = ScopeRun(self._desk, self._wish(rolling=rolling))
+            self._desk.scope = ScopeRun(self._desk, self._form(rolling=rolling))
         except ConfigError as error:
             self._state.show(sentence(str(error), BAD))
             return
         self._desk.scope.start()
 
-    def _wish(self, *, rolling: bool) -> ScopeForm:
+    def _form(self, *, rolling: bool) -> ScopeForm:
         kind = str(self._trigger.value)
         trigger = {_NONE: "", _FAULT: _FAULT}.get(kind, f"{self._place.value}:{kind}:{self._level.value or 0.0}")
         length = min(max(float(self._length.value or 0.0), _LIMITS[0]), _LIMITS[1])
@@ -218,7 +218,7 @@ class ScopeTab:
         self._chart.options.clear()
         self._chart.options.update(chart_options(named, overlay, self._cursors(named)))
         self._chart.update()
-        self._tell_cursors(named)
+        self._show_cursors(named)
 
     def _cursors(self, named: NamedShot) -> tuple[float, float]:
         low, high = named.shot.time_range
@@ -228,9 +228,9 @@ class ScopeTab:
     def _move_cursors(self) -> None:
         if (named := self._shown) is not None:
             self._chart.run_chart_method("setOption", cursor_change(named, self._cursors(named)))
-            self._tell_cursors(named)
+            self._show_cursors(named)
 
-    def _tell_cursors(self, named: NamedShot) -> None:
+    def _show_cursors(self, named: NamedShot) -> None:
         self._readings.show(cursor_table(named, self._cursors(named)))
 
     # ------------------------------------------------------------------------------------ files

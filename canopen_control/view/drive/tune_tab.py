@@ -57,7 +57,7 @@ class TuneTab:
         with ui.element("div").classes("cc-tab-columns"):
             with ui.element("section").classes("cc-panel"):
                 ui.html("Excitation", sanitize=False, tag="h2")
-                self._make_wish()
+                self._make_form()
             with ui.element("section").classes("cc-panel"):
                 ui.html("Limits", sanitize=False, tag="h2")
                 self._make_limits()
@@ -77,7 +77,7 @@ class TuneTab:
         self._make_dialog()
         self._arrange()
 
-    def _make_wish(self) -> None:
+    def _make_form(self) -> None:
         axes = {number: f"{number}: {joint}" for number, joint in enumerate(self._context.place.joints)} or {0: "0"}
         self._axis = ui.select(axes, value=0, label="axis").props("dense options-dense").style("width: 100%")
         self._axis.visible = len(axes) > 1
@@ -175,7 +175,7 @@ class TuneTab:
 
     # ------------------------------------------------------------------------------------ what the user does
 
-    def _wish(self) -> jobs.TuneForm:
+    def _form(self) -> jobs.TuneForm:
         def number(element: Any) -> float:  # noqa: ANN401 - an input of the toolkit
             return float(element.value or 0.0)
 
@@ -206,7 +206,7 @@ class TuneTab:
         if not self._context.panel.teleop:
             return
         try:
-            wish = self._wish()
+            wish = self._form()
         except ConfigError as error:
             self._refused.show(sentence(str(error), BAD))
             return

@@ -166,12 +166,14 @@ class TeleopPanel:
             positions = targets.targets(self._positions), float(share.value)
             if begins or positions != self._asked:  # a slider was set; the way to it begins where the arm is now
                 self._asked = positions
-                self._arm = self._way(controller, *positions)
+                self._arm = self._trajectory(controller, *positions)
             return self._arm
 
         hold_buttons(self._context, [HoldButton("drive", "Hold to move")], motion)
 
-    def _way(self, controller: ControllerReading, positions: Sequence[float], percent: float) -> TeleopCommands | None:
+    def _trajectory(
+        self, controller: ControllerReading, positions: Sequence[float], percent: float
+    ) -> TeleopCommands | None:
         """Return the trajectory to the sliders' positions, within the joints' limits; None if a position is unknown.
 
         From rest to rest on a cubic the velocity peaks at 1.5 times its mean, the acceleration at 6 d/T^2.

@@ -87,7 +87,7 @@ class TrajectoryPanel:
         self._follow_controllers(trajectory_takers(content.controllers))
         self._now = {name: joint.position for name, joint in content.state.joints.items()}
         if self._playing is not None and self._loaded is not None:
-            sample = content.state.told(TrajectorySample).get(self._playing)
+            sample = content.state.samples_of(TrajectorySample).get(self._playing)
             self._bar.value, text = progress_of(sample, self._loaded.duration)
             self._told.show(sentence(text))
         elif self._loaded is not None:

@@ -16,9 +16,9 @@ from canopen_control.controllers.trajectory.validation import (
     Rule,
     Rules,
     TrajectorySummary,
-    beyond,
     broken_rule,
     far_start,
+    limit_error,
     lost_start,
     survey_of,
     unreachable,
@@ -233,7 +233,7 @@ def to(*positions: float, time: float = 1.0, **more: list[float]) -> JointTrajec
     ],
 )
 def test_what_no_joint_can_bear_is_named_with_its_joint(given, text):
-    assert text in beyond(given, survey_of(given), LIMITS)
+    assert text in limit_error(given, survey_of(given), LIMITS)
 
 
 def through(*points):
@@ -268,7 +268,7 @@ def test_a_joint_that_may_not_move_reaches_nothing_and_points_without_positions_
 
 def test_limits_bear_the_rounding_of_a_planner_and_turns_without_end():
     given = to(1.0 + 1e-7, 100.0)
-    assert beyond(given, survey_of(given), LIMITS) is None
+    assert limit_error(given, survey_of(given), LIMITS) is None
 
 
 @pytest.mark.parametrize(

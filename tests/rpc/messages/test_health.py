@@ -1,6 +1,6 @@
 import pytest
 
-from canopen_control.rpc.messages.health import Health, judge, judge_axis, judge_node, stale
+from canopen_control.rpc.messages.health import Health, diagnose_axis, diagnose_node, judge, stale
 from canopen_control.rpc.messages.state import AxisReading, NodeReading
 
 ON, OFF = "OPERATION_ENABLED", "SWITCH_ON_DISABLED"
@@ -37,7 +37,7 @@ def test_no_news_is_stale():
 def test_a_node_is_judged_with_all_its_axes_and_an_axis_alone():
     fault, on = AxisReading("a", state="FAULT", error="a is hot"), AxisReading("b", 1, ON)
     node = NodeReading(name="n", node_id=3, nmt_state="OPERATIONAL", ready=True, age=0.1, axes=(fault, on))
-    assert judge_node(node) == judge_axis(node, fault) == (Health.ERROR, "a is hot")
-    assert judge_axis(node, on) == (Health.OK, "operational")
+    assert diagnose_node(node) == diagnose_axis(node, fault) == (Health.ERROR, "a is hot")
+    assert diagnose_axis(node, on) == (Health.OK, "operational")
     unseen = NodeReading(name="n", node_id=3, nmt_state="PRE_OPERATIONAL")
-    assert judge_node(unseen) == judge_axis(unseen, None) == (Health.ERROR, "not ready, NMT state unknown")
+    assert diagnose_node(unseen) == diagnose_axis(unseen, None) == (Health.ERROR, "not ready, NMT state unknown")

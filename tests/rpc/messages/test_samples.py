@@ -95,8 +95,8 @@ def test_samples_of_every_kind_cross_the_wire_as_what_they_are():
     there = convert(plain(StateSample(samples=SAMPLES)), StateSample)
     assert there.samples == SAMPLES
     assert {type(each) for each in there.samples.values()} == set(typing.get_args(ControllerSample))
-    assert there.told(PidSample) == {"loops": SAMPLES["loops"]}
-    assert there.told(OdometrySample) == {name: SAMPLES[name] for name in ("base", "forklift", "platform")}
+    assert there.samples_of(PidSample) == {"loops": SAMPLES["loops"]}
+    assert there.samples_of(OdometrySample) == {name: SAMPLES[name] for name in ("base", "forklift", "platform")}
 
 
 def test_a_sample_grows_into_a_kind_that_has_its_fields():

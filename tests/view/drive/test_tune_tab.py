@@ -150,7 +150,7 @@ def test_of_a_drive_with_several_axes_one_is_chosen_and_named():
         words = html(user)
         user.find("Move it").click()
         await settle(lambda: bool(tab._desk.begun))
-        return shown, words, tab._wish().axis
+        return shown, words, tab._form().axis
 
     (shown, words, axis), _ = played(act, joints=("shoulder", "elbow"))
     assert (shown, axis) == (True, 1)
@@ -160,7 +160,7 @@ def test_of_a_drive_with_several_axes_one_is_chosen_and_named():
 def test_of_a_drive_with_one_axis_nothing_is_to_be_chosen():
     async def act(user, tab, page):
         user.find("Run ...").click()
-        return tab._axis.visible, html(user), tab._wish().axis
+        return tab._axis.visible, html(user), tab._form().axis
 
     (shown, words, axis), _ = played(act, joints=("wheel",))
     assert (shown, axis) == (False, 0)
