@@ -308,7 +308,7 @@ def _collector_off() -> Iterator[None]:
 
 def _prepare(args: argparse.Namespace, *, motion: bool, table: bool) -> tuple[RobotSetup, RunOptions]:
     """Read the files, and import the modules of the run and its child processes; ConfigError."""
-    setup = read_setup(args)
+    setup = read_setup(args, keep=not args.spawn)
     if motion and setup.reaches_real_drives:
         channels = setup.files.asked.real_word or ", ".join(setup.channels.values())
         raise ConfigError(f"{channels}: {_NO_DEMO}")
@@ -456,8 +456,8 @@ def _slow_down(session: RunSession, unclear: SlowReason) -> None:
     session.robot.report(Event(session.reactor.now(), "slow", "", text, Level.WARNING))
 
 
-def read_setup(args: argparse.Namespace) -> RobotSetup:
-    """Read the files in the arguments; ConfigError."""
+def read_setup(args: argparse.Namespace, *, keep: bool = False) -> RobotSetup:
+    """Read the files in the arguments, and `keep` the parsed EDS files for forks; ConfigError."""
     from canopen_control.host.sockets import check_name
     from canopen_control.urdf.description import DescriptionReader
 
@@ -475,7 +475,7 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
         with quick_dataclasses():  # takes as long as xacro does, on another processor
             from canopen_control.od.eds import keep_files
             from canopen_control.runtime.setup import read_robot
-        if not args.spawn:
+        if keep:
             keep_files()
         setup = read_robot(
             files,
