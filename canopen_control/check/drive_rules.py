@@ -11,6 +11,7 @@ from canopen_control.hardware.feedback import MEASURED
 from canopen_control.hardware.plugins import KNOWN, PluginKind
 from canopen_control.master.known_drives import known_drive, proposals
 from canopen_control.od.issues import Severity
+from canopen_control.runtime.sync_choice import axis_number, node_of
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:
@@ -95,6 +96,23 @@ def _measured(robot: CheckedRobot) -> Iterator[Finding]:
             yield Finding(config.path, config.line, robot.severity(name), text, fix)
 
 
+def _unjoined(robot: CheckedRobot) -> Iterator[Finding]:
+    """Find motors behind a shared controlword that no joint moves: they are enabled with the others, unwatched."""
+    bus, description = robot.bus, robot.description
+    if bus is None or description is None or robot.mock:
+        return
+    joints = [joint for tag in description.hardware for joint in tag.joints if joint.command_interfaces]
+    for name, plan in bus.plans.items():
+        axes = {axis_number(joint) for joint in joints if node_of(bus, joint) is bus.nodes[name]}
+        if plan.motors is None or not axes:
+            continue
+        for axis in sorted({*range(len(plan.motors.subindices))} - axes):
+            place = bus.place(name, "motor_subindices")
+            text = f"axis {axis} of {name} has no joint: it is enabled with the others, and nothing sees its faults"
+            fix = f'give a joint <param name="axis">{axis}</param>'
+            yield Finding(place.path, place.line, Severity.WARNING, text, fix, column=place.column)
+
+
 def _known(robot: CheckedRobot) -> Iterator[Finding]:
     """Propose keys that drives of a known manufacturer need and bus.yml lacks."""
     bus = robot.bus
@@ -146,5 +164,6 @@ DRIVE_RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (
     _without_feedback,
     _measured,
     _modes_unlisted,
+    _unjoined,
     _known,
 )

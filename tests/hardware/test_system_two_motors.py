@@ -204,3 +204,12 @@ def test_the_time_to_a_stop_is_that_of_each_motor(tmp_path):
     stops = check_robot(find_robot(str(tmp_path)), CheckOptions()).stops
     asked = [case.by for stop in stops for case in stop.cases if case.cause == "a stop is asked"]
     assert asked == ["ramp of 0x6084 (20000)", "ramp of 0x6084 (5000)"]
+
+
+def test_a_motor_without_a_joint_rests_while_the_other_turns_and_check_names_it(robot, tmp_path):
+    made = robot(axes=("0", None))
+    made.command("vel", 2.0, seconds=1)
+    made.run(0.9)
+    assert speeds(made) == pytest.approx([2.0, 0.0], rel=0.01)
+    found = [str(each) for each in check_robot(find_robot(str(tmp_path)), CheckOptions()).findings]
+    assert [each for each in found if "axis 1 of wheels has no joint" in each and "bus.yml:11:" in each]

@@ -107,15 +107,19 @@ def _pdos(mappings, count=4):
 def folder(
     path, *, together=False, key="motor_subindices: [1, 2]", mode="velocity_mode: 3", axes="01", more=("", ""), edit=str
 ):
-    """Write the robot; `together`: targets and velocities are mapped as both in one object, `edit` changes the EDS."""
+    """Write the robot; `together`: targets and velocities are mapped as both in one object, `edit` changes the EDS.
+
+    `axes` are those of the joints left and right, None for no joint.
+    """
     (path / "device.eds").write_text(edit(eds_text()))
     joints = zip(("left", "right"), axes, more, strict=True)
-    tags = "".join(_JOINT.format(joint=joint, axis=axis, more=extra) for joint, axis, extra in joints)
+    tags = "".join(_JOINT.format(joint=joint, axis=axis, more=extra) for joint, axis, extra in joints if axis)
     (path / "cart.urdf").write_text(_URDF.format(joints=tags))
     text = "controller_manager:\n  ros__parameters:\n    update_rate: 100\n"
     text += "    joint_state_broadcaster: {type: joint_state_broadcaster/JointStateBroadcaster}\n"
     text += "    vel: {type: forward_command_controller/ForwardCommandController}\n"
-    text += "vel:\n  ros__parameters:\n    joints: [left, right]\n    interface_name: velocity\n"
+    names = ", ".join(joint for joint, axis in zip(("left", "right"), axes, strict=True) if axis)
+    text += f"vel:\n  ros__parameters:\n    joints: [{names}]\n    interface_name: velocity\n"
     (path / "ros2_controllers.yaml").write_text(text)
     tpdos, rpdos = map(_pdos, _TOGETHER if together else _SEPARATE)
     (path / "bus.yml").write_text(_BUS.format(key=key, mode=mode, tpdos=tpdos, rpdos=rpdos))
