@@ -267,7 +267,7 @@ def _status_of(spec: ChannelSpec) -> Status:
         raise ConfigError(f"{spec}: only local: buses and CAN interfaces can be looked at from outside")
     link = can_interfaces.find_can_interface(spec.name)
     if link is None:
-        raise InterfaceNotFound(spec.name, "what there is: canopen-control bus list")
+        raise InterfaceNotFound(spec.name, "list the channels with: canopen-control bus list")
     return status_of_interfaces([link])[link.name]
 
 

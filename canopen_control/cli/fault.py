@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _list(args: argparse.Namespace) -> int:
     if args.name is not None:
-        raise ConfigError("fault list takes no more words; those of one drive: fault NODE --can CHANNEL")
+        raise ConfigError("fault list takes no arguments; for one drive: fault NODE --can CHANNEL")
     if args.json:
         keys = ("name", "row", "acts", "does", "reaction", "once")
         print(json_text([{key: getattr(fault, key) for key in keys} for fault in FAULTS.values()]))
@@ -161,7 +161,7 @@ def _set(args: argparse.Namespace, client: DriveClient, node_id: int) -> int:
 
 def _check(name: str) -> Fault:
     if name in _ON_THE_BUS:
-        raise ConfigError(f"{name} breaks the wire, not a drive: canopen-control bus fault CHANNEL {name} ...")
+        raise ConfigError(f"{name} is a fault of the bus, not of a drive: canopen-control bus fault CHANNEL {name} ...")
     return find_fault(name)
 
 

@@ -117,7 +117,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     request = _request(args)
     if not (args.seconds or request.kind is JogKind.POSITION or args.fault_reset or sys.stdin.isatty()):
-        raise ConfigError("keys are read from a terminal, and standard input is none; move for a time: --for S")
+        raise ConfigError("standard input is not a terminal, which the keys need; move for a time: --for S")
     with contextlib.ExitStack() as stack:
         if args.can is None:
             drive, scale = _running(args, request, args.name, stack)

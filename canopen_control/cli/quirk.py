@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _list(args: argparse.Namespace) -> int:
     if args.name is not None:
-        raise ConfigError("quirk list takes no more words; those of one drive: quirk NODE --can CHANNEL")
+        raise ConfigError("quirk list takes no arguments; for one drive: quirk NODE --can CHANNEL")
     listings = [quirk.listing() for quirk in QUIRKS.values()]
     if args.json:
         keys = ("name", "acts", "does", "clause", "source", "unit", "default", "low", "high")

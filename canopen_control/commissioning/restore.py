@@ -200,7 +200,7 @@ def check_device(parameters: ParameterSet, identity: DeviceIdentity, session: No
     """Return differences of revision and software; ConfigError for another product."""
     if strangers := parameters.identity.strangers(identity):
         raise ConfigError(
-            f"{parameters.where} is of another product than {session}: {', '.join(strangers)}; nothing was written"
+            f"{parameters.where} belongs to another product than {session}: {', '.join(strangers)}; nothing was written"
         )
     return parameters.identity.variations(identity)
 

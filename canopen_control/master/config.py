@@ -312,7 +312,7 @@ def _units(keys: UnitKeys, node: Node) -> UnitKeys:
         return keys
     place = node.keys()[named[0]]
     if scales:
-        place.error(f"{', '.join(named)} and {', '.join(scales)} say the same twice; keep one way")
+        place.error(f"{', '.join(named)} and {', '.join(scales)} define the same scales; keep one of the two")
     elif keys.counts_per_revolution is None:
         place.error(f"{named[0]} needs counts_per_revolution, the position counts of one turn of the motor")
     else:
@@ -337,7 +337,7 @@ def _check_scales(keys: UnitKeys, node: Node) -> None:
         if scale is not None and abs(product - 1) > 0.01:
             scale.warning(
                 f"scale_{name}_to_dev times scale_{name}_from_dev is {product:.6g}, not 1: "
-                "what is commanded and what comes back would differ"
+                "command and feedback would differ"
             )
 
 

@@ -57,7 +57,7 @@ def read_hello(api: Api[H, P], line: Line, label: str) -> H:
     try:
         return cast("H", wire.decode(line["hello"], api.hello))
     except ValueError as error:
-        raise RemoteError("RemoteProtocolError", f"{label} greets in another way: {error}") from None
+        raise RemoteError("RemoteProtocolError", f"{label} sent an unexpected greeting: {error}") from None
 
 
 class Client(Generic[H, P]):

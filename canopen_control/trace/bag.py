@@ -314,7 +314,7 @@ def _open(path: Path) -> Any:  # noqa: ANN401 - rosbags' writer, or None once it
         writer.open()
         path.chmod(0o700)  # private, as the other recordings
     except WriterError as error:
-        raise ConfigError(f"{path}: there is something already; a bag gets a folder of its own") from error
+        raise ConfigError(f"{path}: it already exists; give a new folder for the bag") from error
     except OSError as error:
         raise failed(path, error, "no bag was begun") from error
     return writer

@@ -95,7 +95,7 @@ def _check(file: BusGroup, _problems: Problems) -> None:
     channels = set[str]()
     for _, _, bus in _buses(file):
         if bus.channel in channels or not bus.nodes:
-            bus.here.error("a bus has a channel of its own, and nodes")
+            bus.here.error("a bus needs its own channel, and nodes")
         channels.add(bus.channel)
         for text in bus.nodes:
             if not text.isdigit() or not 1 <= int(text) <= MAX_NODE_ID:

@@ -58,7 +58,7 @@ def test_one_node_and_another_product_are_refused(bus, capsys):
     assert "3 and 3 are one node" in capsys.readouterr().err
     before = bus.call(lambda: dict(bus.nodes[5].store.values))
     assert main(["clone", "3", "5", *bus.options]) == 2
-    assert "is of another product than node 5" in capsys.readouterr().err
+    assert "belongs to another product than node 5" in capsys.readouterr().err
     assert bus.call(lambda: dict(bus.nodes[5].store.values)) == before
 
 

@@ -73,7 +73,7 @@ def test_what_a_fault_does_is_a_sentence_whatever_it_is_of(capsys):
         (["5", "silent", "on", "--can", "local:a/b"], "local:a/b"),
         (["left_drive", "silent", "on", "--can", CAN], "no node 'left_drive' is known: no robot runs there"),
         (["129", "silent", "on", "--can", CAN], "'129' is not a node id"),
-        (["list", "silent"], "takes no more words"),
+        (["list", "silent"], "takes no arguments"),
     ],
 )
 def test_wrong_usage_is_a_sentence_and_exit_code_2(node, capsys, words, said):

@@ -108,7 +108,7 @@ def test_a_drive_whose_units_nobody_tells_is_turned_in_counts(private_folders, n
         (("--velocity", "500rpm", "--for", "1"), "500rpm is beyond the limit of 6.28 rad/s (60.0 rpm); raise that"),
         (("--position", "20turns"), "20turns is beyond the limit of 3600.0 deg; raise that, if it is safe: --max-tr"),
         (("--axis", "3", "--for", "1"), "node 5 has no axis 3; it has 1, counted from 0"),
-        ((), "standard input is none; move for a time: --for S"),
+        ((), "which the keys need; move for a time: --for S"),
     ],
 )
 def test_what_is_no_jog_is_refused_before_anything_moves(bench, no_terminal, capsys, words, why):

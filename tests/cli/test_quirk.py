@@ -63,7 +63,7 @@ def test_a_quirk_goes_on_and_off_without_a_master(node, capsys):
         (["5", "brake_dely"], "no quirk 'brake_dely'"),
         (["5", "brake_delay=99"], "its strength is a number, 0.001 to 60 s"),
         (["5", "brake_delay@1"], "node 5 has no axis 1; it has: 0"),
-        (["list", "brake_delay"], "quirk list takes no more words"),
+        (["list", "brake_delay"], "quirk list takes no arguments"),
     ],
 )
 def test_what_is_wrong_is_one_sentence(node, capsys, words, sentence):

@@ -71,7 +71,7 @@ def test_what_is_protected_stays(bus, backup, capsys):
     ("node", "options", "code", "sentence"),
     [
         ("4", [], 2, "is of node 3, and node 4 is another drive; nothing was written"),
-        ("5", ["--any-node"], 2, "is of another product than node 5"),
+        ("5", ["--any-node"], 2, "belongs to another product than node 5"),
         ("9", ["--any-node", "--timeout", "0.05"], 1, "node 9: 0x1000:00: no answer"),
     ],
 )

@@ -232,7 +232,7 @@ def test_the_robot_says_who_it_is(client):
     ("hello", "sentence"),
     [
         ({"hello": {"robot": "robby", "protocol": 1}}, "robot robby speaks protocol 1, this client 2; use the same"),
-        ({"hello": {"robot": 3, "protocol": 2}}, "greets in another way: Expected `str`, got `int`"),
+        ({"hello": {"robot": 3, "protocol": 2}}, "sent an unexpected greeting: Expected `str`, got `int`"),
         ({"hello": "you"}, "speaks protocol None"),
         ({"welcome": 1}, "speaks protocol None"),
         ({"error": {"kind": "BusError", "message": "too many connections"}}, "^too many connections$"),

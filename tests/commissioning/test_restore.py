@@ -307,7 +307,9 @@ def test_another_product_is_refused_and_another_revision_told():
     assert check_device(file, DeviceIdentity(0xFFFF0192, 0x286, 0x4F6, 2), session) == [
         "revision 0x00000001 and 0x00000002"
     ]
-    with pytest.raises(ConfigError, match=r"left.dcf is of another product than node 5: product .*nothing was written"):
+    with pytest.raises(
+        ConfigError, match=r"left.dcf belongs to another product than node 5: product .*nothing was written"
+    ):
         check_device(file, DeviceIdentity(0xFFFF0192, 0x286, 0x4F5, 1), session)
 
 

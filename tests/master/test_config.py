@@ -435,7 +435,7 @@ def test_ten_different_mistakes_are_ten_messages_with_the_right_lines(tmp_path):
         15: "1.5 is not a valid UNSIGNED32: expected a whole number",
         17: "no file 'missing.eds'",
         20: "node id 3 is already that of right",
-        23: "counts_per_revolution and scale_pos_to_dev say the same twice",
+        23: "counts_per_revolution and scale_pos_to_dev define the same scales",
     }
     source = textwrap.dedent(TEN_MISTAKES).splitlines()
     for line, words in wanted.items():

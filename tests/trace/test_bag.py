@@ -448,7 +448,7 @@ def test_odometry_becomes_odom_tf_and_the_limited_twist(story, tmp_path):
 
 
 def test_a_bag_never_overwrites(bag):
-    with pytest.raises(ConfigError, match="something already"):
+    with pytest.raises(ConfigError, match="it already exists"):
         BagWriter(bag, "robby")
 
 

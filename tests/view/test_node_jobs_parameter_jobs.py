@@ -93,7 +93,7 @@ def test_another_product_and_another_drive_are_refused():
     session = taken_out(serial=8)
     file = file_of(session)
     stranger = replace(file, identity=replace(file.identity, product_code=99))
-    with pytest.raises(ConfigError, match="is of another product than node 5"):
+    with pytest.raises(ConfigError, match="belongs to another product than node 5"):
         restore(session, work(), stranger, RestoreOptions())
     other = replace(file, node_id=6, identity=replace(file.identity, serial_number=7))
     with pytest.raises(ConfigError, match=r"left\.dcf is of node 6, and node 5 is another drive"):

@@ -25,7 +25,7 @@ def written(tmp_path, text=GROUP):
     ("old", "new", "message"),
     [
         ("world: hall.yml", "", "say in which file it stands where each robot begins"),
-        ("group-b", "group-a", "a bus has a channel of its own"),
+        ("group-b", "group-a", "a bus needs its own channel"),
         ('{"2": EDS}', '{"200": EDS}', "'200' is not a node id: 1 to 127"),
         ("mujoco", "gazebo", "engine"),
         ("plant: b.yml, ", "", "plant"),

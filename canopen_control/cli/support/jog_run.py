@@ -69,7 +69,7 @@ class Keyboard:
 
     def __enter__(self) -> Keyboard:
         if not sys.stdin.isatty():
-            raise ConfigError("keys are read from a terminal, and standard input is none; run it in a terminal")
+            raise ConfigError("standard input is not a terminal, which the keys need; run it in a terminal")
         self._fd = sys.stdin.fileno()
         self._saved = termios.tcgetattr(self._fd)
         self._signals.enter_context(on_signals(_ENDING, self._end))

@@ -60,7 +60,7 @@ def test_signals_are_the_end_and_the_handlers_come_back(terminal, number):
 def test_what_is_no_terminal_gives_no_keys(monkeypatch):
     with open(os.devnull) as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
-        with pytest.raises(ConfigError, match="standard input is none"), Keyboard():
+        with pytest.raises(ConfigError, match="standard input is not a terminal"), Keyboard():
             pass
 
 
