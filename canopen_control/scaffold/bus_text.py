@@ -35,13 +35,13 @@ if TYPE_CHECKING:
 _COLUMN: Final = 44
 _QUICK_STOP: Final = 3  # 0x6007
 _MODE_WORDS: Final = {
-    OperationMode.PV: "profile velocity: the drive ramps by itself (0x6083, 0x6084)",
-    OperationMode.CSV: "cyclic synchronous velocity: a velocity every SYNC, ramped by this computer",
+    OperationMode.PV: "profile velocity: the drive makes the ramp (0x6083, 0x6084)",
+    OperationMode.CSV: "cyclic synchronous velocity: a velocity every SYNC; this computer makes the ramp",
     OperationMode.VL: "velocity mode of frequency converters, revolutions per minute",
     OperationMode.CSP: "cyclic synchronous position: a position every SYNC",
-    OperationMode.PP: "profile position: the drive goes there by itself (0x6081, 0x6083, 0x6084)",
+    OperationMode.PP: "profile position: the drive makes the ramp (0x6081, 0x6083, 0x6084)",
     OperationMode.IP: "interpolated position: a position every SYNC",
-    OperationMode.TQ: "profile torque: the drive ramps by itself (0x6087)",
+    OperationMode.TQ: "profile torque: the drive makes the ramp (0x6087)",
     OperationMode.CST: "cyclic synchronous torque: a torque every SYNC",
 }
 _RAMPED: Final = (OperationMode.PV, OperationMode.PP)
@@ -53,7 +53,7 @@ _RAMPS: Final = (
     (QUICK_STOP_DECELERATION, 40.0, "quick stop deceleration", _EVERY),
 )
 """Object, value in rad/s or rad/s^2, words, modes that need it."""
-_TRANSMISSION: Final = {1: "with every SYNC", 255: "acts when it comes"}
+_TRANSMISSION: Final = {1: "with every SYNC", 255: "acts on reception"}
 
 
 def bus_text(robot: NewRobot) -> str:
@@ -61,7 +61,7 @@ def bus_text(robot: NewRobot) -> str:
     same = len({(node.device.eds, node.drive, node.unusable) for node in robot.nodes}) == 1
     lines = [*_head(robot), ""]
     if same:
-        lines += ["defaults:  # what all nodes have in common; a node's own key wins"]
+        lines += ["defaults:  # keys of all nodes; a key of a node has priority"]
         lines += _indented(_node_keys(robot, robot.nodes[0]), 2)
         lines.append("")
     lines.append("nodes:")
@@ -79,17 +79,17 @@ def remark(text: str, words: str) -> str:
 
 def _head(robot: NewRobot) -> list[str]:
     return [
-        f"# The CANopen bus of {robot.name}, in the format of ros2_canopen: who is on it, and what a boot writes.",
-        f"# What is wrong here: canopen-control check {robot.name}. And written: canopen-control plan {robot.name}.",
-        *(f"# PROBLEM, to be solved before it can run: {text}" for text in robot.problems),
+        f"# The CANopen bus of {robot.name}, in the format of ros2_canopen: its nodes, and the writes of a boot.",
+        f"# Check it: canopen-control check {robot.name}. See each write: canopen-control plan {robot.name}.",
+        *(f"# PROBLEM, which keeps it from running: {text}" for text in robot.problems),
         "",
         "master:  # this computer",
         remark(f"  node_id: {robot.master_id}", "node id of the master; must be unique"),
         remark(
             f"  baudrate: {robot.baudrate}", "kbit/s, as the devices are set; with real CAN the interface has it too"
         ),
-        remark(f"  sync_period: {robot.sync_us}", "us: the cycle of the whole robot: feedback, controllers, commands"),
-        remark(f"  heartbeat_producer: {robot.heartbeat_ms}", "ms: by this the devices notice when this computer dies"),
+        remark(f"  sync_period: {robot.sync_us}", "us: period of SYNC, and of feedback, controllers and commands"),
+        remark(f"  heartbeat_producer: {robot.heartbeat_ms}", "ms: devices stop when this heartbeat stops"),
     ]
 
 
@@ -107,15 +107,15 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
     product = " ".join(part for part in (device.vendor_name, device.product_name) if part)
     lines = [
         remark(f"dcf: {_quoted(robot.eds_name(node))}", f"EDS beside this file{f': {product}' if product else ''}"),
-        remark("revision_number: 0", "any firmware revision will do"),
+        remark("revision_number: 0", "any firmware revision"),
         *_supervision(robot, node),
     ]
     if node.unusable:
-        kept = "# its PDOs stay as it has them, and no joint of the description is moved by it"
+        kept = "# its PDOs stay as they are, and it moves no joint of the description"
         return [*lines, f"# PROBLEM: {node.unusable}", kept]
     if node.drive is None:
         product = f"{node.profile.words}: " if node.signals else "no profile that is known here, a proxy: "
-        return [*lines, *_watched(node), *_kept(robot, node), f"# {product}its PDOs stay as it has them"]
+        return [*lines, *_watched(node), *_kept(robot, node), f"# {product}its PDOs stay as they are"]
     return [
         *lines,
         *(motion := _motion(node, node.drive)),
@@ -156,8 +156,10 @@ def _watched(node: NewNode) -> list[str]:
     """Return the maximum rate of an encoder; a faster change is a jump."""
     if not node.measured:
         return []
-    limit = remark(f"  - {{name: position, max_rate: {FASTEST_MEASURED:g}}}", "rad/s: a faster change is a jump, told;")
-    return ["signals:", limit, remark("", "the position is nan then until the device is booted again")]
+    limit = remark(
+        f"  - {{name: position, max_rate: {FASTEST_MEASURED:g}}}", "rad/s: a faster change is reported as a jump;"
+    )
+    return ["signals:", limit, remark("", "the position is then nan until the next boot of the device")]
 
 
 def _kept(robot: NewRobot, node: NewNode) -> list[str]:
@@ -165,26 +167,28 @@ def _kept(robot: NewRobot, node: NewNode) -> list[str]:
     outputs = [output.name for output in node.outputs if not has_error_mode(node.device.od, output)]
     if not outputs or not robot.allow_unsupervised:
         return []
-    text = remark("signals:", "NOTHING switches these outputs off when this computer dies: it knows no error modes")
+    text = remark(
+        "signals:", "NOTHING switches these outputs off when this computer dies: the device has no error modes"
+    )
     return [text, *(f"  - {{name: {name}, safe: keep}}" for name in outputs)]
 
 
 def _supervision(robot: NewRobot, node: NewNode) -> list[str]:
     watched, lines = node.supervision, list[str]()
     if watched.producer and not watched.guarding:
-        text = "ms (0x1017): by this the master notices when the device dies"
+        text = "ms (0x1017): the master reports the device when this heartbeat stops"
         lines.append(remark(f"heartbeat_producer: {robot.heartbeat_ms}", text))
     if watched.consumer:
-        lines.append(remark("heartbeat_consumer: true", "0x1016: the device watches the master ..."))
+        lines.append(remark("heartbeat_consumer: true", "0x1016: the device monitors the master"))
     if watched.consumer or not watched.guarding:
-        lines.append(remark("heartbeat_multiplier: 5", "... and either side waits for five heartbeats"))
+        lines.append(remark("heartbeat_multiplier: 5", "each side times out after five periods"))
     if watched.guarding:
-        text = "ms (0x100C): node guarding, as it cannot watch heartbeats"
+        text = "ms (0x100C): node guarding, because it has no heartbeat consumer"
         lines.append(remark(f"guard_time: {robot.heartbeat_ms}", text))
-        lines.append(remark("life_time_factor: 5", "0x100D: either side waits five guard times"))
+        lines.append(remark("life_time_factor: 5", "0x100D: each side times out after five guard times"))
     if robot.allow_unsupervised and node.profile is Profile.DRIVE and not watched.stops_alone:
         lines.append(remark("allow_unsupervised: true", "NOTHING stops this drive when this computer dies"))
-    lines.append(remark("missed_syncs: 10", "feedback is stale after ten SYNCs; fewer where the computer is quick"))
+    lines.append(remark("missed_syncs: 10", "feedback is stale after ten SYNCs without it"))
     return lines
 
 
@@ -276,13 +280,13 @@ def _takes(node: NewNode, index: int, subindex: int, value: int) -> bool:
 
 
 def _pdos(drive: DriveChoice) -> list[str]:
-    lines = ["", "# Process data, sent every cycle. PDOs that are not listed are switched off."]
+    lines = ["", "# Process data, sent every cycle. PDOs that are not listed are disabled."]
     if not all(axis.feedback for axis in drive.axes):
-        lines.append("# NOTHING shows where it is or how fast it turns: neither 0x6064 nor 0x606C can be mapped.")
+        lines.append("# NO FEEDBACK: neither 0x6064 (position) nor 0x606C (velocity) can be mapped.")
     for key, words, uses in (("tpdo", "from the drive", drive.tpdos), ("rpdo", "to the drive", drive.rpdos)):
         if any(use.own for use in uses):
             numbers = ", ".join(str(use.number) for use in uses)
-            lines.append(f"# {key} {numbers}, {words}: nothing of them can be changed, they are used as they are")
+            lines.append(f"# {key} {numbers}, {words}: they cannot be changed, and are used as they are")
             continue
         lines.append(f"{key}:  # {words}")
         for use in uses:
@@ -293,7 +297,7 @@ def _pdos(drive: DriveChoice) -> list[str]:
 def _pdo(use: PdoUse) -> list[str]:
     lines = [f"{use.number}:", "  enabled: true"]
     if use.auto:
-        lines.append(remark("  cob_id: auto", "made of the node id"))
+        lines.append(remark("  cob_id: auto", "default COB-ID, from the node id"))
     if use.transmission is not None:
         lines.append(remark(f"  transmission: {use.transmission}", _TRANSMISSION[use.transmission]))
     named = [(f"{{index: 0x{index:04X}, sub_index: {sub}}}", object_name(index) or "") for index, sub in use.objects]

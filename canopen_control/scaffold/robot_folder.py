@@ -51,8 +51,8 @@ def description_text(robot: NewRobot) -> str:
     """Return the whole file."""
     lines = [
         '<?xml version="1.0"?>',
-        f"<!-- {robot.name}: what the robot looks like, in m and rad; at the end which drive of bus.yml moves which",
-        "     joint. All measures are examples; put in those of your robot. -->",
+        f"<!-- {robot.name}: links and joints, in m and rad; at the end, <ros2_control> names the drive of each joint.",
+        "     All measures are examples; replace them by those of your robot. -->",
         f"<robot name={quoteattr(robot.name)}>",
         *(_chassis() if robot.base.type_name else ['  <link name="base_link"/>', ""]),
     ]
@@ -110,7 +110,7 @@ def _joint(joint: str, place: tuple[float, float, float], axis: str, fastest: fl
         '      <origin rpy="1.5707963 0 0"/>',
         f"      <geometry><cylinder {size}/></geometry>",
         "    </visual>",
-        "    <visual>  <!-- a mark, to see it turn -->",
+        "    <visual>  <!-- a mark that shows the rotation -->",
         f'      <origin xyz="{RADIUS / 2:g} {_WIDTH / 2:g} 0"/>',
         f'      <geometry><box size="{RADIUS * 0.8:g} 0.004 0.008"/></geometry>',
         "    </visual>",
@@ -205,8 +205,8 @@ def _outputs(node: NewNode) -> list[str]:
     return [
         remark(f"gpios: [{node.name}]", "the <gpio> of the description"),
         "command_interfaces:",
-        remark(f"  {node.name}: {{interfaces: [{names}]}}", "what a command may set; inputs are told as well"),
-        remark("command_timeout: 0.0", "s without a command, then outputs go to their safe values; 0: they stay"),
+        remark(f"  {node.name}: {{interfaces: [{names}]}}", "outputs that a command sets; inputs are published too"),
+        remark("command_timeout: 0.0", "s without a command until outputs go to their safe values; 0: they stay"),
     ]
 
 
@@ -249,15 +249,15 @@ def controllers_text(robot: NewRobot) -> str:
     groups = {interface: names for interface, names in joints.items() if names}
     rate = round(1_000_000 / robot.sync_us)
     lines = [
-        f"# The controllers of {robot.name}: those that move no joint and the first that does are activated;",
-        f"# another one by canopen-control run {robot.name} --controller NAME.",
+        f"# The controllers of {robot.name}. Active at start: those without joints, and the first one with joints;",
+        f"# choose another one with canopen-control run {robot.name} --controller NAME.",
         "",
         "controller_manager:",
         "  ros__parameters:",
         remark(f"    update_rate: {rate}", "Hz: the SYNC period of bus.yml"),
     ]
     if POSITION in groups:
-        lines.append(remark("    enforce_command_limits: true", "positions change as fast as the URDF allows, at most"))
+        lines.append(remark("    enforce_command_limits: true", "positions change at most as fast as the URDF allows"))
     if _feedback(robot.joints) or any(node.measured for node in robot.nodes):
         lines += ["", "    joint_state_broadcaster:", "      type: joint_state_broadcaster/JointStateBroadcaster"]
     if robot.base.type_name:
@@ -273,10 +273,10 @@ def controllers_text(robot: NewRobot) -> str:
     for interface, names in groups.items():
         lines += ["", f"{interface}_controller:", "  ros__parameters:"]
         lines.append(
-            remark(f"    joints: [{', '.join(names)}]", f"a command has a value for each, in {_UNITS[interface]}")
+            remark(f"    joints: [{', '.join(names)}]", f"one value for each in a command, in {_UNITS[interface]}")
         )
         if interface == VELOCITY:
-            lines.append(remark("    command_timeout: 1.0", "s without a command, then the motors stop"))
+            lines.append(remark("    command_timeout: 1.0", "s without a command until the motors stop"))
     for node, controller, parameters in devices:
         lines += [
             "",
@@ -299,7 +299,7 @@ def _diff(robot: NewRobot) -> list[str]:
         f"left_wheel_names: [{', '.join(joints[0::2])}]",
         f"right_wheel_names: [{', '.join(joints[1::2])}]",
         "",
-        remark(f"wheel_separation: {SEPARATION}", "m, between the middles of the wheels; measure it"),
+        remark(f"wheel_separation: {SEPARATION}", "m, between the centres of the wheels; measure it"),
         remark(f"wheel_radius: {RADIUS}", "m; measure it"),
         "",
         *_odometry(feedback, "cmd_vel_timeout"),
@@ -324,7 +324,7 @@ def _odometry(feedback: set[str], timeout: str) -> list[str]:
         "enable_odom_tf: true",
         remark(f"open_loop: {'false' if feedback else 'true'}", f"odometry of {source}"),
         f"position_feedback: {'true' if POSITION in feedback else 'false'}",
-        remark(f"{timeout}: 0.5", "s without a command, then the base stops"),
+        remark(f"{timeout}: 0.5", "s without a command until the base stops"),
     ]
 
 
@@ -340,7 +340,7 @@ def _tricycle(robot: NewRobot) -> list[str]:
         remark(f"traction_wheels_radius: {RADIUS}", "m; measure it"),
         "",
         *_odometry(traction, "reference_timeout"),
-        remark("reduce_wheel_speed_until_steering_reached: true", "slow while the steering is on its way"),
+        remark("reduce_wheel_speed_until_steering_reached: true", "drive slowly until the steering angle is reached"),
     ]
 
 

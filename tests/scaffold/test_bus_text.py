@@ -61,7 +61,7 @@ def test_a_fixed_mapping_is_told_and_not_written():
 def test_pdos_of_which_nothing_can_be_changed_are_not_listed():
     text = text_of(shape(pdos=TWO_PAIRS, access="const", cob_access="const"))
     assert not {"rpdo", "tpdo"} & yaml.safe_load(text)["defaults"].keys()
-    assert "# rpdo 1, 2, to the drive: nothing of them can be changed" in text
+    assert "# rpdo 1, 2, to the drive: they cannot be changed" in text
 
 
 def test_supervision_is_heartbeats_or_guarding_or_a_word_that_there_is_none():

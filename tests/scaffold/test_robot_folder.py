@@ -229,8 +229,8 @@ def test_pdos_that_are_off_and_cannot_be_put_on_are_no_way_to_a_drive(tmp_path):
         "12_pdos_fixed.eds: its modes are PP, PV, HM (0x6502), and no RPDO can carry the controlword"
     )
     text = (written.folder / "bus.yml").read_text()
-    assert f"# PROBLEM, to be solved before it can run: {problem}" in text
-    assert "# its PDOs stay as it has them, and no joint of the description is moved by it" in text
+    assert f"# PROBLEM, which keeps it from running: {problem}" in text
+    assert "# its PDOs stay as they are, and it moves no joint of the description" in text
     assert "bus.yml" in written.files
 
 
@@ -239,7 +239,7 @@ def test_a_drive_that_nothing_stops_needs_a_word(tmp_path, what):
     path = write_shape(tmp_path, UNWATCHED[what]())
     marked = new_robot(tmp_path, path, name="marked")
     assert any("nothing would stop this drive when the master dies" in each for each in marked.problems)
-    assert f"# PROBLEM, to be solved before it can run: {marked.problems[0]}" in (marked.folder / "bus.yml").read_text()
+    assert f"# PROBLEM, which keeps it from running: {marked.problems[0]}" in (marked.folder / "bus.yml").read_text()
     assert not check_robot(find_robot(str(marked.folder)), CheckOptions()).passes()
     written = new_robot(tmp_path, path, allow_unsupervised=True)
     assert written.problems == ()
@@ -284,7 +284,7 @@ def test_a_drive_without_feedback_is_written_and_told_and_simulated(tmp_path):
     assert found.severity is Severity.WARNING
     assert "nofb.eds has neither" in found.fix
     assert any("no TPDO carries" in each for each in written.warnings)
-    assert "# NOTHING shows where it is or how fast it turns" in (written.folder / "bus.yml").read_text()
+    assert "# NO FEEDBACK: neither 0x6064" in (written.folder / "bus.yml").read_text()
 
 
 def test_a_robot_may_be_made_in_a_folder_that_is_not_there(tmp_path):
