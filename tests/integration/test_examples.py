@@ -146,11 +146,11 @@ def restore(stage):
     with Robot.attach("robby") as robot:
         robot.release()
         for node in ("left_drive", "right_drive"):
-            stage.call("nmt", "start", node)
+            main(["nmt", "start", node])  # in this process: what is tested is before and after
         assert eventually(lambda: all(node.ready for node in robot.nodes().values()), TIMEOUT_S), robot.nodes()
         if BASE in robot.controllers():
             robot.switch(activate=[FORWARD], deactivate=[BASE])
-            stage.call("controller", "unload", BASE)
+            main(["controller", "unload", BASE])
         robot.axis("fault-reset")
         robot.axis("enable")
 
