@@ -314,3 +314,34 @@ def private_folders(tmp_path_factory, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
     monkeypatch.setenv("XDG_STATE_HOME", str(folder / "state"))
     return folder
+
+
+@pytest.fixture
+def stage(private_folders, tmp_path):
+    """Return where processes are started; afterwards all are ended, and none may be left."""
+    from support.processes import Stage
+
+    stage = Stage(private_folders, tmp_path)
+    yield stage
+    stage.end()
+
+
+@pytest.fixture
+def reactor():
+    """Return a reactor on a manual clock; a callback that raises fails the test."""
+    from canopen_control.host.reactor import Reactor
+    from canopen_control.host.timer import ManualClock
+
+    with Reactor(ManualClock()) as loop:
+        raised = []
+        loop.on_error = raised.append
+        yield loop
+        assert raised == []
+
+
+@pytest.fixture
+def run_folder(tmp_path, monkeypatch):
+    """Return the runtime folder of a test, in its own folder."""
+    from support.host import use_private_folders
+
+    return use_private_folders(monkeypatch, tmp_path)

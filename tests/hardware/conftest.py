@@ -1,6 +1,7 @@
 """What tests of several modules of the hardware share."""
 
 import pytest
+from support import makers
 from support.servos import start_servos
 
 
@@ -17,3 +18,17 @@ def servo(tmp_path, request):
     yield start
     for bench in benches:
         bench.close()
+
+
+@pytest.fixture
+def robot(tmp_path):
+    """Return a function that makes a running robot of makers' drives by its modes and more keys of bus.yml."""
+    robots = []
+
+    def make(*modes, **options):
+        robots.append(makers.robot(tmp_path, *modes, **options))
+        return robots[-1]
+
+    yield make
+    for each in robots:
+        each.close()

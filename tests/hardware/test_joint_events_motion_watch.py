@@ -4,7 +4,6 @@ import itertools
 
 import pytest
 from support.makers import drive, folder, sentences
-from support.makers import robot as make_robot
 
 from canopen_control.cia402.state import State
 from canopen_control.errors import BusConfigError
@@ -14,20 +13,6 @@ from canopen_control.virtual.profile_modes import ProfilePosition
 from canopen_control.virtual.virtual_drive import Statusword, VirtualDrive
 
 MS = 1_000_000
-
-
-@pytest.fixture
-def robot(tmp_path):
-    """Make the robot of a test, running, by its modes and more keys of bus.yml; it is closed at the end."""
-    made = []
-
-    def make(*modes, **options):
-        made.append(make_robot(tmp_path, *modes, **options))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.close()
 
 
 @pytest.fixture

@@ -3,26 +3,12 @@
 import pytest
 from support.conversation import Device, plan
 from support.makers import drive, sentences
-from support.makers import robot as make_robot
 
 from canopen_control.cia402.state import State
 from canopen_control.errors import BootError
 from canopen_control.hardware.axis_statechart import Action
 from canopen_control.master.boot import boot
 from canopen_control.virtual.power_machine import PowerMachine
-
-
-@pytest.fixture
-def robot(tmp_path):
-    made = []
-
-    def make(*modes, **options):
-        made.append(make_robot(tmp_path, *modes, **options))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.close()
 
 
 def _broken(made):

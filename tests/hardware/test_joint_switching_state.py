@@ -2,26 +2,12 @@
 
 import pytest
 from support.makers import drive, sentences
-from support.makers import robot as make_robot
 
 from canopen_control.cia402.state import State
 from canopen_control.hardware.axis_statechart import Action
 from canopen_control.virtual.power_machine import PowerMachine
 from canopen_control.virtual.profile_modes import HomingMode
 from canopen_control.virtual.virtual_drive import VirtualDrive
-
-
-@pytest.fixture
-def robot(tmp_path):
-    made = []
-
-    def make(*modes, **options):
-        made.append(make_robot(tmp_path, *modes, **options))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.close()
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ import re
 
 import pytest
 from support.makers import COUNTS, drive, folder, sentences
-from support.makers import robot as make_robot
 
 from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.errors import BusConfigError
@@ -13,19 +12,6 @@ from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.virtual.drive_modes import MODES, DriveModes
 from canopen_control.virtual.virtual_drive import VirtualDrive
-
-
-@pytest.fixture
-def robot(tmp_path):
-    made = []
-
-    def make(*modes, **options):
-        made.append(make_robot(tmp_path, *modes, **options))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.close()
 
 
 @pytest.fixture

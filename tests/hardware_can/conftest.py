@@ -4,7 +4,6 @@ import contextlib
 
 import pytest
 from support.guest import GUEST, RawListener, scaled_robby
-from support.processes import Stage
 
 
 def pytest_collection_modifyitems(items):
@@ -14,14 +13,6 @@ def pytest_collection_modifyitems(items):
         if item.get_closest_marker("hardware") is not None:
             how = "tools/can_hardware_guest .venv/bin/python -m pytest tests/hardware_can"
             item.add_marker(pytest.mark.skip(reason=f"runs in the emulated machine only: {how}"))
-
-
-@pytest.fixture
-def stage(private_folders, tmp_path):
-    """Return where processes are started; afterwards all are ended, and none may be left."""
-    stage = Stage(private_folders, tmp_path)
-    yield stage
-    stage.end()
 
 
 @pytest.fixture

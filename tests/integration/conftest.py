@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from support.browser import browser
 from support.channel import CHANNEL
-from support.processes import DriveProbe, Stage
+from support.processes import DriveProbe
 from support.robotview import RobotView
 
 PICTURES = Path(os.environ.get("CANOPEN_CONTROL_ARTEFACTS") or Path(__file__).parents[2] / "build" / "pictures")
@@ -19,14 +19,6 @@ def pytest_collection_modifyitems(config, items):
     left = [item for item in items if item.get_closest_marker("embedded") is not None]
     config.hook.pytest_deselected(items=left)
     items[:] = [item for item in items if item not in left]
-
-
-@pytest.fixture
-def stage(private_folders, tmp_path):
-    """Return where processes are started; afterwards all are ended, and none may be left."""
-    stage = Stage(private_folders, tmp_path)
-    yield stage
-    stage.end()
 
 
 @pytest.fixture

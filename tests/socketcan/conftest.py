@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 from support.guest import GUEST, RawListener, ip, scaled_robby
-from support.processes import TIMEOUT_S, Stage
+from support.processes import TIMEOUT_S
 
 
 def pytest_collection_modifyitems(items):
@@ -25,14 +25,6 @@ def vcan(request):
     ip("link", "set", name, "up")
     yield name
     subprocess.run(["ip", "link", "del", name], capture_output=True)
-
-
-@pytest.fixture
-def stage(private_folders, tmp_path):
-    """Return where processes are started; afterwards all are ended, and none may be left."""
-    stage = Stage(private_folders, tmp_path)
-    yield stage
-    stage.end()
 
 
 @pytest.fixture
