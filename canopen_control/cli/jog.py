@@ -125,14 +125,15 @@ def run(args: argparse.Namespace) -> int:
             drive, scale = _running(args, request, owner[0], stack)
         else:
             drive, scale = stack.enter_context(_own(args, request))
+        place = {"node": args.node, "joint": None if drive.alone else drive.joint}
         if args.fault_reset:
-            print_result(args, {"joint": drive.joint, "fault_reset": True}, reset_fault(drive))
+            print_result(args, {**place, "fault_reset": True}, reset_fault(drive))
             return 0
         value, limits = request.limits(scale, args.max_current)
         jog = JogRun(drive, scale, request.kind, value, limits, args.seconds)
         with json_alone(args):
             code = jog.run()
-        print_result(args, {"joint": drive.joint, "ended": jog.ended.value, "travelled": jog.travelled})
+        print_result(args, {**place, "ended": jog.ended.value, "travelled": jog.travelled})
         return code
 
 

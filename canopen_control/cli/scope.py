@@ -52,6 +52,7 @@ from canopen_control.host.signals import on_signals
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator, Sequence
+    from typing import TextIO
 
     from canopen_control.commissioning.scope_capture import NamedShot, Shot, Trigger
     from canopen_control.commissioning.scope_signals import ScopeSource, Signal
@@ -337,7 +338,7 @@ class _ScopeLoop:
                     break
             self._capture.stop()
             self._report()
-        _print_missed(before, self._source.cycles())
+        _print_missed(before, self._source.cycles(), sys.stderr if self._as_json else sys.stdout)
         if not self._taken:
             print("canopen-control: no shot was taken: the trigger did not come", file=sys.stderr)
         return 0 if self._taken else 1
@@ -378,7 +379,7 @@ class _ScopeLoop:
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
 
-def _print_missed(before: tuple[int, int] | None, after: tuple[int, int] | None) -> None:
+def _print_missed(before: tuple[int, int] | None, after: tuple[int, int] | None, file: TextIO) -> None:
     """Print the number of cycles of a running robot, and of missed cycles."""
     if before is not None and after is not None:
-        print(f"the robot made {after[0] - before[0]} cycles meanwhile and missed {after[1] - before[1]}")
+        print(f"the robot made {after[0] - before[0]} cycles meanwhile and missed {after[1] - before[1]}", file=file)

@@ -83,13 +83,22 @@ _TARGET: Final = "target"
 
 @dataclass(frozen=True, slots=True)
 class JogDrive:
-    """Drive by its names in a running robot; `mode` is the mode of operation to request, "" for no change."""
+    """Drive by its names in a running robot; `mode` is the mode of operation to request, "" for no change.
+
+    `alone` means that the robot was started for this drive on a bare bus: its names are not the user's then.
+    """
 
     robot: str
     node: str
     joint: str
     controller: str
     mode: str = ""
+    alone: bool = False
+
+    @property
+    def title(self) -> str:
+        """Joint of a running robot; "the drive" on a bare bus."""
+        return "the drive" if self.alone else self.joint
 
 
 def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogDrive:
@@ -111,11 +120,16 @@ def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogD
         for controller in controllers
         if controller.active and joint in controller.joints and not controller.is_broadcaster
     ]
-    by = users[0] if users else "no controller"
+    place_text = f"node {place.node_id} ({place.name}) is {joint} of the running robot {client.robot}"
+    shutdown = f"canopen-control shutdown --name {client.robot}"
+    if not users:
+        raise ConfigError(
+            f"{place_text}, where no active controller moves it; activate one (canopen-control controller switch "
+            f"--activate NAME --name {client.robot}) and send it commands, or end the robot first: {shutdown}"
+        )
     raise ConfigError(
-        f"node {place.node_id} ({place.name}) is {joint} of the running robot {client.robot}, commanded by {by}, and "
-        f"two must not move it; drive it by `canopen-control command` or `teleop`, or end the robot first: "
-        f"canopen-control shutdown --name {client.robot}"
+        f"{place_text}, commanded by {users[0]}, and two must not move it; "
+        f"drive it by `canopen-control command` or `teleop`, or end the robot first: {shutdown}"
     )
 
 

@@ -1,4 +1,5 @@
 import contextlib
+import json
 import os
 import pty
 import signal
@@ -48,6 +49,13 @@ def test_a_velocity_for_a_time_turns_and_leaves_the_drive_off(bench, no_terminal
     assert "dead-man: the drive watches this computer's heartbeat (0x1016)" in said
     assert "OPERATION ENABLED, " in said
     assert said.endswith("duration elapsed: stopped and disabled\n")
+
+
+def test_json_names_the_node_and_no_joint_without_a_robot(bench, no_terminal, capsys):
+    assert bench.jog("--position", "5deg", "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document["node"], document["joint"]) == (str(NODE_ID), None)
+    assert document["travelled"] == pytest.approx(0.0873, abs=0.01)
 
 
 def test_a_position_is_gone_to_from_where_the_drive_is(bench, no_terminal):

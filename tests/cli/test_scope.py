@@ -1,5 +1,6 @@
 import csv
 import itertools
+import json
 
 import pytest
 from support.jogbench import jog_bench
@@ -139,6 +140,11 @@ def test_process_data_of_a_running_robot_come_with_every_cycle(bench, tmp_path, 
             str(path),
         ]
         assert main(["scope", *words]) == 0
+        capsys.readouterr()
+        assert main(["scope", f"{drive.node}:0x606C", "--name", drive.robot, "--for", "0.1", "--json"]) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["signals"][0]["label"] == "Velocity actual value"
+    assert "cycles meanwhile" in said.err
     assert str(bench.get(0x6083)) in path.read_text().splitlines()[-1]  # no TPDO carries it
 
 

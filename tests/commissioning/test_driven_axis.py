@@ -59,7 +59,7 @@ def test_a_drive_that_takes_targets_by_itself_is_moved_through_its_robot():
     ("node", "controllers", "why"),
     [
         ("left", [controller("forward", "commands")], "commanded by forward, and two must not move it; drive it by"),
-        ("left", [controller("wheel", "target", active=False)], "commanded by no controller"),
+        ("left", [controller("wheel", "target", active=False)], "where no active controller moves it; activate one"),
         ("io", [], r"node 3 \(io\) of the running robot robby moves no joint"),
         ("9", [], "robot robby has no node '9'; its nodes: 2 left, 3 io"),
     ],

@@ -87,7 +87,7 @@ def own_robot(
         background = BackgroundRobot(setup, RunOptions(drives=False), prepare)
         try:
             background.start()
-            yield JogDrive(robot.name, joint.node, own, own, axis.mode.name)
+            yield JogDrive(robot.name, joint.node, own, own, axis.mode.name, alone=True)
         finally:
             background.shutdown()
 

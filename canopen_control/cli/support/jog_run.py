@@ -119,7 +119,7 @@ def reset_fault(drive: JogDrive) -> str:
     """Reset the fault of a drive without enabling it; return a sentence; CanopenError while the cause remains."""
     with RobotClient.connect(drive.robot) as client:
         client.ask(AxisRequest(action="fault-reset", node=drive.node, joint=drive.joint, source=_SOURCE), ENABLE_S)
-    return f"{drive.joint}: the fault is reset; the drive stays disabled"
+    return f"{drive.title}: the fault is reset; the drive stays disabled"
 
 
 class JogRun:
@@ -153,13 +153,13 @@ class JogRun:
         with contextlib.suppress(OSError, ValueError):  # the terminal may be what is gone
             print(f"\n{motion.ended.value}: stopped and disabled", flush=True)
         if motion.ended is JogEnd.STATE:
-            raise CanopenError(f"{self._drive.joint}: {ended_words(self._sample, self._drive)}")
+            raise CanopenError(f"{self._drive.title}: {ended_words(self._sample, self._drive)}")
         if motion.ended.failed:
             return 1
         # what ended by a lost terminal may have been commanded since the last position only
         text = None if motion.ended is JogEnd.GONE else motion.nothing_turned(self._scale.resolution)
         if text is not None:
-            raise CanopenError(f"{self._drive.joint}: {text}")
+            raise CanopenError(f"{self._drive.title}: {text}")
         return 0
 
     def _leave(self) -> None:
