@@ -33,5 +33,9 @@ assert names("diagnostics", None) == []
 assert names(None, "dance") == []
 proxy = ControllerReading(name="c", type="x/Y", state="active", offers=("node_services", "of a later version"))
 assert [each.__class__.__name__ for each in controller_endpoints.endpoints_for(Ros(), proxy)] == ["ProxyNode"]
+from canopen_control.controllers.types import TYPES, class_of
+declared = {offer for name in TYPES for offer in class_of(name).offers}
+assert declared - set(controller_endpoints.BY_OFFER) == {"wheel_calibration"}
+assert set(controller_endpoints.BY_OFFER) <= declared
 """
     assert run_ros(code) == ""
