@@ -124,9 +124,11 @@ class CanopenSystem(ComponentLifecycle):
         measured = [joint for joint in description.joints if is_measured(joint, nodes)]
         driven = [joint for joint in description.joints if joint not in measured]
         self.joints = [_bind(joint, nodes) for joint in driven]
-        _refuse_doubles(self.joints)
-        _join_motors(self.joints)
-        _group(driven, self.joints, {} if groups is None else groups)
+        groups = {} if groups is None else groups
+        _group(driven, self.joints, groups)
+        everything = [joint for group in groups.values() for joint in group.joints]
+        _refuse_doubles(everything)
+        _join_motors(everything)
         self.groups: list[StopGroup[JointDrive]] = []
         self.regroup()
         self.devices = DeviceParts((*measured, *description.sensors, *description.gpios), nodes)
@@ -323,12 +325,6 @@ def _group(
     """Assign each joint to its stop group; by default one group contains the whole robot."""
     for joint, control in zip(joints, parts, strict=True):
         name = control.parameters.get("stop_group", "")
-        if any(name != parts[joints.index(other)].parameters.get("stop_group", "") for other in joint.partners):
-            names = " and ".join((joint.joint, *(other.joint for other in joint.partners)))
-            raise RobotConfigError(
-                f"{names} are motors behind one controlword of {joint.node.who} and stop together; give them one "
-                "stop_group"
-            )
         group = groups.setdefault(name, StopGroup(name))
         group.joints.append(joint)
         joint.stop_group = joint.group = group
@@ -347,10 +343,15 @@ def _refuse_doubles(joints: Sequence[JointDrive]) -> None:
 
 
 def _join_motors(joints: Sequence[JointDrive]) -> None:
-    """Make the joints of motors behind one controlword partners."""
-    for joint in joints:
-        if joint.node.plan.motors is not None:
-            joint.partners = tuple(other for other in joints if other is not joint and other.node is joint.node)
+    """Make the joints of motors behind one controlword partners; RobotConfigError if their stop groups differ."""
+    for joint in (joint for joint in joints if joint.node.plan.motors is not None):
+        joint.partners = tuple(other for other in joints if other is not joint and other.node is joint.node)
+        if any(other.stop_group is not joint.stop_group for other in joint.partners):
+            names = " and ".join((joint.joint, *(other.joint for other in joint.partners)))
+            raise RobotConfigError(
+                f"{names} are motors behind one controlword of {joint.node.who} and stop together; give them one "
+                "stop_group"
+            )
 
 
 def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImage]]) -> JointDrive:

@@ -86,8 +86,9 @@ def test_a_fault_of_one_motor_stops_the_other_along_its_ramp(robot, motor):
     assert speeds(made) == pytest.approx([1.0, 2.0], rel=0.02)
 
 
-def test_what_is_asked_of_one_wheel_is_for_both(robot):
-    made = robot()
+@pytest.mark.parametrize("apart", [False, True])
+def test_what_is_asked_of_one_wheel_is_for_both(robot, apart):
+    made = robot(apart=apart)
     made.disable()
     made.run(0.5)
     ends = act(made, Action.ENABLE, "left")

@@ -25,11 +25,13 @@ _URDF = """<robot name="cart">
     <limit velocity="20" effort="10"/></joint>
   <joint name="right" type="continuous"><parent link="base"/><child link="right_wheel"/><axis xyz="0 1 0"/>
     <limit velocity="20" effort="10"/></joint>
-  <ros2_control name="cart" type="system">
-    <hardware><plugin>canopen_ros2_control/RobotSystem</plugin></hardware>{joints}
-  </ros2_control>
+{systems}
 </robot>
 """
+_SYSTEM = """
+  <ros2_control name="{name}" type="system">
+    <hardware><plugin>canopen_ros2_control/RobotSystem</plugin></hardware>{joints}
+  </ros2_control>"""
 _JOINT = """
     <joint name="{joint}"><param name="device_name">wheels</param><param name="axis">{axis}</param>{more}
       <command_interface name="velocity"/>
@@ -105,16 +107,26 @@ def _pdos(mappings, count=4):
 
 
 def folder(
-    path, *, together=False, key="motor_subindices: [1, 2]", mode="velocity_mode: 3", axes="01", more=("", ""), edit=str
+    path,
+    *,
+    together=False,
+    key="motor_subindices: [1, 2]",
+    mode="velocity_mode: 3",
+    axes="01",
+    more=("", ""),
+    edit=str,
+    apart=False,
 ):
     """Write the robot; `together`: targets and velocities are mapped as both in one object, `edit` changes the EDS.
 
-    `axes` are those of the joints left and right, None for no joint.
+    `axes` are those of the joints left and right, None for no joint; `apart`: each in a hardware component of its own.
     """
     (path / "device.eds").write_text(edit(eds_text()))
     joints = zip(("left", "right"), axes, more, strict=True)
-    tags = "".join(_JOINT.format(joint=joint, axis=axis, more=extra) for joint, axis, extra in joints if axis)
-    (path / "cart.urdf").write_text(_URDF.format(joints=tags))
+    tags = [_JOINT.format(joint=joint, axis=axis, more=extra) for joint, axis, extra in joints if axis]
+    systems = tags if apart else ["".join(tags)]
+    text = "".join(_SYSTEM.format(name=f"cart_{number}", joints=joints) for number, joints in enumerate(systems))
+    (path / "cart.urdf").write_text(_URDF.format(systems=text))
     text = "controller_manager:\n  ros__parameters:\n    update_rate: 100\n"
     text += "    joint_state_broadcaster: {type: joint_state_broadcaster/JointStateBroadcaster}\n"
     text += "    vel: {type: forward_command_controller/ForwardCommandController}\n"
