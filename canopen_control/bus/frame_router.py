@@ -2,7 +2,7 @@
 
 Rules:
 - A frame reaches every member but its sender; the frames of one sender stay in order.
-- A slow reader delays nobody: if its queue is full, its frames are lost and replaced by one error frame with their
+- A slow reader delays no other: if its queue is full, its frames are lost and replaced by one error frame with their
   number.
 - Bytes may arrive in any pieces; only whole records are forwarded.
 - Without faults and bit rate the work is per chunk, not per frame: a member with a subscription gets a chunk as a whole

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 # What the rules of `check` look at, a robot's files as far as they could be read, and what they find there.
 #
-# A finding is data. ERROR: the robot must not be run like this. WARNING: it runs, and somebody will
+# A finding is data. ERROR: the robot must not be run like this. WARNING: it runs, and a user will
 # be surprised. NOTE: worth knowing. Line 0 is the file as a whole. The rules that find them return lists and never
 # raise.
 
@@ -72,7 +72,7 @@ class CheckedRobot:
     """Files of a robot as the rules see them; None for unreadable ones. `asked` are the names of --controller.
 
     With `mock` or `real` the plugins of the description are overruled; `started` are the controllers that a run would
-    activate, None: all of the file count. `chosen` says that somebody has named these.
+    activate, None: all of the file count. `chosen` means that the user has named these.
     """
 
     files: RobotFiles

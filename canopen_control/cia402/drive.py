@@ -479,7 +479,7 @@ class DriveRequest:
 # A mode of operation that was asked for, until 0x6061 confirms it (CiA 402-2, 6.4).
 #
 # A mode is one only when the drive's display shows it. What is not confirmed in time goes back to the
-# last mode that was, and has failed until somebody asks again. 0 is never asked for by itself. `MODE_TABLE` says what
+# last mode that was, and has failed until a new request. 0 is never asked for by itself. `MODE_TABLE` says what
 # each trigger leads to; what has no row changes nothing.
 #
 # Some drives show 0, no mode, until they are enabled (ros-industrial/ros2_canopen, issue 444). Such a drive may be
@@ -552,7 +552,7 @@ MODE_TABLE: Final[Mapping[ModeState, Mapping[ModeTrigger, ModeState]]] = Mapping
 CONFIRMED: Final = (_S.NONE, _S.CONFIRMED, _S.RETURNED)
 """The states in which the drive is in the mode that it shall have."""
 FAILED: Final = (_S.REFUSED, _S.RETURNING, _S.RETURNED)
-"""The states after a mode that was not confirmed; they end when somebody asks again."""
+"""The states after a mode that was not confirmed; they end with a new request."""
 
 
 _CHANGING: Final = -1
@@ -732,7 +732,7 @@ class DriveMachine:
         self.due = _AT_ONCE
         """Time at which `update` has something to decide, even if the drive says nothing new."""
 
-    # What somebody wants. All of it may be said again, and does nothing then.
+    # Requests; a repeated one has no effect.
 
     def enable(self) -> None:
         """Bring the drive to OPERATION_ENABLED from any state but a fault.

@@ -68,8 +68,8 @@ _MAKERS: Final = (
     ("kinco", ((VELOCITY_CONTROL_PARAMETERS, _PI),)),
     ("nanotec", ((0x321B, _PI),)),
 )
-"""A word of the maker's name, and the records of its drives that hold gains, as its public EDS files have them; what a
-number in them is worth stands in the maker's manual alone."""
+"""A word of the manufacturer's name, and the records of its drives that hold gains, as in its public EDS files; what a
+number in them is worth is only in the manufacturer's manual."""
 
 
 def gain_places(od: ObjectDictionary, axis: int = 0) -> dict[LoopGain, tuple[int, int]]:

@@ -65,7 +65,7 @@ def counts_of_objects(
     """Return position units per revolution of the driving shaft, None if the objects do not define it.
 
     They say nothing where they are absent or hold a 0, and where encoder resolution and feed constant are 1/1, as
-    devices have them that nobody has set up.
+    devices have them before they are commissioned.
     """
     feed = feed_constant if feed_constant is not None and is_feed(feed_constant) else None
     encoder = encoder_resolution if encoder_resolution is not None and is_feed(encoder_resolution) else None
@@ -165,7 +165,7 @@ class PositionUnwrapper:
     `max_step` is the largest step between two updates that the motor can make, in counts; None accepts every step.
     It may be changed at any time, for instance to grow with the age of the last sample. A larger step is a jump: it
     is counted in `jumps`, its size kept in `last_jump`, and the count goes on as if it had not been. Such a stream has
-    lost its reference, so whoever needs absolute positions homes again.
+    lost its reference, so a client that needs absolute positions must home again.
     """
 
     __slots__ = ("_pending", "_raw", "count", "jumps", "last_jump", "max_step", "offset")

@@ -189,7 +189,7 @@ def _from_bus(args: argparse.Namespace) -> list[Device]:
         raise ConfigError(
             f"no EDS matches any device on {survey.channel}; pass the manufacturers' files with --eds FILE"
         )
-    if survey.expected is None:  # no robot runs there, whose drives nobody else may ask
+    if survey.expected is None:  # no robot runs there, whose drives no other program may ask
         ask_drives(survey.channel, devices, args.timeout)
     return devices
 

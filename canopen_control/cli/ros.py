@@ -249,7 +249,7 @@ def _list(names: Callable[[], list[tuple[str, list[str]]]], args: argparse.Names
 def _echo(graph: Graph, args: argparse.Namespace) -> int:
     count = 0
 
-    def show(message: Any) -> None:  # noqa: ANN401 - somebody's generator's class
+    def show(message: Any) -> None:  # noqa: ANN401 - a generated class
         nonlocal count
         if args.once and count:
             return
@@ -289,7 +289,7 @@ def _rate_of(times: list[float]) -> str:
     return f"average rate: {rates['rate']:.3f}\n\t{spread} window: {rates['window']}"
 
 
-def _text(message: Any, args: argparse.Namespace) -> str:  # noqa: ANN401 - somebody's generator's class
+def _text(message: Any, args: argparse.Namespace) -> str:  # noqa: ANN401 - a generated class
     from canopen_control.ros.graph import lines, plain
 
     return json_text(plain(message), indent=None) if args.json else "\n".join(lines(message))

@@ -120,7 +120,7 @@ def _clauses(text: str) -> dict[str, str]:
 
 def _belongs(new: _Cause, previous: _Cause) -> bool:
     near = new.since - previous.until <= _TOGETHER_S
-    other_kind = new.kinds.isdisjoint(previous.kinds)  # the same kind anew is another failure
+    other_kind = new.kinds.isdisjoint(previous.kinds)  # the same kind again is another failure
     return near and other_kind and new.who == previous.who and not new.clauses.keys().isdisjoint(previous.clauses)
 
 

@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
     if args.topic is not None:
         from canopen_control.cli.ros import begin_ros
 
-        begin_ros()  # it may start this process anew, which the terminal must not notice
+        begin_ros()  # it may start this process again, which the terminal must not notice
     with contextlib.ExitStack() as stack:
         keyboard = stack.enter_context(Keyboard())
         target: TeleopTarget = TeleopRobot(args) if args.topic is None else RosTarget(args, stack)

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 # Such a robot has no drives and no bus; its own process holds the world, so that its own socket is asked.
 
 
-_TIMEOUT_S = 600.0  # of as many steps as somebody asks for
+_TIMEOUT_S = 600.0  # of the largest request
 
 
 def _pause(value: str | None) -> Request[Simulation]:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import AxisReading, ControllerReading, StateSample
 
 
-# Why a drive should not be moved now: a fault with what it says of it, or torque that somebody else has given it.
+# Why a drive should not be moved now: a fault with what it says of it, or torque commanded by another client.
 
 
 _POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)

@@ -115,7 +115,7 @@ class LiveReader:
         """Read until no screen shows objects; the body of the thread."""
         try:
             self._read_all()
-        except BaseException:  # who looks next begins anew
+        except BaseException:  # the next user starts it again
             with self._lock:
                 self._thread = None
             raise

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 # An EDS does not say what is volatile. A parameter is what can be read and written (rw, rww, rwr) and is none of these:
 #
 # - what ObjFlags say a tool shall not write or read (CiA 306-1, bits 0 and 1);
-# - commands and live values, by CiA 301, CiA 302 and CiA 402, or by the maker; outputs of the device's profile;
+# - commands and live values, by CiA 301, CiA 302 and CiA 402, or by the manufacturer; outputs of the device's profile;
 # - counts of records and arrays, but for those of PDO mappings; DOMAINs.
 #
 # Protected parameters are those of one device: node id and bit rate, and calibration to its own encoder.

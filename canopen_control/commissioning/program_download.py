@@ -244,7 +244,7 @@ def _prepare(number: int, progress: DownloadProgress, options: ProgramOptions) -
 def _command(number: int, command: int, expected: tuple[int, ...], seconds: float, word: str) -> Sequence:
     """Write 0x1F51 and wait until it shows an expected state; a refusal is repeated.
 
-    A node that resets is asked again soon: a boot-loader that nobody talks to starts the program that was to stop.
+    A node that resets is asked again soon: a boot-loader without a master starts the program that was to stop.
     """
     refusal, rounds, status = "", 0, None
     while seconds > 0.0:

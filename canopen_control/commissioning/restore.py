@@ -336,7 +336,7 @@ def _wait_for_answer(session: NodeSession, pause: Callable[[float], None]) -> No
     raise DriveError(f"{session}: no answer {_STORE_S:g} s after it was told to store; do not switch it off yet")
 
 
-# What a drive held before somebody changed it, as a DCF in the user's state folder that outlasts this process.
+# What a drive held before a change, as a DCF in the user's state folder that outlasts this process.
 #
 # A drive is known by vendor, product and serial number, one without serial number by the bus or robot that it is on.
 # The file is a backup like any other, so `restore` takes it as well.

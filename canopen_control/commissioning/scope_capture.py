@@ -3,7 +3,7 @@
 Sans-IO, time is an argument in seconds of any one clock. A sample is a value for each signal,
 None where none is known yet; between two samples the last one holds. What waits for a trigger keeps `before` seconds
 and no more than `MOST` samples, so that it may wait for days. An edge needs two values on either side of its level; a
-level fires as soon as it is true, and anew only after it was not.
+level fires as soon as it is true, and again only after it was not.
 """
 
 from __future__ import annotations
@@ -276,7 +276,7 @@ class ScopeCapture:
 # A scope's shot as a file: CSV, which is read back too, to lay one shot over another, a picture (PNG), a bag (MCAP).
 #
 # The picture is drawn by matplotlib (the extra `plot`), which nothing else needs and which is loaded when a picture is
-# asked for: axes with sensible ticks, legends and fonts for any name are work that nobody should do twice.
+# asked for: axes with sensible ticks, legends and fonts for any name are work that need not be repeated.
 
 
 _TIME, _FROM_ZERO = "time", "t"

@@ -137,7 +137,7 @@ def _write(session: NodeSession, values: Mapping[Address, Value]) -> None:
 
 
 LOOP_DELAY_S: Final = 0.0005
-"""The dead time of a velocity loop inside a drive, where nobody tells another."""
+"""The dead time of a velocity loop inside a drive, unless another is known."""
 _POSITION_SHARE: Final = 4.0  # the position loop is so much slower
 
 

@@ -207,7 +207,7 @@ class TuneRun:
     """One excitation of a drive; `run` returns the record, or raises DriveError with the reason of its end.
 
     `told` is called with the seconds that are over, again and again; what it raises ends the run, which stops first.
-    `effort_unit` is how many per mille of the rated torque the unit of its effort is, None where nobody knows: then its
+    `effort_unit` is how many per mille of the rated torque the unit of its effort is, None if unknown: then its
     torque is that of the object `torque_index`, if a TPDO carries it.
     """
 

@@ -79,7 +79,7 @@ class StateCopy:
 
 # The timeout of a controller's command: who gave it, when, and how long it counts.
 #
-# A velocity or effort command that nobody renews ends by itself, after the time-out of the YAML
+# A velocity or effort command that is not renewed ends, after the time-out of the YAML
 # or, where that names none, after `DEFAULT_LIFE_S`; a time-out of 0 that is written is for ever, as upstream's default.
 # A position is a place to stay at and has no end.
 

@@ -20,7 +20,7 @@ class GripperGoal:
     """Position in rad or m, with maximum effort in Nm or N and maximum velocity; None uses the parameters.
 
     Once it has `ended`, the rest is its result: `at` is where the gripper was then, nan where that is not known.
-    `ended_now` is called then, in the cycle: whoever has more to do than to take note does it later.
+    `ended_now` is called then, in the cycle: an observer must defer longer work.
     """
 
     def __init__(

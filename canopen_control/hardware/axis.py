@@ -30,13 +30,13 @@ if TYPE_CHECKING:
 # A statusword has an age. While its TPDO comes, it is the TPDO's; when that fails, the last one
 # holds for `GRACE_NS`, is asked for by SDO meanwhile, and after that is unknown; one that never came is asked for too.
 # A mode that no PDO carries is written to 0x6060 when it is wanted and asked for at 0x6061 until it shows. A drive
-# whose statusword is gone is told to quick stop, since nobody can see what else it would do, and after a while to take
+# whose statusword is gone is told to quick stop, since its motion cannot be observed, and after a while to take
 # its power away, unless it holds a load.
 
 
 GRACE_NS: Final = 300_000_000
 POLL_NS: Final = 50_000_000
-BLIND_STOP_NS: Final = 2_000_000_000  # for a ramp that nobody can watch
+BLIND_STOP_NS: Final = 2_000_000_000  # for a ramp that cannot be observed
 _QUICK_STOP_WORD: Final = 0x0002
 
 

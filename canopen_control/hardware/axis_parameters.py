@@ -106,7 +106,7 @@ def _of_file(axis: AxisProcessData) -> list[int]:
 def _of_drive(axis: AxisProcessData, parameters: AxisParameters) -> tuple[OperationMode, ...]:
     """Return the modes of 0x6502 in the drive, else in the EDS; () without either.
 
-    0 says nothing: a drive has a mode, and a maker who gives no value writes it too.
+    0 says nothing: a drive has a mode, and a manufacturer that gives no value writes it too.
     """
     identity, entry = axis.node.identity, axis.node.od.get(axis.index(objects.SUPPORTED_DRIVE_MODES), 0)
     at_boot = identity.supported_modes if identity is not None and len(axis.node.plan.axes) == 1 else None

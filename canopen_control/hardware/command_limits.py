@@ -624,7 +624,7 @@ def _summary(texts: list[str]) -> str:
 def hard_limits(joint: Joint, part: ControlJoint, *, speeds: bool = True) -> HardLimits:
     """Return the limits of a joint by its <limit> and its command interfaces.
 
-    Without `speeds` nobody knows how fast it is, and no acceleration of its positions can be limited.
+    Without `speeds` its velocity is unknown, and no acceleration of its positions can be limited.
     """
     limits, interfaces = joint.limits, part.command_interfaces
     position = interfaces.get(POSITION, _NO_BOUNDS)

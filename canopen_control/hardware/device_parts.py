@@ -62,7 +62,7 @@ class OutputSignal:
         self._gain = signal.gain({})
         self._void = math.nan  # what stood commanded when the node was not there
         self._commanded = math.nan  # what was sent last
-        self.void = False  # its node was lost while it was commanded, and nobody has commanded it since
+        self.void = False  # its node was lost while it was commanded, and has not been commanded since
         command.enabled = False
         command.safe = math.nan if keeps or signal.safe is None else signal.safe
         command.lowest, command.highest = self._span()
@@ -217,8 +217,8 @@ class NodeInputs:
         self.node, self._image = node, image
         self._inputs: dict[Address, RawInput] = {}
         self.boots = -1
-        self.ready = self.lost = False  # lost: since somebody was told
-        self.jumps: list[str] = []  # sentences, until somebody tells them
+        self.ready = self.lost = False  # lost: already reported
+        self.jumps: list[str] = []  # sentences not reported yet
         self._jumped: dict[str, int] = {}  # signals, by the boot since which that was told
 
     def of(self, address: Address) -> RawInput:

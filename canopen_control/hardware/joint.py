@@ -3,7 +3,7 @@
 Whether the axis may move is the state of its chart (`axis_statechart`), whose triggers are fired
 here: a target reaches the drive only in FOLLOWING; in every other state the target is standstill at the actual
 position, or ramps towards it (`joint_targets`). A drive whose statusword is gone while its node lives is told to quick
-stop, since nobody can see what else it would do.
+stop, since its motion cannot be observed.
 """
 
 from __future__ import annotations
@@ -217,7 +217,7 @@ _LIVE: Final = FeedbackStatus.LIVE
 class JointDrive(JointParts):
     """Joint bound to one axis of one node; controllers claim its interfaces.
 
-    `power` is where it is in its statechart. `resume` is set by a stop whose cause may be mended without a user: the
+    `power` is where it is in its statechart. `resume` is set by a stop whose cause may be cleared without a user: the
     joint was enabled before it. `<param name="holds_load">true</param>` says that its load would fall without power.
     """
 

@@ -103,7 +103,7 @@ class DirectBus:
                 self._wait(10_000_000)
                 self._receive([], time.monotonic_ns())
         except CanopenError:
-            pass  # the bus is gone, and with it whoever could have heard them
+            pass  # the bus is gone, and all receivers with it
         self.port.close()
 
     # -- SDO

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 # Detects other masters on the bus: frames that only a master sends, and that this one did not.
 #
-# A port never receives what was sent through it, so each of these frames is somebody else's. What
-# is seen within half a second is told in one sentence with the identifiers, once, and anew only when for a minute there
+# A port never receives what was sent through it, so each of these frames is from another program. What
+# is seen within half a second is reported once in one sentence with the identifiers, and again when for a minute there
 # was nothing. An SDO request or an NMT command may be a tool's; SYNC, RPDOs and a heartbeat of this master's node id,
 # or of a number that masters have by custom, are another master's.
 
@@ -204,7 +204,7 @@ class Network:
         self._producer = HeartbeatProducer(config.master.node_id, config.master.heartbeat_ms * 1_000_000)
         self._report = report
         self._deadline: int | None = None
-        self._stale = True  # whether the deadline has to be found anew
+        self._stale = True  # whether the deadline has to be found again
         self.nodes = {name: self._node(name) for name in config.nodes}
         self._by_id = {node.node_id: node for node in self.nodes.values()}
         self._handlers: dict[int, Callable[[bytes, int, int], None]] = {}
@@ -294,7 +294,7 @@ class Network:
     def sync_record(self) -> bytes:
         """Return the record of the next SYNC, b"" if another node produces it.
 
-        With a counter it is made anew for each cycle, without one it is always the same.
+        With a counter it is made again for each cycle, without one it is always the same.
         """
         if self._sync_elsewhere:
             return b""

@@ -59,7 +59,7 @@ _UNITS: Final = {"pos": ("rad", "m"), "vel": ("rad/s", "m/s"), "eff": ("Nm", "N"
 def layout_of(config: BusConfig, channel: str = "", linear: Collection[tuple[str, int]] | None = None) -> BusLayout:
     """Return the layout of a bus; `channel` defaults to that of bus.yml.
 
-    `linear` are the prismatic joints by node and axis; None: nobody knows, so that no unit is named.
+    `linear` are the prismatic joints by node and axis; None: unknown, so that no unit is named.
     """
     master = config.master
     return BusLayout(

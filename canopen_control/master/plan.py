@@ -442,7 +442,7 @@ def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
 def _plan_producer(builder: PlanBuilder) -> int:
     """Return the node's heartbeat period in ms after all writes.
 
-    A file may give another period than the default, but not none: a maker's DCF lists every object with its default.
+    A file may give another period than the default, but not none: a DCF lists every object with its default.
     """
     keys = builder.node.supervision
     fixed = 0 if builder.can_write(PRODUCER, 0) else builder.default(PRODUCER, 0) or 0

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 # Maps velocity and torque offset (0x60B1, 0x60B2) into the RPDOs of a node whose `feed_forward` asks for them.
 #
 # The mapping of bus.yml stays as it is; an offset is put behind it, first where the target
-# position is, else into another RPDO of bus.yml that has room, else into one of the first four that nobody uses, with
+# position is, else into another RPDO of bus.yml that has room, else into one of the first four that are unused, with
 # the transmission of the target position. What cannot be mapped is told, and done without.
 
 

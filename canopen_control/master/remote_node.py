@@ -349,7 +349,7 @@ class RemoteNode:
         self.nmt_state, self.last_seen = state, now
         self.log.heartbeat(now, since)
         # CiA 301, 7.3.2: PDOs exist only in OPERATIONAL
-        if self.ready and state is not NmtState.OPERATIONAL:  # of a node whose heartbeat nobody waits for
+        if self.ready and state is not NmtState.OPERATIONAL:  # of a node without heartbeat supervision
             self._left_operational(state, now)
         elif self._task is not None:
             self._task.heartbeat(state, now)
@@ -430,7 +430,7 @@ class RemoteNode:
             self._task.tick(now)
         self.pump(now)
         if self._retry_at is not None and now >= self._retry_at:
-            # Nobody resets a node that may just be starting: that would make it start for ever.
+            # A node that may just be starting is not reset: that would make it start for ever.
             self.begin_boot(now, reset=self.last_seen is not None and now - self.last_seen < 2 * RETRY_NS)
         if self._farewell_until is not None and now >= self._farewell_until:
             self._stop_sending()

@@ -1,6 +1,6 @@
 """Objects of the drive shown by the monitor: rows by address, read while visible, with search and edit.
 
-Nobody who draws waits. The EDS is read on a thread, objects by the reader that all screens share,
+Drawing never waits. The EDS is read on a thread, objects by the reader that all screens share,
 at the rate of the verb `objects`; `write` and `undo` are for threads that may wait.
 """
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 # What may be done with the drive that the monitor looks at: verbs of the command line, each with a line to fill in.
 #
-# A verb is a process of its own, as if somebody had typed it, so that it asks the running robot,
+# A verb is a process of its own, as if a user had typed it, so that it asks the running robot,
 # obeys STOP, tells the events who it is, and holds nothing up here. It ends with the monitor, by SIGINT, at which a
 # verb that moves an axis stops it; and when the monitor dies, however it does.
 

@@ -1,7 +1,7 @@
 """Sources of the monitor: a running robot, or a bare bus.
 
 A source never blocks who draws. Only a robot takes commands; on a bare bus nothing is ever sent.
-A robot's buses are listened to while somebody looks at frames: on the robot's own computer every frame costs time.
+A robot's buses are listened to while frames are shown: on the robot's own computer every frame costs time.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 # The tables of a bare bus, made of what its nodes say by themselves: heartbeats, TPDOs, emergencies, SDO answers.
 #
-# Sans-IO, times in ns; nobody is asked anything. When a node should be heard again is learnt from
+# Sans-IO, times in ns; it sends nothing. When a node should be heard again is learnt from
 # the node: its longest silence so far. Twice that is stale, five times that is dead; a node heard once is given a
 # second.
 
@@ -159,7 +159,7 @@ class BusTable:
             node = self._nodes[node_id] = _Node(time)
         silence = time - node.last_ns
         if node.longest_ns and silence > 5 * node.longest_ns:
-            node.longest_ns = 0  # it was gone: its pace is learnt anew
+            node.longest_ns = 0  # it was gone: its pace is learnt again
         else:
             node.longest_ns = max(node.longest_ns, silence)
         node.last_ns = time
@@ -251,7 +251,7 @@ def _take_value(node: _Node, value: SignalValue) -> None:
 
 # A connection to a running robot that comes back: its newest state and what happened, fetched by a thread of its own.
 #
-# Nobody who draws ever waits for the robot. Whatever fails is kept as a sentence, and it is tried
+# Drawing never waits for the robot. Whatever fails is kept as a sentence, and it is tried
 # again once a second; the robot that was found first is the one that is looked for later.
 
 

@@ -55,7 +55,7 @@ _REFUSES_DOWNLOAD = 1  # bit of ObjFlags (CiA 306-1)
 class ConciseEntry(NamedTuple):
     """One download of a concise DCF."""
 
-    index: int  # type: ignore[assignment] # hides tuple.index, which nobody needs of an address
+    index: int  # type: ignore[assignment] # hides tuple.index, which addresses do not need
     subindex: int
     data: bytes
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     Points = list[TrajectoryPoint]
 
 
-# An action server whose goals are judged by somebody else, later, and that says which client sent one.
+# An action server whose goals are accepted or refused elsewhere, later, and that says which client sent one.
 #
 # rclpy's own answers a goal when its callback returns, and waits for the end of one in a coroutine, in which its
 # EventsExecutor spins without a pause. Here what comes is handed over, and what is to be answered is called in the
@@ -113,7 +113,7 @@ class ActionServerWithGoals(_ActionServer):  # type: ignore[misc] # rclpy's, wit
         with contextlib.suppress(StopIteration):
             super()._execute_goal_request(waiting).send(None)  # it waits for nothing: its callbacks are not coroutines
         handle = self.known(uuid)
-        if handle is not None and handle.status == _ACCEPTED:  # nobody could be told
+        if handle is not None and handle.status == _ACCEPTED:  # no client could be informed
             _is_executing(handle)
             self._on_lost(uuid)
 

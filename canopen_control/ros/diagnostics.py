@@ -74,7 +74,7 @@ class Events(Endpoint):
         self._ros.node.destroy_publisher(self._publisher)
 
 
-def log_message(log: Any, event: RobotEvent, robot: str) -> Any:  # noqa: ANN401 - somebody's generator's class
+def log_message(log: Any, event: RobotEvent, robot: str) -> Any:  # noqa: ANN401 - a generated class
     """Return an event of the API as a `log`, the class of rcl_interfaces/msg/Log."""
     message = log()
     message.stamp = time_message(event.time)

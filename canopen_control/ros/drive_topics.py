@@ -3,7 +3,7 @@
 `nmt_state` is what the node says of itself, told when it changes and kept for who comes later, in
 ros2_canopen's words; `joint_states` has the stamp of its sample. `rpdo` has one message per object of the node's TPDOs
 (ros2_canopen names them from the master's side): all of them for who begins to listen, then those that changed, once
-per cycle of the robot; nothing of it is asked for while nobody listens. An object of `tpdo` travels in the RPDO that
+per cycle of the robot; nothing of it is requested without a subscriber. An object of `tpdo` travels in the RPDO that
 maps it from the next cycle on, and by SDO where none does; one that moves a drive is refused: those are the
 controllers'. A node that moves nothing has no `joint_states`. `emcy` holds the node's EMCY messages: a DiagnosticArray
 with the stamp and one status, whose message is the text and whose values are `error_code` and `error_register`
@@ -130,7 +130,7 @@ class DriveTopics(Endpoint):
         message.header.stamp = time_message(event.time)
         return message
 
-    def _on_tpdo(self, message: Any) -> None:  # noqa: ANN401 - a class made by somebody's generator
+    def _on_tpdo(self, message: Any) -> None:  # noqa: ANN401 - a generated class
         address, data = Address(message.index, message.subindex, ""), int(message.data)
         drive = self._view.is_drive or self._view.joints
         if drive and 0x6000 <= address.index < 0xA000 and 0x6000 + (address.index - 0x6000) % _AXIS in _MOVING:

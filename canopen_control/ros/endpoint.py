@@ -133,7 +133,7 @@ class Endpoint:
 
 
 RosMessage = Any
-"""A message or what else rclpy hands over: classes of somebody's generator, without types."""
+"""A message or what else rclpy hands over: generated classes, without types."""
 
 
 class Answer:

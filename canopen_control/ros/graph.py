@@ -48,7 +48,7 @@ def full_name(text: str, kind: str) -> str:
     return f"{match[1]}/{kind}/{match[3]}"
 
 
-def fill(message: Any, data: object, class_of: ClassOf, place: str = "") -> Any:  # noqa: ANN401 - somebody's generator's
+def fill(message: Any, data: object, class_of: ClassOf, place: str = "") -> Any:  # noqa: ANN401 - generated
     """Fill a message with data and return it; `class_of` returns the class of a nested one. Raises ConfigError."""
     types = message.get_fields_and_field_types()
     if not isinstance(data, dict):
@@ -121,7 +121,7 @@ def plain(value: Any) -> Any:  # noqa: ANN401 - a message, or what one of its fi
     return None if isinstance(number, float) and not math.isfinite(number) else number
 
 
-def lines(message: Any, indent: str = "") -> Iterator[str]:  # noqa: ANN401 - somebody's generator's class
+def lines(message: Any, indent: str = "") -> Iterator[str]:  # noqa: ANN401 - a generated class
     """Yield a message as lines of YAML."""
     for name in message.get_fields_and_field_types():
         value = getattr(message, name)
@@ -281,14 +281,14 @@ def class_of(name: str) -> type:
     return interface_class
 
 
-def _filled(message: Any, data: object) -> Any:  # noqa: ANN401 - somebody's generator's class
+def _filled(message: Any, data: object) -> Any:  # noqa: ANN401 - a generated class
     try:
         return fill(message, data, class_of)
     except (TypeError, ValueError, AssertionError, OverflowError) as error:
         raise ConfigError(f"the message cannot be made: {error}") from error
 
 
-def _sent(publisher: Any, message: Any) -> None:  # noqa: ANN401 - rclpy's, and somebody's generator's
+def _sent(publisher: Any, message: Any) -> None:  # noqa: ANN401 - rclpy's, and a generated class
     try:
         publisher.publish(message)
     except Exception as error:

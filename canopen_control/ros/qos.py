@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 SYSTEM_DEFAULT = qos_profile_system_default
-#: the same, and what was published before somebody subscribed: rclcpp::SystemDefaultsQoS().transient_local()
+#: the same, and what was published before the subscription: rclcpp::SystemDefaultsQoS().transient_local()
 KEPT_DEFAULT = QoSProfile(
     depth=1,
     reliability=ReliabilityPolicy.SYSTEM_DEFAULT,
@@ -31,7 +31,7 @@ KEPT_DEFAULT = QoSProfile(
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 #: the newest alone: reliable, as joint_state_topic_hardware_interface publishes its commands
 LATEST = QoSProfile(depth=1)
-#: the newest alone, of whoever publishes: as chainable controllers take references
+#: the newest alone, of any publisher: as chainable controllers take references
 REFERENCE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.SYSTEM_DEFAULT)
 TF = QoSProfile(depth=100)
 TF_STATIC = LATCHED

@@ -54,7 +54,7 @@ class SampleTopic(NamedTuple):
     """Topic for samples of one `kind`: its type, the source of each field, and the units in reports.
 
     `frame` is the field of the sample that names the header's frame; without it the frame is the controller's. A sample
-    whose field `optional` is None has no message. `latched` ones are published although nobody subscribes, for a later
+    whose field `optional` is None has no message. `latched` ones are published even without a subscriber, for a later
     subscriber. `bridge` and `bag` are where the topic is.
     """
 

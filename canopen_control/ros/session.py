@@ -285,7 +285,7 @@ class RosTime:
 # `/clock` of a simulated robot, for programs with `use_sim_time`.
 #
 # Published only while the robot says what time its simulation has; a real robot has no `/clock`,
-# and no publisher of one, since whoever uses simulated time would stand still on it.
+# and no publisher of one, since programs with simulated time would stop on it.
 
 
 class SimClock(Endpoint):

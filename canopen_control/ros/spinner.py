@@ -1,7 +1,7 @@
 """The only thread for rclpy's callbacks.
 
 An EventsExecutor where there is one, else a single-threaded one; every wait is finite, because the
-endless one of EventsExecutor.spin() is broken in the wheels (it burns a core and calls nobody); never a multi-threaded
+endless one of EventsExecutor.spin() is broken in the wheels (a busy loop without callbacks); never a multi-threaded
 executor, which loses messages.
 """
 

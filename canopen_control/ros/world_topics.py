@@ -159,7 +159,7 @@ class LaserScans(Endpoint):
 # `ground_truth`: where the base of a simulated robot truly is, in the frame of its odometry (PoseStamped).
 #
 # Published for each new true pose, with its stamp, once a base controller has told the name of its
-# odometry frame, so that RViz shows it in the same fixed frame as `odom`; a robot whose true pose nobody knows has no
+# odometry frame, so that RViz shows it in the same fixed frame as `odom`; a robot with an unknown true pose has no
 # publisher of it. It is not a transform: a frame has one parent, and that of the base is its odometry's.
 
 

@@ -33,7 +33,7 @@ A = TypeVar("A")
 H = TypeVar("H")
 P = TypeVar("P")
 Line = dict[str, wire.Raw]
-_KEPT: Final = 10_000  # of what came unasked and nobody has fetched
+_KEPT: Final = 10_000  # of what came unasked and was not fetched
 
 
 def read_error(raw: wire.Raw) -> RemoteError:
@@ -142,7 +142,7 @@ class Client(Generic[H, P]):
                 raise RemoteError("Timeout", f"{self._stream.label} has not answered {method!r} within {seconds:g} s")
             return self._awaited[number] or {}
         finally:
-            del self._awaited[number]  # an answer that comes later is nobody's
+            del self._awaited[number]  # a later answer has no receiver
 
     def _pushed_message(self, raw: wire.Raw, kind: Any) -> P:  # noqa: ANN401 - one of the types that P is made of
         try:
@@ -203,7 +203,7 @@ class Client(Generic[H, P]):
         finally:
             self._changed.acquire()
             self._reading = False
-            self._changed.notify_all()  # also for those who only waited for somebody to read
+            self._changed.notify_all()  # also for those who waited for another thread to read
         self._failure = self._failure or failure
         if line is not None:
             self._sort_in(line)
@@ -222,7 +222,7 @@ class Client(Generic[H, P]):
                 self.dropped += 1
 
 
-# The client of a socket in a reactor: nobody waits, the answer comes to a function on the reactor's thread.
+# The client of a socket in a reactor: no call waits, the answer comes to a function on the reactor's thread.
 #
 # Any number of requests are on their way at once, so that a stop never waits behind something slow; each gets one
 # answer, be it an error: refused, too late, or the other side is gone.

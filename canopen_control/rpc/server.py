@@ -71,7 +71,7 @@ class ServerObserver(Protocol):
 class Server(Generic[H, P]):
     """Server of an `Api` on a Unix socket in a reactor; `hello()` returns the greeting.
 
-    `keeps(connection)` names those who may stay although they are silent; SocketInUse when somebody serves the path
+    `keeps(connection)` is true for those that may be silent; SocketInUse when another process serves the path
     already; `listener` is for who listens there before he serves. `check` tells whether every method has its handler.
     `observer` gets method and parameters of each request that was not refused at once, but of those that only read.
     """

@@ -1,7 +1,7 @@
 """Typed messages to and from lines of JSON.
 
 A request is `{"id", "method", "params"}`, its answer `{"id", "result"}` or `{"id", "error": {"kind", "message"}}`; one
-without an id is not answered. What nobody asked for has one key of its own. A number that is not finite becomes null,
+without an id is not answered. Pushed messages have one key of its own. A number that is not finite becomes null,
 bytes are base64.
 """
 

@@ -298,11 +298,11 @@ class MandatoryNodes(RobotObserver):
             self._report(Event(now, "stop", node.name, text, Level.ERROR))
 
 
-# The latched STOP: no client makes anything move until somebody releases it on purpose.
+# The latched STOP: no client makes anything move until a client releases it explicitly.
 #
 # Latching stops first and is never refused; a second STOP changes nothing but is done again.
-# Releasing enables nothing, and what was commanded before the STOP counts no more: whoever wants the robot to move has
-# to enable its drives and to command it anew. A latched robot comes back latched, however it ended: the latch is a file
+# Releasing enables nothing, and what was commanded before the STOP counts no more: a client that moves the robot has
+# to enable its drives and to command it again. A latched robot restarts latched, however it ended: the latch is a file
 # below the state folder, one for each robot's name. This is a function of this program, no safety function (ISO 13850).
 
 
@@ -327,7 +327,7 @@ class StopLatch:
             self.by = str(json.loads(path.read_text())["by"])
         except FileNotFoundError:
             return
-        except (OSError, ValueError, LookupError, TypeError):  # it is there: somebody has latched it
+        except (OSError, ValueError, LookupError, TypeError):  # it is there: it was latched
             self.by = "an earlier client"
 
     def report(self, now: int) -> None:

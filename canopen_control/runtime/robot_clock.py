@@ -5,8 +5,8 @@ While it is paused its time stands, nothing moves and no command runs out; `step
 the commands that are in force. Who goes on afterwards finds no command left: the first motion has one that is newer.
 Real drives have a time of their own, so that a robot on buses cannot be paused. Times in ns.
 
-Stamps of commands and samples are Unix time, which somebody may set while the robot runs (NTP, a GPS that finds its
-satellites, a person). `WallClock` follows it; everything else counts monotonic time, which nobody can set.
+Stamps of commands and samples are Unix time, which may be set while the robot runs (NTP, a GPS that finds its
+satellites, a person). `WallClock` follows it; everything else counts monotonic time, which cannot be set.
 """
 
 from __future__ import annotations

@@ -42,10 +42,10 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
 
 
-# The motion of `demo`: velocities, positions or a curve, until somebody commands the robot.
+# The motion of `demo`: velocities, positions or a curve, until a client commands the robot.
 #
 # It is a commander like any other and the humblest: the first command of anyone else ends it for good. Velocities step,
-# positions swing slowly about where the joints were, a base goes a curve; an effort, whose end nobody could foresee, is
+# positions swing slowly about where the joints were, a base goes a curve; an effort, whose end cannot be predicted, is
 # not played.
 
 
@@ -87,7 +87,7 @@ class DemoMotion:
             if values:
                 self._robot.command(self._controller, values, SOURCE)
         except ControlError:
-            return  # somebody deactivated the controller: there is nothing to play on
+            return  # the controller was deactivated: there is nothing to play on
         self._step += 1
 
     def _values(self) -> list[float]:
@@ -111,7 +111,7 @@ class DemoMotion:
 
 # Faults of this program while a robot runs: told like any other event, and the robot goes on.
 #
-# An exception that nobody expected is one sentence with its place, once for each place; its
+# An unexpected exception is one sentence with its place, once for each place; its
 # traceback is for those who ask for it with CANOPEN_CONTROL_DEBUG.
 
 

@@ -1,7 +1,7 @@
 """Several robots in one simulated world: one process for all drives, and one runtime per robot.
 
 Each robot is run as `run ROBOT --as NAME --no-drives` runs it, on buses of its own, so that whatever a robot alone
-can do each of them can. A runtime that dies stops its drives, as the loss of a master does, and nobody else's. At the
+can do each of them can. A runtime that dies stops its drives, as the loss of a master does, and no others. At the
 end the robots stop first, then the drives.
 """
 

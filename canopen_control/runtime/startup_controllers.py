@@ -1,6 +1,6 @@
 """Loading and configuration of the controllers that a run activates, before anything is opened.
 
-A type nobody knows, a parameter that is wrong, an interface that no joint has or that two
+An unknown type, a parameter that is wrong, an interface that no joint has or that two
 controllers want is a mistake in a file, and told before the first frame is sent.
 """
 
@@ -56,7 +56,7 @@ def switch_controllers(
 ) -> None:
     """Switch controllers, loading and configuring new ones; `check` may refuse those to start.
 
-    Names that nobody knows are left out unless it is `strict`, and told. Raises ControlError or ConfigError, and
+    Unknown names are left out with a report unless it is `strict`. Raises ControlError or ConfigError, and
     nothing is changed.
     """
     before = manager.states

@@ -3,7 +3,7 @@
 Every child hangs on a lifeline of this process, lives in a session of its own, and is ended here
 in order: clients first, drives last, when the robot has stopped. A child that dies is told with the last lines it said;
 it never ends the robot, and the ROS bridge is started again, a few times a minute: what dies again and again has a
-reason that a start does not mend, and its starts cost the robot's thread. What is started before the robot is waited
+reason that a restart does not cure, and its starts cost the robot's thread. What is started before the robot is waited
 for until it says that it is ready. A client that should answer and does not, while this process is on time, hangs or
 was stopped: it is killed, which is a death as any other.
 """
@@ -275,7 +275,7 @@ class Supervisor:
         """End all child processes, clients before drives; blocks for a few seconds at most."""
         self._wait_no_more()
         self.end_clients()
-        if self._recorder is not None:  # nobody serves the API any more: what it wrote last is told for it
+        if self._recorder is not None:  # the API is no longer served: what it wrote last is told for it
             for line in self._recorder.last_lines():
                 if "flight record" in line:
                     self._report(Event(self._reactor.now(), "flight", "", line))
@@ -405,7 +405,7 @@ class Supervisor:
         text = f"process {child.name} (pid {child.pid}) {how}{last_output}"
         self._report(Event(self._reactor.now(), "process_ended", "", text, Level.ERROR))
         self.missing[child.name] = how
-        self._arrived(child)  # nobody else can be waited for
+        self._arrived(child)  # there is no other child to wait for
         again = self._again.pop(child, None)
         if again is not None and not self._over:
             again()

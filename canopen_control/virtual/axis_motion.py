@@ -221,7 +221,7 @@ class Switches:
 
 # The loops of a virtual servo with gains of its own: position P and feed-forward over velocity PI, on any plant.
 #
-# The torque is made anew at each point of a fixed grid and held until the next, so what happens does not depend on when
+# The torque is computed at each point of a fixed grid and held until the next, so what happens does not depend on when
 # somebody looks. In modes of operation that command a velocity there is no position loop, as in servo drives.
 # Units: counts, counts/s, per mille of the rated torque.
 

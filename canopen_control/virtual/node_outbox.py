@@ -161,7 +161,7 @@ def in_words(event: object) -> str | None:
 #
 # A filter of growing memory, up to `_MEMORY` SYNCs: the least-squares line through the times at which they came, the
 # way a drive's own clock is pulled to SYNC. A SYNC off by almost half a period, or after a long silence, begins it
-# anew. SYNCs that come in time are taken as they are, to the nanosecond. Times are monotonic nanoseconds.
+# again. SYNCs that come in time are taken as they are, to the nanosecond. Times are monotonic nanoseconds.
 
 
 _MEMORY: Final = 256  # SYNCs: 2.6 s at 100 Hz

@@ -205,7 +205,7 @@ class OverloadGuard:
 #
 # 0x60B8 arms them, 0x60B9 shows what was caught, 0x60BA to 0x60BD hold the positions. The probe inputs are bits 16 and
 # 17 of 0x60FD; a probe may look at the index pulse of the encoder instead, which has rising edges only. A single probe
-# catches once until it is armed anew, a continuous one every time.
+# catches once until it is armed again, a continuous one every time.
 
 
 _ENABLE, _CONTINUOUS, _INDEX, _RISING, _FALLING = 1 << 0, 1 << 1, 1 << 2, 1 << 4, 1 << 5

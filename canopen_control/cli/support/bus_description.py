@@ -1,6 +1,6 @@
 """Description of a bus for verbs that listen: of a running robot, a robot's files, or EDS files.
 
-A robot's files win over what runs, what runs wins over nothing; and whoever has no description
+A robot's files win over what runs, what runs wins over nothing; and a user without a description
 still sees every frame, by the predefined connection set.
 """
 

@@ -118,7 +118,7 @@ class Progress:
         self._shown = True
 
     def _write(self, text: str) -> None:
-        with contextlib.suppress(OSError, ValueError):  # nobody reads it any more: the work goes on
+        with contextlib.suppress(OSError, ValueError):  # without a reader the work continues
             self._stream.write(text)
             self._stream.flush()
 

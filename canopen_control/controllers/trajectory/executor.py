@@ -226,7 +226,7 @@ class StopMotion(JointSetpoint):
 # Speed scaling: how fast the time of trajectories runs, told by a user or by a state interface.
 #
 # Rules (ros2_controllers jazzy): what a user says goes to the command interface too, what a state
-# interface says counts. Ours, and safer: time stands while nobody knows how fast it runs.
+# interface says counts. Ours, and safer: time stands while its speed is unknown.
 
 
 def scaled(time: int, factor: float) -> int:
@@ -451,7 +451,7 @@ class TrajectoryExecutor:
             commands = group.commands[VELOCITY if group.has_velocity else EFFORT]
             for index in range(len(commands)):
                 value = loops.compute(index, output, group.error, period)
-                commands[index].value = value if math.isfinite(value) else 0.0  # a velocity that nobody knows
+                commands[index].value = value if math.isfinite(value) else 0.0  # an unknown velocity
         else:
             if group.has_velocity:
                 group.write(VELOCITY, output.velocities)

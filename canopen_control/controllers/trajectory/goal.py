@@ -28,7 +28,7 @@ class ResultCode(enum.IntEnum):
 class TrajectoryGoal:
     """Trajectory with its own tolerances; `code` and `text` are the result after its end.
 
-    `ended_now` is called then, in the cycle: whoever has more to do than to take note does it later. `feedback_rate` in
+    `ended_now` is called then, in the cycle: an observer must defer longer work. `feedback_rate` in
     Hz and `outlives_client` are the parameters of the controller that has accepted it.
     """
 

@@ -1,7 +1,7 @@
 """Trajectory point limiter: clamps points to the limits of their joints, and brakes all joints before an end position.
 
 Rules (joint_limits of ros2_control, JointTrajectoryPointSaturationLimiter): positions, then velocities,
-then accelerations are clamped, and what was clamped makes the others anew; a joint that could not stop any more before
+then accelerations are clamped, and what was clamped makes the others again; a joint that could not stop any more before
 the end of its range brakes, and all others with it, so that they stay on their path's direction.
 """
 

@@ -63,7 +63,7 @@ class MissingInterface(CanopenError):
         self.name = name
 
 
-def interface(name: str) -> Any:  # noqa: ANN401 - a class made by somebody's generator, or by us
+def interface(name: str) -> Any:  # noqa: ANN401 - a generated class, or one of ours
     """Return the class of "package/msg/Name", created if necessary.
 
     MissingInterface when this ROS does not have it; any other CanopenError when this ROS is not known.

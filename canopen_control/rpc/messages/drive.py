@@ -341,7 +341,7 @@ class SetGrip(Request[Done], frozen=True, kw_only=True):
 
 
 WorldAct = AddPayload | PushRobot | BlockJoint | SetGrip
-"""What may happen in a world, at a time or when somebody asks for it."""
+"""What may happen in a world, at a time or on request."""
 
 
 # -- what the axes do together

@@ -1,7 +1,7 @@
 """Control socket of a ``local:`` bus: its members and the faults of its wires.
 
 A label is what a member of the bus is called, such as ``drive 3``; where it may be left out, "" is everybody. An
-error's kind is a class of errors.py: ConfigError where nobody has the label that was given.
+error's kind is a class of errors.py: ConfigError for an unknown label.
 """
 
 from __future__ import annotations

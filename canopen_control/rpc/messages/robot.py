@@ -307,7 +307,7 @@ ROBOT.declare(GRIPPER_METHODS)
 class Stop(Request[Done], frozen=True, kw_only=True):
     """Ramp to zero and disable; answered when no drive moves.
 
-    `latch` true: nothing moves before `release`, whoever asks for it.
+    `latch` true: nothing moves before `release`, for any client.
     """
 
     latch: bool = False

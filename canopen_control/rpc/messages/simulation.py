@@ -75,7 +75,7 @@ class StepSimulation(Request[Simulation], frozen=True, kw_only=True):
 class ResetSimulation(Request[Simulation], frozen=True, kw_only=True):
     """Reset the simulated robot to its start, or to a key frame of its MJCF, at standstill.
 
-    Its odometry begins anew and every command is forgotten; the active controllers are started anew, no other one. The
+    Its odometry restarts and every command is forgotten; the active controllers are started again, no other one. The
     simulated time goes on, since a time that goes back breaks what listens to it.
     """
 

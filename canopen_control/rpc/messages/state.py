@@ -48,7 +48,7 @@ class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age
     """State of a node: NMT state such as "OPERATIONAL", `age` of its last frame in s, errors.
 
     `taken_out`: an NMT command has taken it out of the robot, which leaves it alone until another one starts it.
-    `void_outputs` were commanded when it was lost, and by nobody since: they are as the device has them.
+    `void_outputs` were commanded when it was lost, and not since: they are as the device has them.
     `unsupervised` says why nothing stops it when the master dies, as `allow_unsupervised` accepts; "" where it stops.
     `name` is empty in a recording from before protocol 2, which has it as the key alone.
     """
