@@ -113,7 +113,7 @@ def test_row_40_another_product_is_refused_another_revision_only_named(bench):
 
 
 def test_row_40_another_revision_is_a_warning_unless_bus_yml_insists(bench, tmp_path):
-    config = copy_robby(tmp_path, bus={"  revision_number: 0              # any firmware revision will do\n": ""})
+    config = copy_robby(tmp_path, bus={"  revision_number: 0              # any firmware revision\n": ""})
     robby = bench(drives=(RIGHT,), config=config)
     robby.power_on(LEFT, ["wrong_revision"])
     robby.start()
