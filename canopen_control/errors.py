@@ -348,8 +348,8 @@ _CLOSE = 0.6  # minimum ratio of difflib for a suggestion
 _OPPOSITES = ({"left", "right"}, {"front", "rear"}, {"front", "back"}, {"upper", "lower"}, {"min", "max"})
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
-    """Return `, did you mean 'x'?`, or the list of known names, or "" if there are none.
+def nearest(name: str, known: Iterable[str], *, listed: bool = True) -> str:
+    """Return `, did you mean 'x'?`, or the list of known names unless not `listed`, or "" if there are none.
 
     The words of a name may be in another order; a name with the opposite meaning (left, right) is not suggested.
     """
@@ -368,7 +368,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
     best = max(names, key=ratio, default="")
     if best and ratio(best) >= _CLOSE:
         return f", did you mean {best!r}?"
-    return f"; known: {', '.join(names)}" if names else ""
+    return f"; known: {', '.join(names)}" if names and listed else ""
 
 
 def _words(name: str) -> list[str]:

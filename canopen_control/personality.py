@@ -140,9 +140,9 @@ def read_personality(name: str) -> Personality:
     path = bundled if name in personality_names() else Path(name)
     if path is not bundled and not path.is_file():
         known = personality_names()
-        raise PersonalityError(
-            f"no personality {name!r}{nearest(name, known)}; there are: {', '.join(known)}; or a file of your own"
-        )
+        problem = "no file" if "/" in name or Path(name).suffix else "no personality"
+        near = nearest(name, known, listed=False)
+        raise PersonalityError(f"{problem} {name!r}{near}; there are: {', '.join(known)}; or a file of your own")
     file = load(path, PersonalityFile, error=PersonalityError, check=_check)
     return Personality(
         path.stem,

@@ -74,6 +74,11 @@ def test_a_name_that_is_none_says_which_there_are():
         read_personality("elm")
 
 
+def test_a_file_that_is_not_there_says_which_names_there_are():
+    with pytest.raises(PersonalityError, match=r"^no file './ours.yaml'; there are: copley, delta[^;]*; or a file"):
+        read_personality("./ours.yaml")
+
+
 def test_a_file_of_a_user(tmp_path):
     path = tmp_path / "ours.yaml"
     path.write_text(

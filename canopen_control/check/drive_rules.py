@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.check.timing_rules import CheckedRobot, Finding
 from canopen_control.cia402 import objects
+from canopen_control.cia402.modes import TARGET_OBJECTS, mode_words
 from canopen_control.controllers.base import ALL_STATES
 from canopen_control.hardware.feedback import MEASURED
 from canopen_control.hardware.plugins import KNOWN, PluginKind
@@ -151,6 +152,28 @@ def _modes_unlisted(robot: CheckedRobot) -> Iterator[Finding]:
             yield Finding(section.path, section.line, Severity.NOTE, text, fix)
 
 
+def _targets_unmapped(robot: CheckedRobot) -> Iterator[Finding]:
+    """Find modes of bus.yml whose target object is in no RPDO (CiA 402-2): such a drive is not enabled."""
+    bus = robot.bus
+    for name, node in ({} if bus is None or robot.mock else bus.nodes).items():
+        plan, motion = bus.plans.get(name) if bus is not None else None, node.motion
+        if bus is None or plan is None or motion.motor_subindices:
+            continue
+        carried = {(mapped.index, mapped.subindex) for layout in plan.rpdos for mapped in layout.objects}
+        commanded = _commanded(robot, name)
+        for kind in (POSITION, VELOCITY, EFFORT):
+            mode = getattr(motion, f"{kind}_mode")
+            target = motion.own_target(kind) or TARGET_OBJECTS.get(mode)
+            if kind not in commanded or mode is None or target is None or kind in motion.feed_forward:
+                continue
+            index, subindex = target
+            if not any((index + offset, subindex) in carried for offset in plan.axes):
+                place = bus.place(name, f"{kind}_mode")
+                text = f"{name}: no RPDO carries 0x{index:04X}:{subindex:02X}, the target of {mode_words(mode)}"
+                fix = f"map it, or take a {kind}_mode whose target is mapped"
+                yield Finding(place.path, place.line, Severity.ERROR, text, fix, column=place.column)
+
+
 def _commanded(robot: CheckedRobot, node: str) -> set[str]:
     """Return the command interfaces of the joints that a node moves."""
     description = robot.description
@@ -165,5 +188,6 @@ DRIVE_RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (
     _measured,
     _modes_unlisted,
     _unjoined,
+    _targets_unmapped,
     _known,
 )

@@ -146,7 +146,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--like",
-        default="",
         metavar="NAME|FILE",
         help="behave as the drives of a manufacturer do: the name of a bundled personality, or a file of your own",
     )
@@ -201,7 +200,7 @@ def _run_buses(args: argparse.Namespace) -> int:
     from canopen_control.personality import read_personality
     from canopen_control.virtual.bus_group import run_group
 
-    return run_group(Path(args.buses), _print, read_personality(args.like) if args.like else None)
+    return run_group(Path(args.buses), _print, None if args.like is None else read_personality(args.like))
 
 
 def _print_status(args: argparse.Namespace) -> int:

@@ -184,7 +184,7 @@ def find_fault(name: str) -> Fault:
             raise ConfigError(
                 f"{name} is a quirk, not a fault: canopen-control quirk NODE {name}, or quirk: in a scenario"
             )
-        raise ConfigError(f"no fault {name!r}{nearest(name, FAULTS)}; see: canopen-control fault list")
+        raise ConfigError(f"no fault {name!r}{nearest(name, FAULTS, listed=False)}; see: canopen-control fault list")
     return fault
 
 

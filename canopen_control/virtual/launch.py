@@ -77,7 +77,7 @@ class DriveOptions:
 
     faults: Sequence[str] = ()
     quirks: Sequence[str] = ()
-    like: str = ""
+    like: str | None = None
     serial: int | None = None
     store: Path | None = None
     scenario: Path | None = None
@@ -107,7 +107,7 @@ def run_drives(
                 report,
                 faults=options.faults,
                 quirks=options.quirks,
-                like=read_personality(options.like) if options.like else None,
+                like=None if options.like is None else read_personality(options.like),
                 serial=options.serial,
                 store=options.store,
                 scenario=options.scenario,

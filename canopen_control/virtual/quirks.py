@@ -56,7 +56,8 @@ def parse_quirk(text: str) -> QuirkSetting:
     name, equals, number = head.partition("=")
     quirk = QUIRKS.get(name)
     if quirk is None:
-        raise ConfigError(f"no quirk {name!r}{nearest(name, QUIRKS)}; see: canopen-control quirk list")
+        near = nearest(name, QUIRKS, listed=False)
+        raise ConfigError(f"no quirk {name!r}{near}; see: canopen-control quirk list (faults: fault list)")
     axis = None
     if at:
         if quirk.axis is None:

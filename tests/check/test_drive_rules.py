@@ -43,3 +43,14 @@ def test_check_names_a_drive_whose_eds_lists_no_modes(tmp_path, key, noted):
     path = folder(tmp_path, "csv", edit=lambda text: re.sub(r"(?s)\[6502\].*", "", text))
     (path / "bus.yml").write_text((path / "bus.yml").read_text().replace("  velocity_mode: 9", key))
     assert any("device.eds does not list the drive's modes (0x6502)" in text for text in findings(path)) is noted
+
+
+def test_check_refuses_a_mode_whose_target_is_in_no_rpdo(tmp_path):
+    path = folder(tmp_path, "csv")
+    bus = path / "bus.yml"
+    bus.write_text(bus.read_text().replace("velocity_mode: 9", "velocity_mode: 2"))
+    text = next(each for each in findings(path) if "no RPDO carries 0x6042:00, the target of mode VL" in each)
+    assert re.search(r"bus\.yml:\d+:\d+: error: pan_drive: .*; map it, or take a velocity_mode", text)
+    assert not any(
+        "no RPDO carries" in each for each in findings(folder(tmp_path, "v-3", keys="velocity_target: 0x60FF"))
+    )
