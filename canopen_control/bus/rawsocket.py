@@ -72,7 +72,7 @@ class CanSocket(Protocol):
         """Set an option."""
 
     def close(self) -> None:
-        """Close it."""
+        """Close the socket."""
 
 
 # -- options and ancillary data

@@ -327,12 +327,12 @@ class TransmittedSystem:
 
     @property
     def state(self) -> LifecycleState:
-        """The component's."""
+        """State of the component."""
         return self.component.state
 
     @property
     def simulated_ns(self) -> int | None:
-        """The component's."""
+        """Simulated time of the component."""
         return self.component.simulated_ns
 
     def configure(self) -> None:

@@ -33,7 +33,7 @@ class Spinner:
         self._thread = threading.Thread(target=self._run, name="ros", daemon=True)
 
     def start(self) -> None:
-        """Begin."""
+        """Start the thread."""
         self._thread.start()
 
     def stop(self, timeout: float) -> bool:

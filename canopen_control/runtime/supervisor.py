@@ -66,7 +66,7 @@ class SupervisedRun(Protocol):
     """Run that is notified once its child processes are ready."""
 
     def children_ready(self) -> None:
-        """Begin."""
+        """Begin the run."""
         ...
 
     def child_failed(self, text: str) -> None:

@@ -24,7 +24,7 @@ GOOD, IDLE, WARN, BAD = "good", "idle", "warn", "bad"
 
 
 class StateWords(NamedTuple):
-    """What a state means, its tone, what to do next with the buttons of a page, and that action's name in the API."""
+    """Meaning of a state: its text and tone, and the next action with its text on the page and its name in the API."""
 
     text: str
     tone: str
