@@ -216,7 +216,7 @@ def faults() -> str:
         "# Faults of virtual drives\n\n"
         "Switched on with `canopen-control fault NODE NAME on`, at the start with `canopen-control drive --fault "
         "NAME`, or by a scenario. The tests break a whole robot with each of them (`tests/faults`).\n\n"
-        + _table("| fault | the drive | a good master |", rows)
+        + _table("| fault | the drive | a correct master |", rows)
     )
 
 

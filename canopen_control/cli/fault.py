@@ -91,7 +91,7 @@ def _list(args: argparse.Namespace) -> int:
     for fault in FAULTS.values():
         how = "once" if fault.once else "until it is switched off"
         how = f"the quirk {fault.quirk}" if fault.quirk else how
-        text = f"{_sentence(fault.does)} ({how}). A good master: {fault.reaction}."
+        text = f"{_sentence(fault.does)} ({how}). A correct master: {fault.reaction}."
         print(fault.name)
         print(textwrap.fill(text, _WIDTH, initial_indent="    ", subsequent_indent="    "))
     print(f"\n{_BUS_FAULTS}")

@@ -122,10 +122,10 @@ class ActiveController:
         for part in self.parts:
             part.enabled = part.enabled or were_enabled.issuperset(part.ends)
 
-    def forget(self, now: int, some: Ends | None = None, why: str = "") -> None:
-        """Clear its command, or that of some interfaces; `why` is a clause."""
-        if some is not None:
-            self.controller.forget_some(some, now)
+    def forget(self, now: int, interfaces: Ends | None = None, why: str = "") -> None:
+        """Clear its command, or that of `interfaces`; `why` is a clause."""
+        if interfaces is not None:
+            self.controller.forget_some(interfaces, now)
             return
         self.controller.life.end(why)
         self.controller.forget(now)
@@ -497,9 +497,9 @@ class UpdateLoop:
         for slot in self._commanding:
             self._forget(slot, now, why=why)
 
-    def _forget(self, slot: ActiveController, now: int, some: Ends | None = None, why: str = "") -> None:
+    def _forget(self, slot: ActiveController, now: int, interfaces: Ends | None = None, why: str = "") -> None:
         try:
-            slot.forget(now, some, why)
+            slot.forget(now, interfaces, why)
         except Exception as error:  # noqa: BLE001 - no controller ends the cycle, whatever it raises
             self.failed.append((slot.controller, f"forget raised {type(error).__name__}: {error}"))
 

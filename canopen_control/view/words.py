@@ -243,7 +243,7 @@ def fault_text(fault: FaultListing | None) -> str:
         return "<p class='cc-note'>No virtual drive is there to be broken.</p>"
     how = "once" if fault.once else "until it is switched off"
     what = f"I{fault.does[1:]}" if fault.does.startswith("its ") else f"The drive {fault.does}"
-    return f"<p class='cc-note'>{escape(what)} ({how}).<br><b>A good master:</b> {escape(fault.reaction)}.</p>"
+    return f"<p class='cc-note'>{escape(what)} ({how}).<br><b>A correct master:</b> {escape(fault.reaction)}.</p>"
 
 
 def quirk_text(quirk: QuirkListing | None) -> str:

@@ -1,9 +1,9 @@
 """Table of the faults of virtual nodes.
 
-A row says its number in the catalogue of real drives' behaviour, its name, where it acts, what it does, and what a good
-master makes of it; how it acts is one or more of three hooks, on frames that leave the node, on frames that reach it,
-or on the node itself when it is switched. `once`: it goes off by itself when it has acted. Switching off makes the
-drive healthy; what the fault led to (a FAULT state, a reset) is the master's to mend.
+A row has the number in the catalogue of real drives' behaviour, the name, the place (wire, node or axis), the effect, and
+how a correct master reacts. A fault acts by one or more of three hooks: on frames that leave the node, on frames that
+reach it, or on the node itself when it is switched. A fault with `once` is cleared when it has acted. Clearing makes the
+drive healthy; the master must recover from the consequences (a FAULT state, a reset).
 """
 
 from __future__ import annotations

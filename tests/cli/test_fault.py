@@ -29,7 +29,7 @@ def test_list_explains_every_fault_in_sentences_and_says_where_the_wire_is_broke
     said = " ".join(capsys.readouterr().out.split())
     for fault in FAULTS.values():
         assert f"{fault.name} {'The drive ' if not fault.does.startswith('its ') else 'Its '}" in said
-    assert said.count("A good master:") == len(FAULTS)
+    assert said.count("A correct master:") == len(FAULTS)
     assert "canopen-control bus fault" in said
 
 
