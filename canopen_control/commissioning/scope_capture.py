@@ -134,7 +134,7 @@ class Shot:
 
     @property
     def zero(self) -> float:
-        """Zero of its times: the trigger, else the first sample."""
+        """Time 0 of the capture: the trigger, else the first sample."""
         return self.rows[0][0] if self.triggered is None else self.triggered
 
     @property

@@ -399,7 +399,7 @@ class Chirp:
 
     @property
     def peak(self) -> float:
-        """The bias and the amplitude on top."""
+        """Sum of the bias and the amplitude."""
         return abs(self.bias) + abs(self.amplitude)
 
     def at(self, seconds: float) -> float:
@@ -427,7 +427,7 @@ class Prbs:
 
     @property
     def peak(self) -> float:
-        """The bias and the amplitude on top."""
+        """Sum of the bias and the amplitude."""
         return abs(self.bias) + abs(self.amplitude)
 
     def at(self, seconds: float) -> float:

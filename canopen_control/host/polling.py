@@ -61,7 +61,7 @@ class MarkedSelector(selectors.BaseSelector):
         return number in self._keys
 
     def clear_ready(self, number: int) -> None:
-        """Make a number unreadable; a no-op if it is."""
+        """Make a number unreadable; no-op if it already is."""
         self.marked.pop(number, None)
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:  # noqa: ANN401 - selectors' own types

@@ -85,7 +85,7 @@ class Ros(Protocol):
         """Call a function on the thread of ROS's callbacks; from any thread."""
 
     def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
-        """Send a request to the robot; `answer(result, error)` is called on the reactor's thread, as this is."""
+        """Send a request to the robot; `answer(result, error)` is called on the reactor's thread, like this method."""
 
 
 def success_of(response: RosMessage, reply: Reply) -> Callable[[object, str | None], None]:
