@@ -11,7 +11,8 @@ from support import reference_drive as ref
 from support.properties import examples
 from support.reference_drive import ReferenceDrive
 
-from canopen_control.cia402.drive import DriveGoal, DriveMachine
+from canopen_control.cia402.drive import DriveMachine
+from canopen_control.cia402.drive_steps import DriveGoal
 from canopen_control.cia402.events import (
     ControlChanged,
     EnableLost,

@@ -1,6 +1,13 @@
 from __future__ import annotations
 
-from canopen_control.cia402.drive import DISABLED_STATES, FAULT_STATES, LADDER, DriveGoal, is_stopped, state_of_goal
+from canopen_control.cia402.drive_steps import (
+    DISABLED_STATES,
+    FAULT_STATES,
+    LADDER,
+    DriveGoal,
+    is_stopped,
+    state_of_goal,
+)
 from canopen_control.cia402.state import State
 
 

@@ -1,0 +1,437 @@
+"""Parts of the master's side of one axis: the goals, the steps to them, and the mode that was asked for.
+
+`drive` decides with its table what is wanted; a part here follows one thing that takes time at the drive.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia402.events import (
+    FaultResetFailed,
+    ModeConfirmed,
+    ModeTimedOut,
+    TransitionTimedOut,
+)
+from canopen_control.cia402.state import (
+    FAULT_RESET_BIT,
+    TARGET_REACHED,
+    Command,
+    State,
+    transition_of,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from canopen_control.cia402.events import DriveEvent
+
+
+# What a drive is to become: the goals of the master's side of an axis, and when each is reached.
+#
+# A goal is a state to aim for with `state.next_command`. A stop is reached wherever the drive has no
+# torque any more, at the height it was to end or below; a drive in a fault counts as stopped once its reaction is over.
+
+
+FAULT_STATES = (State.FAULT_REACTION_ACTIVE, State.FAULT)
+DISABLED_STATES = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON)
+LADDER: Mapping[State, int] = MappingProxyType(
+    {
+        State.NOT_READY_TO_SWITCH_ON: -1,
+        State.SWITCH_ON_DISABLED: 0,
+        State.QUICK_STOP_ACTIVE: 0,  # both ways out of it lead up again
+        State.READY_TO_SWITCH_ON: 1,
+        State.SWITCHED_ON: 2,
+        State.OPERATION_ENABLED: 3,
+    }
+)
+"""How far a state is on the way to OPERATION_ENABLED; a drive that is being enabled and comes down has a reason."""
+
+
+class DriveGoal(Enum):
+    """Goal of the master's side of an axis."""
+
+    DISABLED = "disabled, by the drive's own ramp"
+    ENABLED = "operation enabled"
+    QUICK_STOPPED = "stopped by a quick stop"
+    VOLTAGE_DISABLED = "without voltage at once"
+
+
+def state_of_goal(goal: DriveGoal, disabled_state: State) -> State:
+    """Return the state to aim for; `disabled_state` is the final state of a disabled drive."""
+    if goal is DriveGoal.ENABLED:
+        return State.OPERATION_ENABLED
+    if goal is DriveGoal.QUICK_STOPPED:
+        return State.QUICK_STOP_ACTIVE
+    return disabled_state if goal is DriveGoal.DISABLED else State.SWITCH_ON_DISABLED
+
+
+def is_stopped(goal: DriveGoal, disabled_state: State, state: State | None) -> bool:
+    """Whether a drive in `state` (None: unknown) has reached `goal`, one of the three that are a stop."""
+    if state is State.FAULT:
+        return True
+    if goal is DriveGoal.QUICK_STOPPED:
+        return state in (State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED)
+    return state in DISABLED_STATES and LADDER[state] <= LADDER[state_of_goal(goal, disabled_state)]
+
+
+# The steps of the master's side of an axis: the time of each, the way out of a quick stop, the edge of a fault reset.
+#
+# Rules (CiA 402-2):
+#
+# - Each transition of the diagram has its time, by number. A step that asks for no transition, because the drive is to
+#   stay where it is, has none. A step whose time is over is told once and not timed again.
+# - What the drive does after a quick stop is its own affair (0x605A) and is read from its state. To be enabled it is
+#   asked at once by transition 16, which is optional; if that does not do, or if it is to be disabled, the end of the
+#   stop is waited for, since power cut before it lets the motor coast. A drive with 0x605A = 0 to 4 leaves by itself
+#   then; the others are told by transition 12, when the stop is seen done or has lasted too long.
+# - The edge of a fault reset (bit 7: 0, 1, 0; transition 15) is sent once per request, in FAULT only, since a drive
+#   still in its fault reaction would not see it. Bit 7 falls again when the fault is gone, or when the time is over and
+#   the cause is still there.
+
+
+NEVER: Final = (1 << 62) - 1
+# What an enable waits for before it can command anything.
+AUTOMATIC: Final = {None: 0, State.NOT_READY_TO_SWITCH_ON: 1}
+SETTLE = -1
+"""In place of a transition number: the time after which a command that was overtaken no longer arrives."""
+
+
+def transition_number(state: State | None, command: Command | None) -> int | None:
+    """Return the number of the transition that `command` requests in `state`, None for no transition."""
+    transition = transition_of(state, command) if state is not None and command is not None else None
+    return None if transition is None else transition.number
+
+
+class StepTimer:
+    """Timer of the current step: `command` is the one being sent, `deadline` is `NEVER` without a timeout."""
+
+    def __init__(self, timeout_ns: int, timeouts: Mapping[int, int]) -> None:
+        self.command: Command | None = None
+        self.deadline = NEVER
+        self._timeout = timeout_ns
+        self._timeouts = dict(timeouts)
+        self._armed = False
+
+    def rearm(self) -> None:
+        """Start a new step with the next command, even with the same command, because the goal has changed."""
+        self._armed = False
+
+    def enter(self) -> None:
+        """Start a new step with the next command, because the drive has changed its state."""
+        self._armed = False
+        self.deadline = NEVER
+
+    def must_arm(self, command: Command | None) -> bool:
+        """Whether `command` starts a new step."""
+        return not self._armed or command is not self.command
+
+    def arm(self, command: Command | None, number: int | None, now: int) -> None:
+        """Start the step of `command`; `number` is that of its transition, None for no timeout."""
+        self._armed, self.command = True, command
+        self.deadline = NEVER if number is None else now + self._timeouts.get(number, self._timeout)
+
+    def timed_out(
+        self, state: State | None, goal: State, statusword: int | None, gave_up: bool, now: int
+    ) -> TransitionTimedOut:
+        """Return the event of a step after its timeout; without a transition `goal` was requested."""
+        command = self.command
+        transition = transition_of(state, command) if state is not None and command is not None else None
+        target, number = (transition.target, transition.number) if transition is not None else (goal, None)
+        if state is State.NOT_READY_TO_SWITCH_ON:
+            number = AUTOMATIC[state]  # a self test or a commutation may take longer
+        return TransitionTimedOut(now, state, target, command, number, statusword, gave_up)
+
+
+class StopStage(Enum):
+    """Stages of leaving a quick stop; each follows if the previous one had no effect."""
+
+    ENABLE = "transition 16"
+    WAIT = "for the end of the stop"
+    DISABLE = "transition 12"
+
+
+class QuickStopExit:
+    """Stage reached since the drive was first seen in its quick stop, or since the goal changed."""
+
+    def __init__(self) -> None:
+        self.stage = StopStage.ENABLE
+        self._moved = False
+
+    def restart(self) -> None:
+        """Restart the stages for another goal."""
+        self.stage = StopStage.ENABLE
+
+    def enter(self) -> None:
+        """Restart the stages for another stop."""
+        self.stage = StopStage.ENABLE
+        self._moved = False
+
+    def advance(self) -> None:
+        """Enter the next stage after a timeout."""
+        self.stage = StopStage.WAIT if self.stage is StopStage.ENABLE else StopStage.DISABLE
+
+    def evaluate(self, statusword: int) -> None:
+        """Evaluate a statusword of the drive in its quick stop."""
+        # CiA 402-2, 0x6041 in QUICK STOP ACTIVE: bit 10 is 0 while the drive stops
+        if not statusword & TARGET_REACHED:
+            self._moved = True
+
+    def command(self, enable: bool, statusword: int, standstill: bool, may_enable: bool) -> Command:
+        """Return the command to send.
+
+        `enable` is requested, `may_enable` permits it at once, `standstill` means that the motor is known to stand.
+        """
+        # CiA 402-2, table 22, transition 16: optional, and only with 0x605A = 5 to 8
+        if self.stage is StopStage.ENABLE and enable:
+            return Command.ENABLE_OPERATION if may_enable else Command.QUICK_STOP
+        if self.stage is not StopStage.DISABLE:
+            # Bit 10 tells the end of the stop only if it was seen 0 in it: before, it may be an old target's.
+            over = standstill or (self._moved and bool(statusword & TARGET_REACHED))
+            self.stage = StopStage.DISABLE if over else StopStage.WAIT
+        return Command.DISABLE_VOLTAGE if self.stage is StopStage.DISABLE else Command.QUICK_STOP
+
+
+class ResetPhase(Enum):
+    """Phase of a fault reset."""
+
+    IDLE = "none was requested"
+    ASKED = "bit 7 is to be sent 0 first"
+    LOW = "bit 7 was sent 0 and is to be raised"
+    HIGH = "bit 7 is 1"
+
+
+class FaultReset:
+    """Sequence of one fault reset; `deadline` is its timeout."""
+
+    def __init__(self, timeout_ns: int) -> None:
+        self.phase = ResetPhase.IDLE
+        self.deadline = NEVER
+        self._timeout = timeout_ns
+
+    @property
+    def active(self) -> bool:
+        """Whether a reset was requested and has not ended."""
+        return self.phase is not ResetPhase.IDLE
+
+    @property
+    def bit(self) -> int:
+        """Bit 7 of the controlword for this cycle, 0 or 0x80."""
+        # CiA 402-2, table 22, transition 15: the rising edge of bit 7 resets a fault
+        return FAULT_RESET_BIT if self.phase is ResetPhase.HIGH else 0
+
+    @property
+    def rising(self) -> bool:
+        """Whether the next update will set bit 7 without further conditions."""
+        return self.phase is ResetPhase.LOW
+
+    def start(self) -> None:
+        """Request a reset; no-op during one."""
+        if self.phase is ResetPhase.IDLE:
+            self.phase, self.deadline = ResetPhase.ASKED, NEVER
+
+    def cancel(self) -> None:
+        """End the reset because the fault or the drive's statusword is gone: bit 7 becomes 0."""
+        self.phase, self.deadline = ResetPhase.IDLE, NEVER
+
+    def update(self, state: State, statusword: int, now: int) -> DriveEvent | None:
+        """Process one cycle of a drive in one of its two fault states."""
+        if self.deadline == NEVER:
+            self.deadline = now + self._timeout
+        if now >= self.deadline:
+            sent = self.phase in (ResetPhase.LOW, ResetPhase.HIGH)
+            self.cancel()
+            return FaultResetFailed(now, statusword, sent)
+        # CiA 402-2, table 22: FAULT REACTION ACTIVE ends by itself (transition 14); only FAULT can be reset
+        if state is State.FAULT:
+            self.phase = ResetPhase.LOW if self.phase is ResetPhase.ASKED else ResetPhase.HIGH
+        return None
+
+
+# A mode of operation that was asked for, until 0x6061 confirms it (CiA 402-2, 6.4).
+#
+# A mode is one only when the drive's display shows it. What is not confirmed in time goes back to the
+# last mode that was, and has failed until a new request. 0 is never asked for by itself. `MODE_TABLE` says what
+# each trigger leads to; what has no row changes nothing.
+#
+# Some drives show 0, no mode, until they are enabled (ros-industrial/ros2_canopen, issue 444). Such a drive may be
+# enabled in a mode that it has not shown; nothing but its targets at rest is sent before it shows the mode, in time.
+
+
+class ModeState(Enum):
+    """State of a mode request; the value describes it."""
+
+    NONE = "no mode was requested: the drive's own is right"
+    ASKED = "a mode is asked for, and 0x6061 does not show it"
+    UNSHOWN = "the drive shows no mode while it is off: it may be enabled, and has to show the mode then"
+    CONFIRMED = "0x6061 shows the mode that was asked for"
+    REFUSED = "the mode was not confirmed in time, and there is none to go back to"
+    RETURNING = "the mode was not confirmed in time; the one before it is asked for again, and 0x6061 does not show it"
+    RETURNED = "the mode was not confirmed in time; 0x6061 shows the one before it"
+
+
+class ModeTrigger(Enum):
+    """Trigger of the mode table; the value describes it."""
+
+    ASK = "another mode is requested"
+    ASK_AGAIN = "the same mode is requested again already"
+    SHOWN = "0x6061 shows the mode"
+    NOT_SHOWN = "0x6061 shows another mode, or nothing"
+    NONE_SHOWN = "half of the time is over, and 0x6061 of a drive that is off shows 0"
+    GONE = "the drive is gone"
+    OVERDUE = "the time is over, and no other mode was confirmed before"
+    OVERDUE_RETURN = "the time is over, and another mode was confirmed before"
+    OVERDUE_STAYED = "the time is over, and 0x6061 shows the mode that was confirmed before"
+
+
+_S, _ModeTransition = ModeState, ModeTrigger
+_ANEW: Final = {_ModeTransition.ASK: _S.ASKED}
+_TIMED: Final = {
+    _ModeTransition.OVERDUE: _S.REFUSED,
+    _ModeTransition.OVERDUE_RETURN: _S.RETURNING,
+    _ModeTransition.OVERDUE_STAYED: _S.RETURNED,
+}
+
+MODE_TABLE: Final[Mapping[ModeState, Mapping[ModeTrigger, ModeState]]] = MappingProxyType(
+    {
+        _S.NONE: _ANEW,
+        _S.ASKED: {**_ANEW, **_TIMED, _ModeTransition.SHOWN: _S.CONFIRMED, _ModeTransition.NONE_SHOWN: _S.UNSHOWN},
+        _S.UNSHOWN: {
+            **_ANEW,
+            **_TIMED,
+            _ModeTransition.SHOWN: _S.CONFIRMED,
+            _ModeTransition.NONE_SHOWN: _S.UNSHOWN,
+            _ModeTransition.GONE: _S.ASKED,
+        },
+        _S.CONFIRMED: {**_ANEW, _ModeTransition.NOT_SHOWN: _S.ASKED, _ModeTransition.GONE: _S.ASKED},
+        _S.REFUSED: _ANEW,
+        _S.RETURNING: {
+            **_ANEW,
+            _ModeTransition.ASK_AGAIN: _S.ASKED,
+            _ModeTransition.OVERDUE: _S.REFUSED,
+            _ModeTransition.SHOWN: _S.RETURNED,
+        },
+        _S.RETURNED: {
+            **_ANEW,
+            _ModeTransition.ASK_AGAIN: _S.CONFIRMED,
+            _ModeTransition.NOT_SHOWN: _S.RETURNING,
+            _ModeTransition.GONE: _S.RETURNING,
+        },
+    }
+)
+"""State and trigger to the next state; a trigger without a row changes nothing."""
+
+CONFIRMED: Final = (_S.NONE, _S.CONFIRMED, _S.RETURNED)
+"""The states in which the drive is in the mode that it shall have."""
+FAILED: Final = (_S.REFUSED, _S.RETURNING, _S.RETURNED)
+"""The states after a mode that was not confirmed; they end with a new request."""
+
+
+_CHANGING: Final = -1
+"""What Festo's CMMP-AS shows in 0x6061 while it changes to interpolated position: 3 to 6 s (ros_canopen, issue 457)."""
+_CHANGES: Final = 4  # times as long as another mode may be shown
+
+
+class ModeRequest:
+    """Requested value of 0x6060, and whether 0x6061 confirms it.
+
+    `mode` is None without a request; `sent` is the value in 0x6060, another one until the drive is in a state in which
+    it changes its mode; `deadline` is the timeout of an unconfirmed mode, `NEVER` for none.
+    """
+
+    def __init__(self, timeout_ns: int) -> None:
+        self.state = ModeState.NONE
+        self.mode: int | None = None
+        self.sent: int | None = None
+        self.display: int | None = None
+        self.deadline = NEVER
+        self._timeout = timeout_ns
+        self._halved = False  # the deadline is that of a drive that shows no mode while it is off
+        self._last_confirmed: int | None = None
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether 0x6061 shows `mode`, or no mode was requested."""
+        return self.state in CONFIRMED
+
+    @property
+    def may_enable(self) -> bool:
+        """Whether the drive may be enabled: in the mode, or without showing any until it is enabled."""
+        return self.state in CONFIRMED or self.state is ModeState.UNSHOWN
+
+    @property
+    def failed(self) -> bool:
+        """Whether the last requested mode was not confirmed in time."""
+        return self.state in FAILED
+
+    def ask(self, mode: int) -> bool:
+        """Request `mode`; return whether it is a new one."""
+        if mode == self.mode:
+            self._fire(ModeTrigger.ASK_AGAIN)
+            return False
+        self.mode, self.deadline = mode, NEVER
+        self._fire(ModeTrigger.ASK)
+        return True
+
+    def forget_display(self) -> None:
+        """Clear the displayed mode of a drive that is gone; the request remains."""
+        self.display = None
+        self.deadline = NEVER
+        self._fire(ModeTrigger.GONE)
+
+    def update(self, display: int | None, enabled: bool, now: int) -> DriveEvent | None:
+        """Process the newest 0x6061 (None: not received) and return the event, None for none.
+
+        `enabled` is whether the drive is in OPERATION_ENABLED.
+        """
+        self.display = display
+        mode = self.mode
+        if mode is None:
+            return None
+        # CiA 402-2, 0x6061: the mode is active when it is shown here
+        if display == mode:
+            return self._confirm(mode, now)
+        # Some drives show 0 (no mode) in 0x6061 until they are enabled
+        unshown = display == 0 and not enabled
+        if self.deadline == NEVER:
+            if not (unshown and self.state is ModeState.UNSHOWN):
+                self._halved = unshown
+                self.deadline = now + (self._timeout // 2 if unshown else self._timeout)
+                self._fire(ModeTrigger.NOT_SHOWN)
+        elif now >= self.deadline:
+            # Festo CMMP-AS shows -1 in 0x6061 for some seconds while it synchronises
+            if display == _CHANGING and now < self.deadline + _CHANGES * self._timeout:
+                return None
+            if self._halved and not unshown:  # it has shown 0 before, and has the other half of the time
+                self._halved, self.deadline = False, now + self._timeout - self._timeout // 2
+                return None
+            if not (unshown and self._fire(ModeTrigger.NONE_SHOWN)):
+                return self._time_out(mode, enabled, now)
+            self.deadline = NEVER
+        return None
+
+    def _fire(self, trigger: ModeTrigger) -> bool:
+        """Apply the row of a trigger; return whether there is one."""
+        state = MODE_TABLE[self.state].get(trigger)
+        if state is not None:
+            self.state = state
+        return state is not None
+
+    def _confirm(self, mode: int, now: int) -> DriveEvent | None:
+        self.deadline = NEVER
+        if not self._fire(ModeTrigger.SHOWN):
+            return None
+        self._last_confirmed = mode
+        return ModeConfirmed(now, mode)
+
+    def _time_out(self, mode: int, enabled: bool, now: int) -> DriveEvent:
+        back = self._last_confirmed if self._last_confirmed != mode else None
+        self.mode, self.deadline = back, NEVER
+        self.sent = back
+        if back is None:
+            self._fire(ModeTrigger.OVERDUE)
+        else:
+            self._fire(ModeTrigger.OVERDUE_STAYED if back == self.display else ModeTrigger.OVERDUE_RETURN)
+        return ModeTimedOut(now, mode, self.display, back, enabled)
