@@ -362,7 +362,7 @@ sends bit 8 to an enabled one.
 _MODE_REQUEST = """## Below it: the mode of operation
 
 A mode is one only when 0x6061 shows it, and nothing moves before. The table is
-`canopen_control/cia402/drive.py`.
+`canopen_control/cia402/drive_steps.py`.
 """
 
 

@@ -130,6 +130,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="file that describes drives on several buses in one world, instead of all other options",
     )
+    _add_behaviour(parser)
+    parser.add_argument("--status", action="store_true", help="show the state of running drives, and end")
+    parser.add_argument("--json", action="store_true", help="with --status: print JSON")
+
+
+def _add_behaviour(parser: argparse.ArgumentParser) -> None:
+    """Declare the options for what the drives do and hold."""
     parser.add_argument(
         "--fault",
         action="append",
@@ -162,8 +169,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="serial number 0x1018:04 (default: the node id, or the process id without one)",
     )
-    parser.add_argument("--status", action="store_true", help="show the state of running drives, and end")
-    parser.add_argument("--json", action="store_true", help="with --status: print JSON")
 
 
 def run(args: argparse.Namespace) -> int:

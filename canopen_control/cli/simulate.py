@@ -127,6 +127,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--quirk", action="append", default=[], metavar="Q[=V][@AXIS]", help="give all drives a quirk (repeatable)"
     )
     parser.add_argument("--faults", metavar="all|LIST|none", help="faults to inject (default: none, with --seeds all)")
+    _add_campaign(parser)
+    parser.add_argument("--json", action="store_true", help="print one object at the end")
+    _add_served(parser)
+
+
+def _add_campaign(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of a campaign of seeds."""
     parser.add_argument("--seeds", type=_count, metavar="N", help="run a campaign of N seeds, starting with --seed")
     parser.add_argument(
         "--aim",
@@ -144,8 +151,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --seeds: folder of failing schedules and the summary (default: simulate-ROBOT); with "
         "--recording: file of its scenario",
     )
-    parser.add_argument("--json", action="store_true", help="print one object at the end")
-    _add_served(parser)
 
 
 def _add_served(parser: argparse.ArgumentParser) -> None:

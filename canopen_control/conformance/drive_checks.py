@@ -38,7 +38,7 @@ from canopen_control.conformance.drive_steps import (
     stays,
 )
 from canopen_control.conformance.nmt_checks import boot
-from canopen_control.conformance.pdo_checks import first_rpdo, present_values
+from canopen_control.conformance.pdo_checks import first_pdo, present_values
 from canopen_control.errors import SdoAbort
 
 if TYPE_CHECKING:
@@ -336,7 +336,7 @@ _FORBIDDEN = (
 
 def _by_rpdo(node: CheckedNode, word: int) -> None:
     """Send a controlword in the first RPDO, with the present values of its other objects."""
-    record = first_rpdo(node)
+    record = first_pdo(node)
     image, shift = int.from_bytes(present_values(node, record), "little"), 0
     for entry in record.entries:
         index, _, bits = parse_mapping_entry(entry)

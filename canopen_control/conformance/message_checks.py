@@ -19,7 +19,7 @@ from canopen_control.conformance.check import (
 )
 from canopen_control.conformance.checked_node import EMERGENCY, CheckFailed, NotApplicable
 from canopen_control.conformance.nmt_checks import boot, emergencies, emergency_id
-from canopen_control.conformance.pdo_checks import SYNC_PERIOD_S, first_rpdo, present_values
+from canopen_control.conformance.pdo_checks import SYNC_PERIOD_S, first_pdo, present_values
 from canopen_control.errors import SdoAbort
 from canopen_control.frame import EXTENDED_BIT, is_restricted
 
@@ -168,7 +168,7 @@ def _empty_history(node: CheckedNode) -> None:
 
 def _provoked(node: CheckedNode) -> list[bytes]:
     """Send a short RPDO in OPERATIONAL; return the EMCY messages."""
-    can_id, rpdo = emergency_id(node), first_rpdo(node)
+    can_id, rpdo = emergency_id(node), first_pdo(node)
     data = present_values(node, rpdo)
     with node.operational():
         node.listen(0.02)
@@ -292,7 +292,7 @@ def _saved(node: CheckedNode) -> None:
 @_add("R02c", "7.5.2.13 (object 0x1010)", "the COB-ID of an RPDO that was saved outlasts a reset", touch=_STORE)
 def _saved_cob_id(node: CheckedNode) -> None:
     node.optional(0x1010, 1)
-    record = first_rpdo(node)
+    record = first_pdo(node)
     changed = record.cob_id | _OFF
     with node.kept(record.index, 1):
         try:

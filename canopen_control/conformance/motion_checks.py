@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from canopen_control.conformance.checked_node import CheckedNode
-    from canopen_control.conformance.motion_steps import DriveSample, Motion, Stream
+    from canopen_control.conformance.motion_steps import DriveSample, Motion
 
 
 MOTION_CHECKS = CheckList("402")
@@ -76,6 +76,10 @@ _PV, _PP_MODE, _HM = OperationMode.PV, OperationMode.PP, OperationMode.HM
 
 def _seconds(samples: list[DriveSample]) -> float:
     return samples[-1].seconds - samples[0].seconds
+
+
+def _furthest(motion: Motion, samples: list[DriveSample]) -> int:
+    return max(abs(one.position - motion.start) for one in samples)
 
 
 def _about(seconds: float, due: float) -> None:
@@ -259,21 +263,6 @@ def _mode_in_motion(node: CheckedNode) -> None:
 # -- stops while the shaft turns
 
 
-def _stop_by(node: CheckedNode, code: int, ramp: int) -> None:
-    """Stop with 0x605A = `code`; its duration must match `ramp`, in tenths of the ramp of a motion."""
-    is_drive(node)
-    with option(node, o.QUICK_STOP_OPTION, code), moving(node, _PV) as motion:
-        other = o.PROFILE_DECELERATION if code in (2, 6) else o.QUICK_STOP_DECELERATION
-        own = o.QUICK_STOP_DECELERATION if code in (2, 6) else o.PROFILE_DECELERATION
-        node.put(other, 0, 4 * motion.ramp, 4)
-        node.put(own, 0, motion.ramp * 10 // ramp, 4)
-        turn(node, motion, motion.velocity)
-        control(node, 0x02)
-        stop = until(node, motion, lambda one: still(one, motion.speed), 1.0, "standstill")
-        _about(_seconds(stop), 0.9 * RAMP_S * ramp / 10)
-        reaches(node, SOD if code < 5 else QSA, 1.0)
-
-
 for _code, _text in (
     (1, "0x6084, and ends in SWITCH ON DISABLED"),
     (2, "0x6085, and ends in SWITCH ON DISABLED"),
@@ -288,7 +277,17 @@ for _code, _text in (
         touch=_MOTION,
     )
     def _quick_stop(node: CheckedNode, code: int = _code) -> None:
-        _stop_by(node, code, 20)
+        is_drive(node)
+        with option(node, o.QUICK_STOP_OPTION, code), moving(node, _PV) as motion:
+            own = o.QUICK_STOP_DECELERATION if code in (2, 6) else o.PROFILE_DECELERATION
+            other = o.PROFILE_DECELERATION if code in (2, 6) else o.QUICK_STOP_DECELERATION
+            node.put(other, 0, 4 * motion.ramp, 4)
+            node.put(own, 0, motion.ramp // 2, 4)
+            turn(node, motion, motion.velocity)
+            control(node, 0x02)
+            stop = until(node, motion, lambda one: still(one, motion.speed), 1.0, "standstill")
+            _about(_seconds(stop), 2 * 0.9 * RAMP_S)
+            reaches(node, SOD if code < 5 else QSA, 1.0)
 
 
 @_add("D31m", "402-2, 6.3 (object 0x605A)", "0x0F does not end a quick stop with 0x605A = 2", touch=_MOTION)
@@ -360,14 +359,11 @@ def _time(motion: Motion, distances: int = 1) -> float:
 
 def _arrives(node: CheckedNode, motion: Motion, target: int, distances: int = 1) -> list[DriveSample]:
     near = 4 * window(node, motion)
-    seconds = distances * _TIME_S + 1.0
-    return until(
-        node,
-        motion,
-        lambda one: abs(one.position - target) <= near and bool(one.word & TARGET_REACHED),
-        seconds,
-        f"position {target}, and bit 10 = 1",
-    )
+
+    def is_there(one: DriveSample) -> bool:
+        return abs(one.position - target) <= near and bool(one.word & TARGET_REACHED)
+
+    return until(node, motion, is_there, distances * _TIME_S + 1.0, f"position {target}, and bit 10 = 1")
 
 
 @_add("D55s", _PP, "PP: a second set-point is acknowledged while the first one is under way", touch=_MOTION)
@@ -386,8 +382,7 @@ def _buffered(node: CheckedNode) -> None:
         set_point(node, motion.start + motion.distance)
         node.listen(0.05)
         set_point(node, motion.start)
-        samples = watch(node, motion, 2 * _time(motion))
-        furthest = max(abs(one.position - motion.start) for one in samples)
+        furthest = _furthest(motion, watch(node, motion, 2 * _time(motion)))
         due = f"{abs(motion.distance)}, the first set-point, and then the second"
         expect(furthest >= abs(motion.distance) - near, f"turned round after {furthest}", due)
         _arrives(node, motion, motion.start)
@@ -399,8 +394,7 @@ def _immediately(node: CheckedNode) -> None:
         set_point(node, motion.start + motion.distance)
         node.listen(RAMP_S)
         set_point(node, motion.start, IMMEDIATELY)
-        samples = _arrives(node, motion, motion.start)
-        furthest = max(abs(one.position - motion.start) for one in samples)
+        furthest = _furthest(motion, _arrives(node, motion, motion.start))
         due = f"less than {abs(motion.distance)}: the second set-point replaces the first"
         expect(furthest < 0.9 * abs(motion.distance), f"moved by {furthest}", due)
 
@@ -423,31 +417,31 @@ def _halted_move(node: CheckedNode) -> None:
         _arrives(node, motion, motion.start + motion.distance)
 
 
+@contextmanager
+def _limited(node: CheckedNode) -> Iterator[Motion]:
+    """Context in which 0x607D ends half the distance of a motion in PP."""
+    is_drive(node)
+    limit = o.SOFTWARE_POSITION_LIMIT
+    with node.kept(limit, 1), node.kept(limit, 2), moving(node, _PP_MODE) as motion:
+        ends = sorted((motion.start + motion.distance // 2, motion.start - motion.distance))
+        for subindex, end in enumerate(ends, 1):
+            node.put(limit, subindex, end & 0xFFFFFFFF, 4)
+        yield motion
+
+
 @_add("D57", "402-2, object 0x607D", "PP: a set-point beyond 0x607D ends at the limit", touch=_MOTION)
 def _position_limit(node: CheckedNode) -> None:
-    is_drive(node)
-    limits = node.kept(o.SOFTWARE_POSITION_LIMIT, 1), node.kept(o.SOFTWARE_POSITION_LIMIT, 2)
-    with limits[0], limits[1], moving(node, _PP_MODE) as motion:
-        limit = motion.start + motion.distance // 2
-        low, high = sorted((limit, motion.start - motion.distance))
-        node.put(o.SOFTWARE_POSITION_LIMIT, 1, low & 0xFFFFFFFF, 4)
-        node.put(o.SOFTWARE_POSITION_LIMIT, 2, high & 0xFFFFFFFF, 4)
+    with _limited(node) as motion:
         with suppress(SdoAbort):  # a drive may refuse the value
             set_point(node, motion.start + motion.distance)
-        samples = watch(node, motion, _time(motion))
-        furthest = max(abs(one.position - motion.start) for one in samples)
+        furthest = _furthest(motion, watch(node, motion, _time(motion)))
         due = f"at most {abs(motion.distance) // 2}, where 0x607D ends"
         expect(furthest <= abs(motion.distance) // 2 + 4 * window(node, motion), f"moved by {furthest}", due)
 
 
 @_add("D57b", "402-2, object 0x6041", "bit 11 of 0x6041 shows that 0x607D acts", _SHOULD, _MOTION)
 def _limit_shown(node: CheckedNode) -> None:
-    is_drive(node)
-    limits = node.kept(o.SOFTWARE_POSITION_LIMIT, 1), node.kept(o.SOFTWARE_POSITION_LIMIT, 2)
-    with limits[0], limits[1], moving(node, _PP_MODE) as motion:
-        low, high = sorted((motion.start + motion.distance // 2, motion.start - motion.distance))
-        node.put(o.SOFTWARE_POSITION_LIMIT, 1, low & 0xFFFFFFFF, 4)
-        node.put(o.SOFTWARE_POSITION_LIMIT, 2, high & 0xFFFFFFFF, 4)
+    with _limited(node) as motion:
         try:
             set_point(node, motion.start + motion.distance)
         except SdoAbort as error:
@@ -478,8 +472,7 @@ def _home_in_place(node: CheckedNode) -> None:
     control(node, ENABLE)
     control(node, ENABLE | NEW_SET_POINT)
     for _ in range(200):
-        word = statusword(node)
-        if word & (_BIT_12 | _BIT_13) or word & TARGET_REACHED:
+        if statusword(node) & (_BIT_12 | _BIT_13 | TARGET_REACHED):
             break
         node.listen(0.005)
 
@@ -531,12 +524,11 @@ _SEARCH = 17  # to the negative limit switch, or 18 to the positive one: the che
 @contextmanager
 def _searching(node: CheckedNode) -> Iterator[Motion]:
     """Context in which the drive searches for a limit switch at half the speed; it ends with bit 4 = 0."""
-    speeds = [(o.HOMING_SPEEDS, 1), (o.HOMING_SPEEDS, 2)]
     with ExitStack() as stack:
         motion = stack.enter_context(_homing(node, _SEARCH))
-        for index, subindex in speeds:
-            stack.enter_context(node.kept(index, subindex))
-            node.put(index, subindex, max(motion.speed // 2, 1), 4)
+        for subindex in (1, 2):
+            stack.enter_context(node.kept(o.HOMING_SPEEDS, subindex))
+            node.put(o.HOMING_SPEEDS, subindex, max(motion.speed // 2, 1), 4)
         with suppress(NotApplicable):
             stack.enter_context(node.kept(o.HOMING_ACCELERATION))
             node.put(o.HOMING_ACCELERATION, 0, motion.ramp, 4)
@@ -579,43 +571,32 @@ def _homing_halted(node: CheckedNode) -> None:
 # -- interpolated and cyclic modes
 
 
-def _by_sdo(node: CheckedNode, mode: int, index: int, subindex: int, word: int) -> None:
-    with moving(node, mode) as motion:
-        node.optional(index, subindex)
-        node.put(index, subindex, motion.start & 0xFFFFFFFF, 4)
-        control(node, word)
+@_add("D58i", "402-2, object 0x60C1", "IP: the shaft follows 0x60C1:01", touch=_MOTION)
+def _interpolated(node: CheckedNode) -> None:
+    is_drive(node)
+    with moving(node, OperationMode.IP) as motion:
+        node.optional(o.INTERPOLATION_DATA, 1)
+        node.put(o.INTERPOLATION_DATA, 1, motion.start & 0xFFFFFFFF, 4)
+        control(node, ENABLE | NEW_SET_POINT)
         way = motion.distance // 20
         for number in range(1, 11):
-            node.put(index, subindex, motion.start + way * number // 10 & 0xFFFFFFFF, 4)
+            node.put(o.INTERPOLATION_DATA, 1, motion.start + way * number // 10 & 0xFFFFFFFF, 4)
             node.listen(0.02)
         node.listen(0.2)
         moved = sample(node, motion).position - motion.start
         expect(abs(moved - way) <= max(window(node, motion), abs(way) // 4), f"moved by {moved}", f"{way}")
 
 
-@_add("D58i", "402-2, object 0x60C1", "IP: the shaft follows 0x60C1:01", touch=_MOTION)
-def _interpolated(node: CheckedNode) -> None:
-    is_drive(node)
-    _by_sdo(node, OperationMode.IP, o.INTERPOLATION_DATA, 1, ENABLE | NEW_SET_POINT)
-
-
 @_add("D58", _CSP, "CSP: the shaft follows set-points that come by RPDO and SYNC", touch=_MOTION)
 def _cyclic_position(node: CheckedNode) -> None:
     with streaming(node, OperationMode.CSP, o.TARGET_POSITION) as (motion, stream):
-        _ride(stream, step_of(motion), 20)
+        step = step_of(motion)
+        rise = [(1, step * part // 5) for part in range(1, 5)]
+        for cycles, way in (*rise, (20, step), *reversed(rise)):
+            stream.cycles(cycles, way)
         node.listen(0.1)
         at = sample(node, motion).position
-        expect(abs(at - stream.value) <= 2 * abs(step_of(motion)), f"position {at}", f"{stream.value}")
-
-
-def _ride(stream: Stream, step: int, cycles: int) -> None:
-    """Send a motion with at most one step per cycle, and back to none."""
-    parts = [step * part // 5 for part in range(1, 5)]
-    for part in parts:
-        stream.cycles(1, part)
-    stream.cycles(cycles, step)
-    for part in reversed(parts):
-        stream.cycles(1, part)
+        expect(abs(at - stream.value) <= 2 * abs(step), f"position {at}", f"{stream.value}")
 
 
 @_add("D58r", _CSP, "CSP: a set-point that comes 2 ms before SYNC counts from that SYNC on", _SHOULD, _MOTION)

@@ -82,18 +82,13 @@ def pdo_records(node: CheckedNode, base: int) -> list[PdoRecord]:
     return records
 
 
-def _first(node: CheckedNode, base: int) -> PdoRecord:
-    """Return the first valid PDO with objects."""
-    name = "RPDO" if base == RPDO else "TPDO"
+def first_pdo(node: CheckedNode, base: int = RPDO) -> PdoRecord:
+    """Return the first valid PDO with objects; NotApplicable without one."""
     for record in pdo_records(node, base):
         if record.entries and not record.cob_id & _OFF:
             return record
+    name = "RPDO" if base == RPDO else "TPDO"
     raise NotApplicable(f"no {name} of the first {_SEARCHED} is valid and maps an object")
-
-
-def first_rpdo(node: CheckedNode) -> PdoRecord:
-    """Return the first valid RPDO with objects; NotApplicable without one."""
-    return _first(node, RPDO)
 
 
 def present_values(node: CheckedNode, record: PdoRecord) -> bytes:
@@ -257,7 +252,7 @@ def _event_driven(node: CheckedNode, record: PdoRecord) -> dict[int, int]:
 
 @_add("P03", "7.2.2.2", "an event-driven TPDO is sent at NMT start, as long as it is mapped", _SHOULD, _CONFIGURE)
 def _event_at_start(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     with reconfigured(node, record, _event_driven(node, record)), node.operational():
         frames = _frames(node, record.can_id, 0.2)
     _expect_length(record, frames)
@@ -271,7 +266,7 @@ def _expect_length(record: PdoRecord, frames: list[tuple[int, CanFrame]]) -> Non
 
 @_add("P04", "7.5.2.37", "an event timer of 100 ms sends ten frames in a second", touch=_CONFIGURE)  # T 3.5
 def _event_timer(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     node.optional(record.index, 5)
     with node.kept(record.index, 2), reconfigured(node, record, {2: 255, 5: 100}), node.operational():
         node.listen(0.05)
@@ -283,7 +278,7 @@ def _event_timer(node: CheckedNode) -> None:
 
 
 def _turns(node: CheckedNode, kind: int, count: int, more: dict[int, int] | None = None) -> list[tuple[int, int]]:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     with reconfigured(node, record, {2: kind, **(more or {})}), node.operational():
         return _syncs(node, count, record.can_id)
 
@@ -304,7 +299,7 @@ def _every_third(node: CheckedNode) -> None:
 
 @_add("P06h", "7.5.2.37", "transmission type 240: a frame at every 240th SYNC", touch=_CONFIGURE)  # T 3.6
 def _every_240th(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     sync = node.number(0x1005) & 0x7FF
     if _has(node, 0x1019) and node.number(0x1019):
         raise NotApplicable("SYNC has a counter")
@@ -319,7 +314,7 @@ def _every_240th(node: CheckedNode) -> None:
 
 @_add("P07", "7.5.2.37", "transmission type 0: no frame but after a SYNC", touch=_CONFIGURE)  # T 3.7
 def _acyclic(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     with reconfigured(node, record, {2: 0}), node.operational():
         alone = _frames(node, record.can_id, 0.2)
         expect(not alone, f"{len(alone)} frames without a SYNC", "none")
@@ -329,7 +324,7 @@ def _acyclic(node: CheckedNode) -> None:
 
 @_add("P08", "7.5.2.37", "SYNC start value 3: the first frame comes at counter 3", touch=_CONFIGURE)  # T 3.8
 def _sync_start(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     node.optional(record.index, 6)
     with node.kept(0x1019), node.kept(0x1006):
         node.put(0x1006, 0, 0, 4)
@@ -347,7 +342,7 @@ def _sync_start(node: CheckedNode) -> None:
     _CONFIGURE,
 )  # T 3.9
 def _remote(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     if record.cob_id & _NO_RTR:
         raise NotApplicable("bit 30 of the COB-ID forbids remote frames")
     with reconfigured(node, record, {2: 253}):
@@ -361,7 +356,7 @@ def _remote(node: CheckedNode) -> None:
 
 @_add("P10", "7.3.2.2.2", "PRE-OPERATIONAL: no TPDO, not even at SYNC", touch=_CONFIGURE)  # T 3.10
 def _silent_preop(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     with reconfigured(node, record, {2: 1}):
         turns = _syncs(node, 5, record.can_id)
     expect(not turns, f"frames after SYNC {turns}", "none")
@@ -369,7 +364,7 @@ def _silent_preop(node: CheckedNode) -> None:
 
 @_add("P10s", "7.3.2.2.4", "STOPPED: no TPDO, not even at SYNC", touch=_CONFIGURE)  # T 3.16
 def _silent_stopped(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     sync = node.number(0x1005) & 0x7FF
     counting = _has(node, 0x1019) and node.number(0x1019) > 0
     with reconfigured(node, record, {2: 1}):
@@ -387,7 +382,7 @@ def _silent_stopped(node: CheckedNode) -> None:
 
 @_add("P20", "7.5.2.37", "an inhibit time of 100 ms is kept between two frames", touch=_CONFIGURE)
 def _inhibit(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     for subindex in (3, 5):
         node.optional(record.index, subindex)
     with reconfigured(node, record, {2: 255, 3: 1000, 5: 20}), node.operational():
@@ -399,7 +394,7 @@ def _inhibit(node: CheckedNode) -> None:
 
 @_add("P20n", "7.5.2.37", "without an inhibit time an event timer of 10 ms is kept", _SHOULD, _CONFIGURE)
 def _no_inhibit(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     for subindex in (3, 5):
         node.optional(record.index, subindex)
     with reconfigured(node, record, {2: 255, 3: 0, 5: 10}), node.operational():
@@ -411,7 +406,7 @@ def _no_inhibit(node: CheckedNode) -> None:
 @_add("P21", "7.5.2.35 and 7.5.2.37", "the reserved transmission types 241 and 251 are refused", _SHOULD, _CONFIGURE)
 def _reserved_types(node: CheckedNode) -> None:
     for base in (RPDO, TPDO):
-        record = _first(node, base)
+        record = first_pdo(node, base)
         with node.kept(record.index, 1), node.kept(record.index, 2):
             node.put(record.index, 1, record.cob_id | _OFF, 4)
             for kind in (241, 251):
@@ -421,7 +416,7 @@ def _reserved_types(node: CheckedNode) -> None:
 
 @_add("P21t", "7.5.2.35 and 7.5.2.37", "a TPDO takes the transmission types 1, 240 and 254 or 255", _SHOULD, _CONFIGURE)
 def _legal_types(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     for kind in (1, 240, 255):
         with reconfigured(node, record, {2: kind}):
             value = node.number(record.index, 2)
@@ -430,7 +425,7 @@ def _legal_types(node: CheckedNode) -> None:
 
 @_add("P22", "7.5.2.35 and 7.5.2.37", "another identifier is refused while the PDO is valid", _SHOULD, _CONFIGURE)
 def _id_while_valid(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     with node.kept(record.index, 1):
         data = (record.cob_id ^ 1).to_bytes(4, "little")
         expect_refused(node, record.index, 1, data, *_REFUSALS)
@@ -438,7 +433,7 @@ def _id_while_valid(node: CheckedNode) -> None:
 
 @_add("P22o", "7.5.2.35 and 7.5.2.37", "a PDO becomes invalid and valid by bit 31 of its COB-ID", touch=_CONFIGURE)
 def _switched_off(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     entry = None if node.eds is None else node.eds.od.get(record.index, 1)
     if entry is not None and not entry.writable:
         raise NotApplicable("the COB-ID is constant in the EDS")
@@ -454,7 +449,7 @@ def _switched_off(node: CheckedNode) -> None:
 
 @_add("P11", "7.5.2.36 and 7.5.2.38", "a TPDO is mapped again by the steps of CiA 301", touch=_CONFIGURE)  # T 3.22
 def _remapped(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     _mappable(node, record)
     entry = record.entries[0]
     with _invalid(node, record):
@@ -473,7 +468,7 @@ def _remapped(node: CheckedNode) -> None:
 
 @_add("P11m", "7.5.2.36 and 7.5.2.38", "a PDO takes as many objects as its record has entries", _SHOULD, _CONFIGURE)
 def _many_objects(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     _mappable(node, record)
     if node.eds is None:
         raise NotApplicable("no EDS that lists the entries; give one with --eds")
@@ -491,7 +486,7 @@ def _many_objects(node: CheckedNode) -> None:
 
 @_add("P12", "7.5.2.36 and 7.5.2.38", "a mapping entry is refused while entries are counted", touch=_CONFIGURE)
 def _entry_while_counted(node: CheckedNode) -> None:  # T 3.23
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     _mappable(node, record)
     with _invalid(node, record):
         expect_refused(node, record.mapping, 1, record.entries[0].to_bytes(4, "little"), *_REFUSALS)
@@ -499,7 +494,7 @@ def _entry_while_counted(node: CheckedNode) -> None:  # T 3.23
 
 @_add("P12s", "7.5.2.36 and 7.5.2.38", "the number of entries takes 0 while the PDO is invalid", touch=_CONFIGURE)
 def _count_zero(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     _mappable(node, record)
     with _invalid(node, record):
         node.put(record.mapping, 0, 0, 1)
@@ -509,7 +504,7 @@ def _count_zero(node: CheckedNode) -> None:
 
 @_add("P13", "7.5.2.36 and 7.5.2.38", "the mapping is refused while the PDO is valid", touch=_CONFIGURE)  # T 3.24
 def _mapped_while_valid(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     _mappable(node, record)
     try:
         expect_refused(node, record.mapping, 0, b"\0", *_REFUSALS)
@@ -519,7 +514,7 @@ def _mapped_while_valid(node: CheckedNode) -> None:
 
 
 def _refused_entry(node: CheckedNode, base: int, entry: int) -> None:
-    record = _first(node, base)
+    record = first_pdo(node, base)
     _mappable(node, record)
     codes = AbortCode.NOT_MAPPABLE, AbortCode.NO_OBJECT, AbortCode.NO_SUBINDEX, AbortCode.INVALID_VALUE
     with _invalid(node, record):
@@ -529,7 +524,7 @@ def _refused_entry(node: CheckedNode, base: int, entry: int) -> None:
 
 @_add("P14", "7.5.2.36 and 7.5.2.38", "more than 64 bits are refused", touch=_CONFIGURE)  # T 3.26
 def _too_many_bits(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     _mappable(node, record)
     widest = max(record.entries, key=lambda entry: entry & 0xFF)
     count = 64 // (widest & 0xFF) + 1
@@ -548,7 +543,7 @@ def _too_many_bits(node: CheckedNode) -> None:
 
 @_add("P14c", "7.5.2.36 and 7.5.2.38", "a number of entries above 64 is refused", touch=_CONFIGURE)  # T 3.25
 def _count_too_high(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     _mappable(node, record)
     codes = AbortCode.MAPPING_TOO_LONG, AbortCode.INVALID_VALUE, AbortCode.VALUE_TOO_HIGH, *_REFUSALS
     with _invalid(node, record):
@@ -567,7 +562,7 @@ def _unmappable_object(node: CheckedNode) -> None:  # T 3.29
 
 @_add("P15r", "7.5.2.36 and 7.5.2.38", "a read-only object cannot be mapped into an RPDO", touch=_CONFIGURE)  # T 3.31
 def _read_only_object(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     for entry in record.entries:
         described = None if node.eds is None else node.eds.od.get(*parse_mapping_entry(entry)[:2])
         if described is not None and not described.writable:
@@ -580,7 +575,7 @@ def _read_only_object(node: CheckedNode) -> None:
 def _dummy_object(node: CheckedNode) -> None:
     if node.eds is None or 5 not in node.eds.od.dummy_usage:
         raise NotApplicable("the EDS has no Dummy0005=1")
-    record = _first(node, RPDO)
+    record = first_pdo(node)
     _mappable(node, record)
     with _invalid(node, record):
         node.put(record.mapping, 0, 0, 1)
@@ -590,7 +585,7 @@ def _dummy_object(node: CheckedNode) -> None:
 
 @_add("P16f", "7.5.2.36 and 7.5.2.38", "a PDO is mapped while its COB-ID is another node's", _SHOULD, _CONFIGURE)
 def _foreign_id(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     _mappable(node, record)
     other = record.cob_id & ~0x7F | (1 if node.node_id != 1 else 2)
     with _invalid(node, record):
@@ -602,7 +597,7 @@ def _foreign_id(node: CheckedNode) -> None:
 
 @_add("P16o", "7.5.2.36 and 7.5.2.38", "a mapping is taken in OPERATIONAL", _SHOULD, _CONFIGURE)
 def _mapped_operational(node: CheckedNode) -> None:
-    record = _first(node, TPDO)
+    record = first_pdo(node, TPDO)
     _mappable(node, record)
     with node.operational(), _invalid(node, record):
         node.put(record.mapping, 0, 0, 1)
@@ -627,7 +622,7 @@ def _other_values(node: CheckedNode, record: PdoRecord) -> tuple[bytes, int, int
 
 def _expect_value(node: CheckedNode, frame: bytes, address: tuple[int, int], *, applied: bool) -> None:
     """Send an RPDO and check whether its value is applied; then restore the old value."""
-    record = _first(node, RPDO)
+    record = first_pdo(node)
     before = node.read(*address)
     node.send(record.can_id, frame)
     node.listen(0.05)
@@ -642,7 +637,7 @@ def _expect_value(node: CheckedNode, frame: bytes, address: tuple[int, int], *, 
 
 @_add("P17", "7.2.2.5", "an RPDO that is one byte short changes nothing", touch=_CONFIGURE)  # T 5.4
 def _short_rpdo(node: CheckedNode) -> None:
-    record = _first(node, RPDO)
+    record = first_pdo(node)
     frame, *address = _other_values(node, record)
     with reconfigured(node, record, {2: 255}), node.operational():
         _expect_value(node, frame[:-1], (address[0], address[1]), applied=False)
@@ -650,7 +645,7 @@ def _short_rpdo(node: CheckedNode) -> None:
 
 @_add("P17e", "7.2.7", "an RPDO that is too short raises EMCY 0x8210", _SHOULD, _CONFIGURE)  # T 5.4
 def _short_emergency(node: CheckedNode) -> None:
-    record, can_id = _first(node, RPDO), node.number(0x1014) & 0x7FF
+    record, can_id = first_pdo(node), node.number(0x1014) & 0x7FF
     data = present_values(node, record)
     with node.operational():
         node.listen(0.02)
@@ -663,7 +658,7 @@ def _short_emergency(node: CheckedNode) -> None:
 
 @_add("P18", "7.2.2.5", "an RPDO that is one byte longer than mapped is taken", _SHOULD, _CONFIGURE)
 def _long_rpdo(node: CheckedNode) -> None:
-    record = _first(node, RPDO)
+    record = first_pdo(node)
     if record.length == 8:
         raise NotApplicable("the first RPDO has 8 bytes already")
     frame, *address = _other_values(node, record)
@@ -673,7 +668,7 @@ def _long_rpdo(node: CheckedNode) -> None:
 
 @_add("P18n", "7.2.2", "an RPDO of the length that is mapped is taken in OPERATIONAL", touch=_CONFIGURE)
 def _rpdo(node: CheckedNode) -> None:
-    record = _first(node, RPDO)
+    record = first_pdo(node)
     frame, *address = _other_values(node, record)
     with reconfigured(node, record, {2: 255}), node.operational():
         _expect_value(node, frame, (address[0], address[1]), applied=True)
@@ -681,7 +676,7 @@ def _rpdo(node: CheckedNode) -> None:
 
 @_add("P19", "7.3.2.2.2", "an RPDO in PRE-OPERATIONAL is ignored", touch=_CONFIGURE)
 def _rpdo_preop(node: CheckedNode) -> None:
-    record = _first(node, RPDO)
+    record = first_pdo(node)
     frame, *address = _other_values(node, record)
     with reconfigured(node, record, {2: 255}):
         _expect_value(node, frame, (address[0], address[1]), applied=False)
@@ -689,7 +684,7 @@ def _rpdo_preop(node: CheckedNode) -> None:
 
 @_add("P19s", "7.5.2.35", "an RPDO of transmission type 1 counts at the next SYNC", touch=_CONFIGURE)
 def _rpdo_at_sync(node: CheckedNode) -> None:
-    record = _first(node, RPDO)
+    record = first_pdo(node)
     frame, *address = _other_values(node, record)
     with reconfigured(node, record, {2: 1}), node.operational():
         before = node.read(address[0], address[1])

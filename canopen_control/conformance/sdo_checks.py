@@ -20,7 +20,7 @@ from canopen_control.conformance.check import (
 )
 from canopen_control.conformance.checked_node import ABORT, ANSWER, REQUEST, CheckFailed, NotApplicable
 from canopen_control.conformance.nmt_checks import boot
-from canopen_control.conformance.pdo_checks import first_rpdo
+from canopen_control.conformance.pdo_checks import first_pdo
 from canopen_control.errors import SdoAbort
 from canopen_control.od.codec import encode
 
@@ -294,7 +294,7 @@ def _first_request(node: CheckedNode) -> None:
 
 @_add("S30", "7.2.4.3", "an object of an RPDO takes its own value by SDO in OPERATIONAL", _SHOULD, _CONFIGURE)
 def _mapped_object(node: CheckedNode) -> None:
-    index, subindex, _ = parse_mapping_entry(first_rpdo(node).entries[0])
+    index, subindex, _ = parse_mapping_entry(first_pdo(node).entries[0])
     if index in DUMMY_TYPES:
         raise NotApplicable("the first RPDO begins with a gap")
     with node.operational():
