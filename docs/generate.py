@@ -362,13 +362,13 @@ sends bit 8 to an enabled one.
 _MODE_REQUEST = """## Below it: the mode of operation
 
 A mode is one only when 0x6061 shows it, and nothing moves before. The table is
-`canopen_control/cia402/drive_steps.py`.
+`canopen_control/cia402/drive_goal.py`.
 """
 
 
 def axis_power() -> str:
     """Return the states of an axis: the tables of its power, of what is wanted of its drive, and of its mode."""
-    from canopen_control.cia402 import drive, drive_steps
+    from canopen_control.cia402 import drive, drive_goal
     from canopen_control.hardware.axis_statechart import LIMITS_NS, TABLE, AxisPhase, PhaseTrigger
 
     lasts = {state: f"{limit / 1e9:g} s" for state, limit in LIMITS_NS.items()}
@@ -385,15 +385,15 @@ def axis_power() -> str:
         for trigger, after in rows.items()
     }
     modes = {
-        (state, trigger): (after, "yes" if after in drive_steps.CONFIRMED else "no")
-        for state, rows in drive_steps.MODE_TABLE.items()
+        (state, trigger): (after, "yes" if after in drive_goal.CONFIRMED else "no")
+        for state, rows in drive_goal.MODE_TABLE.items()
         for trigger, after in rows.items()
     }
     parts = [_AXIS_POWER, *_chart(AxisPhase, PhaseTrigger, told, lasts, ("may last", "the drive is told to"))]
     parts += [_DRIVE_INTENT, *_chart(drive.EnableRequest, drive.EnableTrigger, intents, goals, ("goal", "new goal"))]
-    confirmed = {state: "yes" if state in drive_steps.CONFIRMED else "no" for state in drive_steps.ModeState}
+    confirmed = {state: "yes" if state in drive_goal.CONFIRMED else "no" for state in drive_goal.ModeState}
     heads = ("confirmed", "confirmed then")
-    parts += [_MODE_REQUEST, *_chart(drive_steps.ModeState, drive_steps.ModeTrigger, modes, confirmed, heads)]
+    parts += [_MODE_REQUEST, *_chart(drive_goal.ModeState, drive_goal.ModeTrigger, modes, confirmed, heads)]
     return "\n".join(parts)
 
 

@@ -22,7 +22,7 @@ from enum import Enum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia402.drive_steps import (
+from canopen_control.cia402.drive_goal import (
     AUTOMATIC,
     DISABLED_STATES,
     FAULT_STATES,

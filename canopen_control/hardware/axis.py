@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
 from canopen_control.cia402.drive import DriveMachine
-from canopen_control.cia402.drive_steps import DriveGoal
+from canopen_control.cia402.drive_goal import DriveGoal
 from canopen_control.cia402.modes import TARGET_OBJECTS, mode_of
 from canopen_control.cia402.state import State
 from canopen_control.cia402.units import INT32_MAX, INT32_MIN, PositionUnwrapper, Scale

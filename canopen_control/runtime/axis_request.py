@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
-from canopen_control.cia402.drive_steps import FAULT_STATES
+from canopen_control.cia402.drive_goal import FAULT_STATES
 from canopen_control.cia402.homing import require_method
 from canopen_control.cia402.modes import OperationMode, mode_words, require_mode
 from canopen_control.cia402.state import POWERED_STATES, State

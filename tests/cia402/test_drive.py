@@ -12,7 +12,7 @@ from support.properties import examples
 from support.reference_drive import ReferenceDrive
 
 from canopen_control.cia402.drive import DriveMachine
-from canopen_control.cia402.drive_steps import DriveGoal
+from canopen_control.cia402.drive_goal import DriveGoal
 from canopen_control.cia402.events import (
     ControlChanged,
     EnableLost,

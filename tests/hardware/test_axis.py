@@ -7,7 +7,7 @@ import pytest
 from support.generic import write_generic
 from support.robots import Bench
 
-from canopen_control.cia402.drive_steps import DriveGoal
+from canopen_control.cia402.drive_goal import DriveGoal
 from canopen_control.cia402.units import Scale
 from canopen_control.errors import SdoAbort, SdoTimeout
 from canopen_control.hardware.axis import (

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.cia402.drive import DriveMachine
-from canopen_control.cia402.drive_steps import DriveGoal
+from canopen_control.cia402.drive_goal import DriveGoal
 from canopen_control.hardware.axis_statechart import (
     FALLING,
     LIMITS_NS,

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from canopen_control.cia402.drive_steps import FaultReset, QuickStopExit, StepTimer, StopStage, transition_number
+from canopen_control.cia402.drive_goal import FaultReset, QuickStopExit, StepTimer, StopStage, transition_number
 from canopen_control.cia402.events import FaultResetFailed, TransitionTimedOut
 from canopen_control.cia402.state import Command, State
 

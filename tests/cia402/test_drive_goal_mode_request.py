@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.cia402.drive_steps import CONFIRMED, FAILED, ModeRequest, ModeState, ModeTrigger
-from canopen_control.cia402.drive_steps import MODE_TABLE as TABLE
+from canopen_control.cia402.drive_goal import CONFIRMED, FAILED, ModeRequest, ModeState, ModeTrigger
+from canopen_control.cia402.drive_goal import MODE_TABLE as TABLE
 from canopen_control.cia402.events import ModeConfirmed, ModeTimedOut
 
 

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from canopen_control.cia402.drive_steps import (
+from canopen_control.cia402.drive_goal import (
     DISABLED_STATES,
     FAULT_STATES,
     LADDER,
