@@ -69,21 +69,21 @@ def test_to_enable_transition_16_is_asked_for_when_the_mode_is_confirmed():
 def test_to_disable_the_end_of_the_stop_is_waited_for():
     leave = QuickStopExit()
     leave.enter()
-    leave.look(MOVING)
+    leave.evaluate(MOVING)
     assert leave.command(False, MOVING, False, True) is Command.QUICK_STOP
     assert leave.stage is StopStage.WAIT
-    leave.look(REACHED)
+    leave.evaluate(REACHED)
     assert leave.command(False, REACHED, False, True) is Command.DISABLE_VOLTAGE
     assert leave.command(False, MOVING, False, True) is Command.DISABLE_VOLTAGE
 
 
 def test_a_bit_10_that_was_there_before_the_stop_is_no_standstill():
     leave = QuickStopExit()
-    leave.look(REACHED)
+    leave.evaluate(REACHED)
     assert leave.command(False, REACHED, False, True) is Command.QUICK_STOP
     assert leave.command(False, REACHED, True, True) is Command.DISABLE_VOLTAGE
     leave.enter()
-    leave.look(REACHED)
+    leave.evaluate(REACHED)
     assert leave.command(False, REACHED, False, True) is Command.QUICK_STOP
 
 
