@@ -13,13 +13,13 @@ from canopen_control.cia301.emcy import error_text
 from canopen_control.cia301.nmt import NmtStateChanged
 from canopen_control.cia301.outbox import Outbox
 from canopen_control.cia402.modes import mode_name
+from canopen_control.cia402.state import State  # noqa: TC001 - compiled, a dataclass reads the types of its fields
 from canopen_control.virtual.injection_point import InjectionPoint
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.cia301.emcy import EmcyProducer
-    from canopen_control.cia402.state import State
     from canopen_control.frame import CanFrame
 
 
