@@ -17,7 +17,7 @@ INTERRUPTED = 130  #: exit code of a program that SIGINT or SIGTERM has ended: 1
 _ENDING = (signal.SIGINT, signal.SIGTERM)
 _IMPORT = "<frozen importlib._bootstrap>"  # the file of the frames of an import
 _AGAIN_S = 0.01
-_LONGEST_IMPORT_S = 2.0
+_LONGEST_IMPORT_S = 10.0  # a busy computer takes some; a second signal does not wait
 
 
 @contextlib.contextmanager
