@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 
 _MS: Final = 1_000_000
+_RENEWED_NS: Final = 1000 * _MS  # two commands with more time between them are two motions
 _LAG_NS: Final = 120 * _MS  # delay from a target on the bus to the shaft, or from a command to its target; some cycles
 _SETTLED_NS: Final = 300 * _MS  # time after an enable, or a switch of controllers
 _KEPT: Final = 64  # number of commands kept per joint
@@ -335,7 +336,9 @@ class TargetInvariants:
     def _judge_life(self, joint: str, view: ObservedNode, recent: Sequence[float], now: int) -> None:
         """Check that a drive is not commanded to stand while a command is renewed."""
         commands, value = self._commanded[joint], recent[-1]
-        renewed = commands[0][0] < now - _LAG_NS < commands[-1][0] and all(number == value != 0.0 for number in recent)
+        earlier = max((at for at, _ in commands if at < now - _LAG_NS), default=-_RENEWED_NS)
+        going_on = now - _RENEWED_NS < earlier < now - _LAG_NS < commands[-1][0]
+        renewed = going_on and all(number == value != 0.0 for number in recent)
         closed = view.limited_at > view.booted_at  # one direction
         if view.targets[_VELOCITY] or closed or not renewed or not self._all_calm(now):
             self._lost.discard(joint)

@@ -511,7 +511,7 @@ def test_a_drive_found_enabled_is_ramped_down():
 
 
 @pytest.mark.parametrize(
-    ("stuck", "number", "command"), [(0x0240, 2, 0x06), (0x0221, 3, 0x07), (0x0223, 4, 0x0F), (0x0200, None, 0x00)]
+    ("stuck", "number", "command"), [(0x0240, 2, 0x06), (0x0221, 3, 0x07), (0x0223, 4, 0x0F), (0x0200, 1, 0x00)]
 )
 def test_a_transition_that_does_not_come_gives_the_enable_up(stuck, number, command):
     machine = DriveMachine("x", transition_timeouts={4: 50, 3: 30}, transition_timeout_ns=100)

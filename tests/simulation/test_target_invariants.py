@@ -166,6 +166,11 @@ def test_a_command_that_leaves_with_a_client_who_was_there_before_is_told(judged
     assert set(judged.broken) == ({"command_lost"} if lost else set())
 
 
+def test_the_same_command_long_after_the_last_one_is_a_new_one(judged):
+    judged.run(2.5).drive(5.0, 5.0, seconds=0.5).run(6.0).drive(5.0, 5.0, seconds=0.5).run(1.0)
+    assert judged.told == []
+
+
 def test_a_command_that_leaves_with_its_client_is_no_news(judged):
     judged.run(2.5).drive(2.0, 2.0, seconds=1.0).run(0.92).do("dead_man", FORWARD, 0.06, values=(2.0, 2.0)).run(1.0)
     assert judged.told == []
