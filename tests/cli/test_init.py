@@ -261,7 +261,7 @@ def test_a_robot_is_made_of_the_drives_on_a_bus(stage):
     made = stage.call("init", "found", "--can", "local:initbus")
     assert made.wait() == 0, made
     assert "node 6 joint_1_drive: moves joint_1, velocity in PV" in made.out
-    assert "counts_per_revolution in bus.yml is a guess" in made.out
+    assert "the counts of a turn are a guess" in made.out
     assert stage.call("check", "found", "--strict").wait() == 0
 
 

@@ -73,7 +73,12 @@ class Step:
                 signal.raise_signal(self.number)
 
 
-VERBS = [["eds", "show", "TMCM-1270.eds"], ["plan", "robby"], ["bus", "list"], ["check", "robby"]]
+VERBS = [
+    ["eds", "show", "TMCM-1270.eds"],
+    ["plan", "robby"],
+    pytest.param(["bus", "list"], marks=pytest.mark.process, id="bus list"),  # it starts ip
+    ["check", "robby"],
+]
 
 
 @pytest.mark.parametrize("words", VERBS, ids=" ".join)

@@ -31,9 +31,9 @@ def test_quantities_are_read_with_their_units(text, kind, value):
 @pytest.mark.parametrize(
     ("text", "kind", "why"),
     [
-        ("nan", "velocity", "no velocity that a drive could reach"),
-        ("-infrpm", "velocity", "no velocity that a drive could reach"),
-        ("1e999rad/s", "velocity", "no velocity that a drive could reach"),
+        ("nan", "velocity", "is not a velocity that a drive could reach"),
+        ("-infrpm", "velocity", "is not a velocity that a drive could reach"),
+        ("1e999rad/s", "velocity", "is not a velocity that a drive could reach"),
         ("10knots", "velocity", "no unit 'knots' of a velocity; there are: rad/s, rpm"),
         ("10rpm", "position", "no unit 'rpm' of a position; there are: rad, deg"),
         ("fast", "velocity", "a number and its unit, such as 10rad/s"),

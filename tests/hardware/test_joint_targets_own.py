@@ -91,4 +91,4 @@ def test_check_names_a_target_that_no_rpdo_carries(tmp_path):
     bus = folder(tmp_path, "v-3", keys="velocity_target: 0x60B1") / "bus.yml"
     bus.write_text(bus.read_text().replace("mapping: [{index: 0x60FF}]", "mapping: [{index: 0x607A}]"))
     found = [str(each) for each in check_robot(find_robot(str(tmp_path)), CheckOptions()).findings]
-    assert any("error" in each and "map 0x60B1 in bus.yml" in each for each in found)
+    assert any("error" in each and "no RPDO carries 0x60B1:00" in each for each in found)

@@ -45,7 +45,7 @@ def follow(graph):
     def follow(*published, **how):
         made = TwistSubscription(graph, "cmd_vel", print, **how)
         for number, graph.published in enumerate(published, 1):
-            made.look(StateSample(time=float(number)))
+            made.check_types(StateSample(time=float(number)))
         made.close()
         return graph.types
 
@@ -78,5 +78,5 @@ def test_it_looks_four_times_a_second_whatever_the_rate_and_the_clock(graph):
 
     made = TwistSubscription(graph, "cmd_vel", print)
     for time in (5.0, 5.1, 5.2, 5.3, 1.0, 1.1):
-        made.look(StateSample(time=time))
+        made.check_types(StateSample(time=time))
     assert graph.looks == 3, "at 5.0, 5.3, and after the clock was set back"

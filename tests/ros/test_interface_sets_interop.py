@@ -45,16 +45,17 @@ class Ros:
     def node(self): return self
 TOPICS = {"odometry": "cmd_vel", "steering": "reference", "mecanum": "reference", "gpio": "gpio_commands"}
 TOPICS |= {"pid": "reference"}
-def of(tells, type="x/Y", publishes=()):
+def of(tells, type="x/Y", publishes=(), offers=()):
     reading = ControllerReading(
-        name="c", type=type, state="active", tells=tells, topic=TOPICS.get(tells), publishes=publishes
+        name="c", type=type, state="active", tells=tells, topic=TOPICS.get(tells), publishes=publishes,
+        offers=offers,
     )
     made = Ros()
     names = [each.__class__.__name__ for each in controller_endpoints.endpoints_for(made, reading)]
     return names, made.lacking
 samples = {kind_of(row.kind) for row in SAMPLE_TOPICS} - {'joint_states'} | controller_endpoints.BY_SAMPLE.keys()
 kinds = {tells: of(tells) for tells in sorted(samples)}
-kinds |= {type: of(None, type) for type in controller_endpoints.BY_TYPE}
+kinds |= {offer: of(None, offers=(offer,)) for offer in controller_endpoints.BY_OFFER}
 kinds["broadcaster"] = of("joint_states", publishes=("joint_states", "dynamic_joint_states"))
 print(json.dumps(kinds))
 """

@@ -137,10 +137,10 @@ def test_other_formats_become_stl(tmp_path):
 def test_what_is_no_mesh_is_a_sentence(tmp_path):
     for name, words in (
         ("a.ply", "is not read"),
-        ("b.stl", "no STL"),
+        ("b.stl", "not an STL"),
         ("c.dae", "cannot be read"),
         ("d.obj", "no faces"),
-        ("e.glb", "no binary"),
+        ("e.glb", "not a binary"),
         ("cut.stl", "7 corners make no whole triangles"),
     ):
         nonsense = f"solid facet{7 * f'{chr(10)}vertex 0 0 1'}" if name == "cut.stl" else "nonsense"
