@@ -21,11 +21,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.errors import nearest
+from canopen_control.errors import ConfigError, nearest
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot
 from canopen_control.simulation.fault_coverage import STATES
 from canopen_control.simulation.robot_under_test import MASTER
 from canopen_control.simulation.scenario_events import KINDS, ScenarioEvent
+from canopen_control.virtual.quirks import parse_quirk
 from canopen_control.virtual.scenario import (
     ScenarioError,
     ScenarioFile,
@@ -130,6 +131,8 @@ class _Checked:
             step.here.error(f"values: of {kind} is one whole number n from 1 on, for every n-th frame")
         if step.times:
             self._check_times(kind)
+        if kind == "plant":
+            self._check_axis(step.axis)
         if step.when and step.when not in _MOMENTS:
             step.here.error(f"when: {step.when} is not a state{nearest(step.when, _MOMENTS)}")
         numbers, plant, times = tuple(values), tuple(step.plant.items()), tuple(step.times)
@@ -190,11 +193,21 @@ class _Checked:
             self._step.check_name(name, None)
         elif kind in ("quirk", "quirk_off"):
             self._step.check_name(None, name)
+            with contextlib.suppress(ConfigError):  # reported above
+                self._check_axis(parse_quirk(name).axis)
         elif kind == "axis":
             if name not in _ACTIONS:
                 here.error(f"name: {name or 'nothing'} is not an action; there are: {', '.join(_ACTIONS)}")
         elif name:
             here.error(f"name: does not go with {kind}")
+
+    def _check_axis(self, axis: int | None) -> None:
+        """Report an axis that the step's node lacks."""
+        plans = [plan for bus in self._setup.joined.values() for plan in bus.plans.values()]
+        axes = next((len(plan.axes) for plan in plans if plan.node_id == self._step.node), None)
+        if axis is not None and axes is not None and axis >= axes:
+            there = ", ".join(map(str, range(axes))) or "none"
+            self._step.here.error(f"node {self._step.node} has no axis {axis}; it has: {there}")
 
     def _check_times(self, kind: str) -> None:
         times = self._step.times

@@ -60,6 +60,8 @@ steps:
         ),
         ("{at: 1s, node: 9, fault: silent}", "there is no node 9; there are: 3, 2"),
         ("{at: 1s, node: 3, fault: silnt}", "no fault 'silnt', did you mean 'silent'?"),
+        ("{at: 1s, node: 3, quirk: brake_delay=0.5@7}", "node 3 has no axis 7; it has: 0"),
+        ("{at: 1s, node: 3, axis: 1, plant: {load_torque: 0.1}}", "node 3 has no axis 1; it has: 0"),
         ("{at: 1s, node: 3, quirk: brake_dely}", "no quirk 'brake_dely', did you mean 'brake_delay'?"),
         ("{at: 1s, node: 3, quirk: brake_delay=99}", "its strength is a number, 0.001 to 60 s"),
         ("{at: 1s, do: axis, name: fly}", "name: fly is not an action"),
