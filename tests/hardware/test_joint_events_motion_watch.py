@@ -100,6 +100,7 @@ def test_a_settling_time_keeps_set_points_until_the_brake_has_lifted(robot, stan
     assert _peak_speed(robot("csp", keys="enable_settle_ms: 600")) < 2.1
 
 
+@pytest.mark.sources
 def test_a_mode_of_bus_yml_that_0x6502_does_not_list_is_tried_and_named(robot, monkeypatch):
     monkeypatch.setattr(VirtualDrive, "_check_mode", lambda _self, _entry, value: value)
     attach = VirtualDrive._attach
