@@ -516,7 +516,7 @@ def test_the_drives_of_an_arm_fit_120_columns():
         name: (
             Cell(f"{name} (2)"),
             Cell("OPERATIONAL", Tone.GOOD),
-            state_cell(State.OPERATION_ENABLED),
+            state_cell(State.OPERATION_ENABLED.name),
             Cell("CSP"),
             age_cell(0.012, stale=1, dead=2),
             sdo_cell(159, 28, 0),

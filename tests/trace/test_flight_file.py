@@ -384,7 +384,7 @@ def test_a_size_that_lies_is_not_believed(tmp_path):
     assert data.count(true) == 2  # its own header, and the directory
     path.write_bytes(data.replace(true, false))
     tracemalloc.start()
-    with pytest.raises(ConfigError, match="no flight recording"):
+    with pytest.raises(ConfigError, match="is not a flight recording"):
         read_flight(path)
     assert tracemalloc.get_traced_memory()[1] < 16 << 20
     tracemalloc.stop()
@@ -393,7 +393,7 @@ def test_a_size_that_lies_is_not_believed(tmp_path):
 @pytest.mark.rest
 def test_more_files_than_a_recording_has_are_refused(tmp_path):
     path = rewritten(write(tmp_path), **{f"eds/{number}.eds": b"" for number in range(1001)})
-    with pytest.raises(ConfigError, match=r"no flight recording: 1006 files are in it"):
+    with pytest.raises(ConfigError, match=r"not a flight recording: 1006 files are in it"):
         read_flight(path)
     path = rewritten(write(tmp_path), **{f"eds/{number}.eds": MIB * 15 for number in range(5)})
     with pytest.raises(ConfigError, match=r"what is in eds/ is larger than 64 MiB"):
