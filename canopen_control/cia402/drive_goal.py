@@ -82,11 +82,11 @@ def is_stopped(goal: DriveGoal, disabled_state: State, state: State | None) -> b
 # Rules (CiA 402-2):
 #
 # - Each transition of the diagram has its time, by number. A step that asks for no transition, because the drive is to
-#   stay where it is, has none. A step whose time is over is told once and not timed again.
+#   stay where it is, has none. A step that exceeds its time is reported once and not timed again.
 # - What the drive does after a quick stop is its own affair (0x605A) and is read from its state. To be enabled it is
 #   asked at once by transition 16, which is optional; if that does not do, or if it is to be disabled, the end of the
 #   stop is waited for, since power cut before it lets the motor coast. A drive with 0x605A = 0 to 4 leaves by itself
-#   then; the others are told by transition 12, when the stop is seen done or has lasted too long.
+#   then; the others get transition 12, when the stop has ended or has lasted too long.
 # - The edge of a fault reset (bit 7: 0, 1, 0; transition 15) is sent once per request, in FAULT only, since a drive
 #   still in its fault reaction would not see it. Bit 7 falls again when the fault is gone, or when the time is over and
 #   the cause is still there.
@@ -188,7 +188,7 @@ class QuickStopExit:
         if self.stage is StopStage.ENABLE and enable:
             return Command.ENABLE_OPERATION if may_enable else Command.QUICK_STOP
         if self.stage is not StopStage.DISABLE:
-            # Bit 10 tells the end of the stop only if it was seen 0 in it: before, it may be an old target's.
+            # Bit 10 is the end of the stop only after it was 0 during it; until then it may belong to an old target.
             over = standstill or (self._moved and bool(statusword & TARGET_REACHED))
             self.stage = StopStage.DISABLE if over else StopStage.WAIT
         return Command.DISABLE_VOLTAGE if self.stage is StopStage.DISABLE else Command.QUICK_STOP

@@ -65,7 +65,7 @@ def parse_quantity(text: str, kind: str) -> Quantity:
 
 @dataclass(frozen=True, slots=True)
 class JogScale:
-    """Position counts per revolution of the shaft; `told` is False for a guess.
+    """Position counts per revolution of the shaft; `told` is false for a guess.
 
     `of_joint`: the position is that of a joint of a running robot, in rad. Then `counts` are for units only, and the
     resolution is unknown.

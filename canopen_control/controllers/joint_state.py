@@ -79,7 +79,7 @@ class JointStateBroadcaster(Controller):
         layout: Layout = {}
         for state in states:
             names = layout.setdefault(state.joint, {})
-            if state.interface in columns or state.interface not in _KINDS:  # else another one is told by this name
+            if state.interface in columns or state.interface not in _KINDS:  # the name belongs to another column
                 names[columns.get(state.interface, state.interface)] = state
         for extra in self.params.extra_joints:
             layout.setdefault(extra, dict.fromkeys(_KINDS))

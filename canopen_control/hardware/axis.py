@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 # A statusword has an age. While its TPDO comes, it is the TPDO's; when that fails, the last one
 # holds for `GRACE_NS`, is asked for by SDO meanwhile, and after that is unknown; one that never came is asked for too.
 # A mode that no PDO carries is written to 0x6060 when it is wanted and asked for at 0x6061 until it shows. A drive
-# whose statusword is gone is told to quick stop, since its motion cannot be observed, and after a while to take
+# whose statusword is missing gets a quick stop command, since its motion cannot be observed, and after a while to take
 # its power away, unless it holds a load.
 
 

@@ -122,7 +122,7 @@ def _span(command: CommandInterface, most: float) -> None:
 # counts/s^2; nothing is allocated. Who stops on the way does not step any more, and lets it `rest`.
 
 
-_LEAST: Final = 1  # count in a cycle: slower than this is not told to the drive
+_LEAST: Final = 1  # count in a cycle: a slower motion is not sent to the drive
 
 
 class TrapezoidalProfile:

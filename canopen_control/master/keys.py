@@ -21,6 +21,9 @@ from canopen_control.yamlfile.convert import derived, part, setting
 
 DEFAULT_HEARTBEAT_MS = 100  # where bus.yml asks for none: a dead partner is always noticed
 DEFAULT_BOOT_MS = 5000
+DRIVE_DRIVERS = ("Cia402", "MotionController")
+"""Parts of the names of ros2_canopen's drivers for drives, of today and of before."""
+
 SCALES = ("scale_pos_to_dev", "scale_pos_from_dev", "scale_vel_to_dev", "scale_vel_from_dev")
 
 #: keys of ros2_canopen's `master` that have no effect here, and what takes their place

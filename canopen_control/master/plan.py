@@ -193,8 +193,7 @@ def make_plan(plan_input: PlanInput) -> NodePlan:
         _of_axes(builder.layouts["tpdo"], motors),
         tuple(_axes(view)),
         round(heartbeat_ms * node.supervision.multiplier * _MILLISECOND),
-        {address: entry.name for each in (od, view) for address, entry in each.entries.items()},
-        {index: info.name for index, info in view.objects.items()},
+        *_names(od, view),
         guard=guard,
         keep_alive=not node.boot.reset_communication,
         software_version=node.identity.software_version,
@@ -211,6 +210,12 @@ def make_plan(plan_input: PlanInput) -> NodePlan:
         motors=motors,
         unsupervised=_why_unsupervised(builder, plan_input.master, watches=watches),
     )
+
+
+def _names(od: ObjectDictionary, view: ObjectDictionary) -> tuple[dict[tuple[int, int], str], dict[int, str]]:
+    """Return the names of entries, in the device and in the view of its axes, and of objects."""
+    entries = {address: entry.name for each in (od, view) for address, entry in each.entries.items()}
+    return entries, {index: info.name for index, info in view.objects.items()}
 
 
 def _plan_communication(builder: PlanBuilder, master: MasterConfig) -> None:

@@ -84,7 +84,7 @@ class WriteLog:
 
 # Process data for clients: what TPDOs carry, object by object as it came, and objects to send in RPDOs.
 #
-# Nothing is looked at without a watcher. A watcher is first told everything that has come, and
+# Nothing is looked at without a watcher. A watcher first gets everything that has arrived, and
 # after each cycle what has changed since; a value that changed several times within a cycle is told once. Values are
 # the bytes of the object (CiA 301, 7.1), little endian, as SDO gives them. What moves an axis (controlword, mode and
 # targets, CiA 402-2) belongs to the controllers, which have limits and timeouts, and is not written by others.

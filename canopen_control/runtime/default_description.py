@@ -33,6 +33,7 @@ from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.axis_parameters import serving_objects
 from canopen_control.hardware.interfaces import TARGET
 from canopen_control.hardware.system import PLUGINS
+from canopen_control.master.keys import DRIVE_DRIVERS
 from canopen_control.urdf.description import UrdfDescription
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY, InterfaceInfo
 from canopen_control.urdf.robot_model import RobotModel
@@ -47,7 +48,6 @@ if TYPE_CHECKING:
 
 
 _PLUGIN: Final = "canopen_control/CanopenSystem"
-_DRIVERS: Final = ("Cia402", "MotionController")
 _URDF: Final = '<robot name="{name}"><link name="base_link"/></robot>'
 
 
@@ -163,7 +163,7 @@ def _target_controllers(names: Iterable[str], path: str) -> dict[str, Controller
 
 def _drives(driver: str) -> bool:
     """Whether a ros2_canopen driver, of any version, is one for drives."""
-    return any(name in driver for name in _DRIVERS)
+    return any(name in driver for name in DRIVE_DRIVERS)
 
 
 def _joints(bus: BusConfig) -> Iterator[tuple[str, NodeConfig, int]]:

@@ -190,8 +190,7 @@ def find_robot(
     `arguments` are NAME:=VALUE, for xacro. A ROS launch file gives xacro more of them, and files that are nowhere else.
     """
     if config == "" or all(option is None for option in (config, bus, controllers, description, launch)):
-        names = ", ".join(data_names("config"))
-        raise RobotConfigError(f"no robot given: name a folder or a bundled robot ({names}), or its three files")
+        raise _not_given(", or its three files")
     folder = _folder(config) if config is not None else None
     words = xacro_arguments(arguments)
     hardware = asked_hardware(words)
@@ -322,7 +321,7 @@ def xacro_arguments(words: Iterable[str]) -> dict[str, str]:
 def find_buses(config: str | None) -> dict[str, Path]:
     """Return the bus files of a folder or bundled robot by bus name; no other files are needed."""
     if not config:
-        raise RobotConfigError(f"no robot given: name a folder or a bundled robot ({', '.join(data_names('config'))})")
+        raise _not_given()
     missing: list[str] = []
     folder = _folder(config)
     main = _one(None, folder, BUS, "--bus", missing)
@@ -331,6 +330,11 @@ def find_buses(config: str | None) -> dict[str, Path]:
     if missing:
         raise RobotConfigError("; ".join(missing))
     return {MAIN_BUS: main, **more}
+
+
+def _not_given(or_else: str = "") -> RobotConfigError:
+    names = ", ".join(data_names("config"))
+    return RobotConfigError(f"no robot given: name a folder or a bundled robot ({names}){or_else}")
 
 
 def _folder(config: str) -> Path:

@@ -11,6 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import ChannelKind, may_host_virtual_drives, name_and_channel, parse_channel
+from canopen_control.cia402.objects import SI_UNIT_VELOCITY
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.controllers.types import is_broadcaster, moves_joints
 from canopen_control.errors import RobotConfigError, nearest
@@ -43,6 +44,19 @@ if TYPE_CHECKING:
 
 
 BUS_NAME = MAIN_BUS
+
+
+def unit_quirks(bus: BusConfig, name: str) -> list[str]:
+    """Return the quirks of a node's virtual drive whose velocities, by the scales, are not position units per s.
+
+    A unit that the device's dictionary names (0x60A9) is left to the drive.
+    """
+    units, od, axes = bus.nodes[name].units, bus.dictionaries[name], bus.plans[name].axes
+    if any((entry := od.get(SI_UNIT_VELOCITY + offset)) and entry.value for offset in axes):
+        return []
+    scales = [units.of_axis(axis) for axis in range(len(axes))]
+    ratios = [abs(scale["pos_to_dev"] / scale["vel_to_dev"]) for scale in scales]
+    return [f"own_velocity_unit={ratio:.9g}@{axis}" for axis, ratio in enumerate(ratios) if ratio != 1.0]
 
 
 @dataclass(frozen=True, slots=True)

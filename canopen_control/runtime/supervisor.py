@@ -21,6 +21,7 @@ from canopen_control.host.files import state_dir
 from canopen_control.host.spawn import end_children, spawn
 from canopen_control.master.event_log import Event, Level
 from canopen_control.runtime.physics_plant import write_buses
+from canopen_control.runtime.setup import unit_quirks
 from canopen_control.virtual.plant import WORLD_NOTE
 
 if TYPE_CHECKING:
@@ -275,7 +276,7 @@ class Supervisor:
         """End all child processes, clients before drives; blocks for a few seconds at most."""
         self._wait_no_more()
         self.end_clients()
-        if self._recorder is not None:  # the API is no longer served: what it wrote last is told for it
+        if self._recorder is not None:  # the API is no longer served: its last lines are reported for it
             for line in self._recorder.last_lines():
                 if "flight record" in line:
                     self._report(Event(self._reactor.now(), "flight", "", line))
@@ -311,7 +312,7 @@ class Supervisor:
                 "--can",
                 channel,
                 *self._like,
-                *(f"--quirk={quirk}" for quirk in bus.unit_quirks(node.name)),
+                *(f"--quirk={quirk}" for quirk in unit_quirks(bus, node.name)),
             ]
             self._drives.append(self._start_module(arguments, f"{_DRIVE}{node.name}", reports=True))
 
@@ -326,7 +327,7 @@ class Supervisor:
             arguments = ["canopen_control", "drive", "--node-id", ids, "--can", channel, "--plant", str(plant)]
             for bus, node in nodes:
                 arguments += ["--eds", f"{node.node_id}={bus.eds_paths[node.name]}"]
-        quirks = {tuple(bus.unit_quirks(node.name)) for bus, node in nodes}
+        quirks = {tuple(unit_quirks(bus, node.name)) for bus, node in nodes}
         if len(quirks) == 1:  # the process gives its quirks to all of its drives
             arguments += [f"--quirk={quirk}" for quirk in quirks.pop()]
         child = self._start_module([*arguments, *self._like], "drives", reports=True)
@@ -342,7 +343,7 @@ class Supervisor:
 
         for node in bus.nodes.values():
             port = open_port(channel, label=f"drive {node.node_id}")
-            device = make_device(bus.eds_paths[node.name], node.node_id, quirks=bus.unit_quirks(node.name), like=like)
+            device = make_device(bus.eds_paths[node.name], node.node_id, quirks=unit_quirks(bus, node.name), like=like)
             self._hosts.append((NodeHost(self._reactor, port, [device]), port))
 
     def _start_module(

@@ -1,7 +1,7 @@
 """Generator of a robot's folder: files are written temporarily, checked as by `check --strict`, then moved.
 
 A folder that is there is not touched unless that is asked for, and then nothing but the files
-that are made again. What the check finds to be an error is written into bus.yml as a comment, and told; so is why a
+that are made again. What the check finds to be an error is written into bus.yml as a comment, and reported; so is why a
 drive cannot be moved.
 """
 

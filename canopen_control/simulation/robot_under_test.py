@@ -24,6 +24,7 @@ from canopen_control.bus.memory import provide
 from canopen_control.od.eds import read_eds
 from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.runtime.observer import RobotObserver
+from canopen_control.runtime.setup import unit_quirks
 from canopen_control.simulation.simulated_floor import SimulatedFloor, open_floor
 from canopen_control.simulation.simulated_wire import SimulatedWire
 from canopen_control.simulation.virtual_time import Actor, Timing, VirtualTime
@@ -229,7 +230,7 @@ class RobotUnderTest:
             for node in bus.nodes.values():
                 eds = bus.eds_paths[node.name]
                 drive = self.drives[node.node_id] = SimulatedDrive(self, self.wires[name], node.node_id, eds)
-                drive.quirks = bus.unit_quirks(node.name)
+                drive.quirks = unit_quirks(bus, node.name)
         self.host: Actor
         self.core: RobotCore
         self._times = 0

@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 # A mode whose set-points come in a stream of RPDOs: what it counts of them, and what it does when one is missing.
 #
 # The stream begins with the second RPDO after the mode began; what is written by SDO is followed and makes no stream,
-# so that nobody who tries a drive by hand runs into its supervision. When a set-point is due is told by the
+# so that a drive tried by hand does not trip its supervision. When a set-point is due is given by the
 # interpolation time 0x60C2, as a drive reckons that does not know its master's period.
 
 

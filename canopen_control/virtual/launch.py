@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 # Check on the bus whether node ids are free, before virtual drives use them.
 #
-# The question is an upload of 0x1000, which every node has; whoever answers it, or is heard with a heartbeat, holds the
+# The question is an upload of 0x1000, which every node has; a node that answers it, or sends a heartbeat, holds the
 # id.
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 # Events of a virtual node in `VirtualNode.events`, next to `NmtStateChanged`.
 #
-# `in_words` makes each the line of a log, in the standard's terms; what nobody needs to read has no words.
+# `in_words` makes each the line of a log, in the standard's terms; a message without a reader has no words.
 
 
 @dataclass(frozen=True, slots=True)

@@ -286,14 +286,13 @@ class VirtualNode:
     ) -> None:
         od = _with_device_type(od)
         self.motors = motors = motors_of(od)
-        if motors is not None:
-            od = motors.view
+        od = od if motors is None else motors.view
         # Declared, not inferred: the acts of quirks use these in lambdas, and mypyc checks them before this class.
         self.node_id: int = node_id
         self.nmt: NmtSlave = NmtSlave(node_id)
         self.emcy: EmcyProducer = EmcyProducer(node_id, history_size=max(1, len(od.subindices(0x1003)) - 1))
         self.store: VirtualStore = VirtualStore(od)
-        self.pdos: PdoExchange
+        store = self.store
         self.od, self.model = od, model
         self.filter: FaultFilter | None = None
         self.switches: FaultFilter | None = None
@@ -304,7 +303,6 @@ class VirtualNode:
         self._started = self._settling = False
         self.keeper: ParameterKeeper | None = None
         self.clock = NodeClock()
-        store = self.store
         self.heartbeat = HeartbeatProducer(node_id)
         self.consumer = HeartbeatConsumer()
         self.guarding = GuardingSlave(node_id)
@@ -318,15 +316,18 @@ class VirtualNode:
             store, services, self.clock, applied=self._reroute, stored=self._stored
         )
         self.communication.identify(node_id if serial is None else serial, model.identity)
-        self.pdos = PdoExchange(store, outbox, self.clock, model, self.drives, motors, rebuilt=self._reroute)
+        self.pdos: PdoExchange = PdoExchange(
+            store, outbox, self.clock, model, self.drives, motors, rebuilt=self._reroute
+        )
         self.program = ProgramArea(od, store, self.nmt, self.clock) if od.subindices(CONTROL) else None
-        self.lss: NodeLss | None = None
-        if od.device.lss_supported:
-            self.lss = NodeLss(store, node_id, outbox, assigned=self._power_up_with, stored=self._stored)
+        self.lss = self._make_lss() if od.device.lss_supported else None
         self.routing = self._routes()
         self._add_drives(plant)
         self.function = self.error_control.function = self.pdos.gate = make_function(od, store, outbox, self.clock)
         self._lay_out()
+
+    def _make_lss(self) -> NodeLss:
+        return NodeLss(self.store, self.node_id, self.outbox, assigned=self._power_up_with, stored=self._stored)
 
     def _common_statusword(self) -> int:
         """Return the statusword of a device that has one for all motors: that of the first one in a fault, if any."""

@@ -6,47 +6,14 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.busfile import NESTED, mistakes, mistakes_of_a_node, write
+from support.busfile import MERGED, NESTED, mistakes, warnings_of, with_node, write
 from support.properties import examples
 
 from canopen_control.data_files import data_path
 from canopen_control.errors import BusConfigError, EdsError
-from canopen_control.master.config import NotFound, Sources, inspect_bus, read_bus
+from canopen_control.master.config import NotFound, Sources, read_bus
 from canopen_control.od.dcf import encode_concise, write_dcf
 from canopen_control.od.eds import read_eds
-
-
-def warnings_of(path):
-    _, problems = inspect_bus(path)
-    return [str(problem) for problem in problems.warnings]
-
-
-MERGED = """\
-    master: {node_id: 1}
-    defaults:
-      dcf: TMCM-1270.eds
-      heartbeat_producer: 100
-      rpdo: {1: {mapping: [{index: 0x6040}]}}
-    nodes:
-      left:
-        node_id: 3
-        heartbeat_producer: 50
-        rpdo: {2: {mapping: [{index: 0x60FF}]}}
-    """
-
-
-def test_peer_merge_lets_whole_defaults_win_and_either_way_the_difference_is_told(tmp_path):
-    path = write(tmp_path, MERGED)
-    ours, theirs = read_bus(path), read_bus(path, peer_merge=True)
-    assert ours.nodes["left"].supervision.heartbeat_producer == 50
-    assert sorted(ours.nodes["left"].boot.rpdo) == [1, 2]
-    assert theirs.nodes["left"].supervision.heartbeat_producer == 100
-    assert sorted(theirs.nodes["left"].boot.rpdo) == [1]
-    told = [note for note in ours.notes if "bus.yml:9:" in note]
-    assert "the node's own heartbeat_producer counts; ros2_canopen takes 100 of `defaults` (--peer-merge)" in told[0]
-    told = [note for note in theirs.notes if "bus.yml:9:" in note]
-    assert "heartbeat_producer: 50, but --peer-merge takes 100 of `defaults`" in told[0]
-    assert [note for note in ours.notes if "bus.yml:10:" in note]
 
 
 def test_pdos_that_wait_for_a_sync_that_is_not_sent_are_named(tmp_path):
@@ -60,59 +27,6 @@ def test_pdos_that_wait_for_a_sync_that_is_not_sent_are_named(tmp_path):
     with pytest.raises(BusConfigError) as error:  # the key that is wrong explains it
         read_bus(write(tmp_path, text.replace("node_id: 1", "node_id: 1, sync_perod: 20000")))
     assert "no SYNC" not in str(error.value)
-
-
-def test_without_a_difference_nothing_is_told_of_merging(tmp_path):
-    text = MERGED.replace("heartbeat_producer: 50", "heartbeat_producer: 100").replace("{2: {map", "{1: {map")
-    text = text.replace("0x60FF", "0x6040")
-    assert not [note for note in read_bus(write(tmp_path, text)).notes if "merge" in note]
-
-
-@pytest.mark.parametrize(
-    ("keys", "required"),
-    [
-        ("", True),
-        ("mandatory: false", False),
-        ("mandatory: true", True),
-        ("required: false", False),
-        ("boot: false", False),
-        ("required: true, mandatory: true", True),
-    ],
-)
-def test_who_is_waited_for(tmp_path, keys, required):
-    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, " + keys + "}")
-    assert read_bus(write(tmp_path, text)).nodes["right_drive"].required is required
-
-
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        ("required: true, mandatory: false", "mean the same and differ"),
-        ("boot: false, required: true", "nothing can wait for it"),
-        ("effort_mode: 4, torque_mode: 10", "`torque_mode` and `effort_mode` mean the same"),
-        ("gear_ratio: 2.0", "gear_ratio needs counts_per_revolution"),
-        ("counts_per_revolution: 1600, gear_ratio: [1]", "motor turns, joint turns"),
-        ("scale_vel_to_dev: 0.0", "expected a finite number other than 0"),
-        ("transition_timeouts_ms: {17: 100}", "no transition 17"),
-    ],
-)
-def test_keys_that_contradict_each_other_are_told_at_their_line(tmp_path, keys, words):
-    assert words in mistakes_of_a_node(tmp_path, keys)
-
-
-def test_units_by_name_and_torque_mode_are_what_they_stand_for(tmp_path):
-    keys = "counts_per_revolution: 1600, gear_ratio: 2, reversed: true, torque_mode: 4"
-    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, " + keys + "}")
-    node = read_bus(write(tmp_path, text)).nodes["right_drive"]
-    assert node.units.scale_pos_to_dev == pytest.approx(-3200 / 6.283185307179586)
-    assert node.units.scale_pos_from_dev * node.units.scale_pos_to_dev == pytest.approx(1.0)
-    assert node.motion.effort_mode == 4
-
-
-def test_scales_that_do_not_cancel_are_doubted(tmp_path):
-    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, scale_pos_to_dev: 254.6}")
-    notes = read_bus(write(tmp_path, text)).notes
-    assert any("scale_pos_to_dev times scale_pos_from_dev is 0.2546, not 1" in note for note in notes)
 
 
 EDS = data_path("eds", "TMCM-1270.eds")
@@ -158,47 +72,6 @@ def test_a_node_that_is_indented_too_far_is_named(tmp_path, section):
     assert "defaults.nodes: unknown key 'nodes'; write `nodes:` at the margin" in mistakes(tmp_path, inside)
 
 
-def test_a_misspelt_key_is_one_mistake_and_its_value_is_read(tmp_path):
-    text = NESTED.replace("dcf: TMCM-1270.eds", "eds: TMCM-1271.eds")
-    said = mistakes(tmp_path, text)
-    assert "unknown key 'eds'; write `dcf`" in said
-    assert "missing key" not in said
-    assert "no file 'TMCM-1271.eds'" in said
-
-
-def test_pdos_written_as_keys_of_their_own_are_one_mistake_each_and_are_read(tmp_path):
-    full = "{enabled: true, mapping: [{index: 0x6064}, {index: 0x606C}, {index: 0x6041}]}"
-    text = (
-        "master: {node_id: 1}\nnodes:\n  left: {node_id: 2, dcf: TMCM-1270.eds, tpdo1: %s, rpdo1: {enabled: false}}\n"
-    )
-    found = mistakes(tmp_path, text % full)
-    assert "unknown key 'tpdo1'; write `1:` under `tpdo:`" in found
-    assert "unknown key 'rpdo1'; write `1:` under `rpdo:`" in found
-    assert "80 bits, a PDO holds 64" in found
-    assert "expected" not in found
-
-
-def test_pdos_whose_keys_stand_beside_their_numbers_are_one_mistake(tmp_path):
-    """As in an example of ros2_canopen's manual: the keys of PDO 1 and 2 are at the height of `1:` and `2:`."""
-    text = """
-    master: {node_id: 1}
-    nodes:
-      left:
-        node_id: 2
-        dcf: TMCM-1270.eds
-        tpdo:
-          1:
-          enabled: true
-          mapping: [{index: 0x6041}]
-          2:
-          enabled: true
-          mapping: [{index: 0x6064}, {index: 0x606C}]
-    """
-    found = mistakes(tmp_path, text)
-    assert "'enabled' belongs to a PDO: indent the keys of each PDO below its number, `1:`" in found
-    assert found.count("bus.yml:") == 1, found
-
-
 @pytest.mark.parametrize("node_id", ["0", "x", "200"])
 def test_a_wrong_node_id_of_the_master_is_one_mistake(tmp_path, node_id):
     text = f"master: {{node_id: {node_id}}}\nnodes:\n  left: {{node_id: 1, dcf: TMCM-1270.eds}}\n"
@@ -207,58 +80,11 @@ def test_a_wrong_node_id_of_the_master_is_one_mistake(tmp_path, node_id):
     assert found.count("bus.yml:") == 1, found
 
 
-def test_a_misspelt_key_of_a_node_and_of_defaults_is_no_question_of_which_one_counts(tmp_path):
-    text = NESTED.replace("dcf: TMCM-1270.eds", "dcf: TMCM-1270.eds\n      driver_name: proxy")
-    text = text.replace("{node_id: 2}", "{node_id: 2, driver_name: drive}")
-    found = mistakes(tmp_path, text)
-    assert "unknown key 'driver_name'; write `driver`" in found
-    assert "counts; ros2_canopen" not in found
-
-
-def test_a_driver_of_somebody_else_is_named_and_its_keys_are_no_mistakes(tmp_path):
-    keys = "driver: ros2_canopen::ThomsonDriver, center_position: 880, reverse: true"
-    notes = with_node(tmp_path, keys).notes
-    assert sum("ros2_canopen::ThomsonDriver is not part of this package" in note for note in notes) == 1
-    for key in ("center_position", "reverse"):
-        assert any(f"key '{key}' has no effect here: it belongs to ros2_canopen::Thomson" in note for note in notes)
-
-
-@pytest.mark.parametrize("driver", ["ros2_canopen::Cia402Driver", "ros2_canopen::LifecycleProxyDriver", ""])
-def test_a_driver_of_ros2_canopen_is_none_of_somebody_else(tmp_path, driver):
-    assert not [note for note in with_node(tmp_path, f"driver: '{driver}'").notes if "not part of" in note]
-
-
-UNITS = "scale_pos_to_dev: 210, scale_pos_from_dev: 0.0047619, scale_vel_to_dev: {0}, scale_vel_from_dev: {1}"
-
-
-@pytest.mark.parametrize(
-    ("velocity", "quirks"), [(32.5, ["own_velocity_unit=6.46153846@0"]), (-105, ["own_velocity_unit=2@0"]), (210, [])]
-)
-def test_a_virtual_drive_has_the_velocity_unit_of_bus_yml(tmp_path, velocity, quirks):
-    assert with_node(tmp_path, UNITS.format(velocity, 1 / velocity)).unit_quirks("right_drive") == quirks
-
-
-def test_a_key_near_one_that_is_there_too_has_no_effect(tmp_path):
-    text = NESTED.replace("{node_id: 2}", "{node_id: 2, position_modes: 1, position_mode: 1}")
-    (warning,) = [note for note in warnings_of(write(tmp_path, text)) if "position_modes" in note]
-    assert "it has no effect, here as in ros2_canopen; remove it" in warning
-    text = NESTED.replace("{node_id: 2}", "{node_id: 2, scale_eff_to_dev: 1.0}")
-    (note,) = [note for note in read_bus(write(tmp_path, text)).notes if "scale_eff_to_dev" in note]
-    assert "has no meaning here: efforts are commanded in the unit of 0x6071" in note
-
-
 def test_the_length_of_a_mapped_object_may_be_given_and_is_compared(tmp_path):
     text = MERGED.replace("{index: 0x6040}", "{index: 0x6040, bits: 16}")
     assert not [note for note in warnings_of(write(tmp_path, text)) if "bits" in note]
     (warning,) = [note for note in warnings_of(write(tmp_path, text.replace("16}", "32}"))) if "bits" in note]
     assert "0x6040:00 has 16 bits in TMCM-1270.eds, which count, not 32; correct or remove `bits`" in warning
-
-
-def test_a_retry_factor_of_0_is_for_nodes_without_guarding(tmp_path):
-    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, retry_factor: 0}")
-    assert read_bus(write(tmp_path, text)).nodes["right_drive"].supervision.retry_factor == 0
-    said = mistakes(tmp_path, text.replace("factor: 0", "factor: 0, guard_time: 100"))
-    assert "0 switches node guarding off, but guard_time is set" in said
 
 
 def test_a_missing_file_names_the_places_and_a_variable_that_is_not_set(tmp_path, monkeypatch):
@@ -303,15 +129,6 @@ def test_robby_has_its_two_drives_with_opposite_signs():
     assert left.units.scale_vel_to_dev == -right.units.scale_vel_to_dev
     assert left.supervision.heartbeat_timeout_ns == 500_000_000
     assert bus.eds_paths["left_drive"].name == "TMCM-1270.eds"
-
-
-def test_a_nodes_own_keys_win_over_the_defaults_at_every_depth(tmp_path):
-    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, tpdo: {1: {event_timer: 7}}}")
-    bus = read_bus(write(tmp_path, text))
-    assert bus.nodes["left_drive"].supervision.heartbeat_producer == 50
-    assert bus.nodes["right_drive"].supervision.heartbeat_producer == 100
-    tpdo = bus.nodes["right_drive"].boot.tpdo[1]
-    assert (tpdo.transmission, tpdo.event_timer) == (1, 7)
 
 
 def test_the_flat_shape_is_read_too(tmp_path):
@@ -453,42 +270,6 @@ def test_ten_different_mistakes_are_ten_messages_with_the_right_lines(tmp_path):
 def test_an_unknown_section_beside_nodes_is_no_silent_node(tmp_path):
     said = mistakes(tmp_path, NESTED.replace("defaults:", "option: {}\n    defaults:"))
     assert "unknown key 'option', did you mean 'options'?" in said
-
-
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        ("recovery: maybe", "expected boot or enable, got the text 'maybe'"),
-        ("name: other", "unknown key 'name'"),
-        ("tpdo: {1: {cob_id: automatic}}", "cob_id"),
-        ("tpdo: {1: {cob_id: 0x601}}", "none a PDO may have"),
-        ("heartbeat_consumer: true, dcf: generic_cia402.eds, restore_configuration: 99", "0x1011:63 is not in"),
-        ("time_cob_id: 0x100", "0x1012:00 is not in TMCM-1270.eds"),
-        ("rpdo: {1: {event_deadline: 3}}", "0x1400:05 is not in TMCM-1270.eds"),
-        ("rpdo: {9: {transmission: 1}}", "has no RPDO 9 (0x1408); it has 4"),
-        ("operation_mode: 9", "unknown key 'operation_mode'; write `velocity_mode: 9` (CSV)"),
-        ("default_operation_mode: 1", "write `position_mode: 1` (PP)"),
-        ("mode: 4", "write `effort_mode: 4`"),
-        ("mode: 6", "write `position_mode`, `velocity_mode` or `effort_mode`"),
-        ("TPDO2: {enabled: true}", "write `2:` under `tpdo:`"),
-        ("eds: x.eds", "write `dcf`"),
-        ("serial_number: 22320XXX", "expected an integer, got the text '22320XXX'; 0 accepts any"),
-        ("heartbeat_consumer: 2000", "heartbeat_producer x heartbeat_multiplier"),
-        ("configuration_file: none.bin", "no file 'none.bin'"),
-    ],
-)
-def test_what_cannot_be_is_told_at_its_key(tmp_path, keys, words):
-    assert words in mistakes_of_a_node(tmp_path, keys)
-
-
-def with_node(tmp_path, keys):
-    return read_bus(write(tmp_path, NESTED.replace("right_drive: {node_id: 2", f"right_drive: {{node_id: 2, {keys}")))
-
-
-@pytest.mark.parametrize("key", ["line: 3", "mandatory_slave_heartbeat: 2000", "foo_bar: {a: 1}"])
-def test_a_key_that_no_other_one_is_like_is_told_and_without_effect(tmp_path, key):
-    (note,) = [each for each in with_node(tmp_path, key).notes if "unknown key" in each]
-    assert "it has no effect, here as in ros2_canopen" in note
 
 
 @pytest.mark.parametrize("key", ["inhibit_time: 3", "sync_start: 1", "event_timer: 7"])

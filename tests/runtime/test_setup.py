@@ -1,9 +1,10 @@
 import pytest
+from support.busfile import with_node
 from support.robots import copy_robby, split_robby
 
 from canopen_control.errors import ConfigError, RobotConfigError
 from canopen_control.runtime.robot_files import find_robot
-from canopen_control.runtime.setup import read_robot
+from canopen_control.runtime.setup import read_robot, unit_quirks
 
 ROBBY = find_robot("robby")
 
@@ -143,3 +144,13 @@ def test_a_robot_is_on_its_buses_where_drives_move_it():
     assert not read_robot(find_robot("robby"), mock=True).joined
     assert not read_robot(find_robot("diffbot_sim")).joined
     assert list(read_robot(find_robot("diffbot_sim"), real=True).joined) == ["can"]
+
+
+UNITS = "scale_pos_to_dev: 210, scale_pos_from_dev: 0.0047619, scale_vel_to_dev: {0}, scale_vel_from_dev: {1}"
+
+
+@pytest.mark.parametrize(
+    ("velocity", "quirks"), [(32.5, ["own_velocity_unit=6.46153846@0"]), (-105, ["own_velocity_unit=2@0"]), (210, [])]
+)
+def test_a_virtual_drive_has_the_velocity_unit_of_bus_yml(tmp_path, velocity, quirks):
+    assert unit_quirks(with_node(tmp_path, UNITS.format(velocity, 1 / velocity)), "right_drive") == quirks

@@ -7,7 +7,7 @@ import pytest
 
 from canopen_control.data_files import data_path
 from canopen_control.errors import BusConfigError
-from canopen_control.master.config import read_bus
+from canopen_control.master.config import inspect_bus, read_bus
 
 
 def write(folder, text):
@@ -46,3 +46,27 @@ NESTED = """\
         heartbeat_producer: 50
       right_drive: {node_id: 2}
     """
+
+MERGED = """\
+    master: {node_id: 1}
+    defaults:
+      dcf: TMCM-1270.eds
+      heartbeat_producer: 100
+      rpdo: {1: {mapping: [{index: 0x6040}]}}
+    nodes:
+      left:
+        node_id: 3
+        heartbeat_producer: 50
+        rpdo: {2: {mapping: [{index: 0x60FF}]}}
+    """
+
+
+def warnings_of(path):
+    """Return the warnings of a bus.yml as text."""
+    _, problems = inspect_bus(path)
+    return [str(problem) for problem in problems.warnings]
+
+
+def with_node(tmp_path, keys):
+    """Return the bus of NESTED with more keys of its node `right_drive`."""
+    return read_bus(write(tmp_path, NESTED.replace("right_drive: {node_id: 2", f"right_drive: {{node_id: 2, {keys}")))

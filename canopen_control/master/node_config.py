@@ -1,0 +1,312 @@
+"""One node of a bus.yml: `defaults` merged below it, its keys converted and checked against each other."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.cia402.modes import OperationMode, mode_name
+from canopen_control.master.keys import (
+    DRIVE_DRIVERS,
+    MISNAMED_NODE,
+    SCALES,
+    UNUSED_NODE,
+    BootKeys,
+    FileOptions,
+    MasterConfig,
+    MotionKeys,
+    NodeConfig,
+    PdoConfig,
+    SupervisionKeys,
+    UnitKeys,
+    named_scale,
+)
+from canopen_control.yamlfile.convert import convert, keys_of
+from canopen_control.yamlfile.node import Node
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+
+_TRANSITIONS = range(17)  # of the CiA 402 power state machine; 0 and 1 are the drive's own
+
+
+def tolerated(
+    section: Node, keys: Collection[str], unused: Mapping[str, str], misnamed: Mapping[str, str], driver: str = ""
+) -> set[str]:
+    """Check a section for unknown keys; return those that the conversion ignores.
+
+    A key similar to a known one that is not there too, or listed in `misnamed`, is an error. Any other is a warning:
+    ros2_canopen ignores unknown keys, so that files with such keys are in use. `driver` is one that only its user
+    has; such a driver reads keys of its own.
+    """
+    tolerated_keys = set(unused)
+    for key, place in section.keys().items():
+        if key in keys or key in unused:
+            continue
+        tolerated_keys.add(key)
+        if meant := _meant(key, section, keys, misnamed):
+            place.error(f"unknown key {key!r}; write {meant}")
+        elif node_id_below(section, key) is not None:
+            place.error(f"unknown key {key!r}: a node belongs at the margin or under `nodes:`; it is indented too far")
+        elif driver:
+            place.warning(f"key {key!r} has no effect here: it belongs to {driver}, which is not part of this package")
+        elif (close := difflib.get_close_matches(key, [*keys, *unused], 1, 0.6)) and section.get(close[0]) is None:
+            place.error(f"unknown key {key!r}, did you mean {close[0]!r}?")
+        else:
+            place.warning(f"unknown key {key!r}: it has no effect, here as in ros2_canopen; remove it")
+    return tolerated_keys
+
+
+def node_id_below(section: Node, key: str) -> Node | None:
+    """Return the `node_id` below a key of a section, which marks the key as a node's name; None if absent."""
+    below = section.get(key)
+    return below.get("node_id") if below is not None else None
+
+
+_SPELLING: Final = re.compile(r"`(\w+)`")
+_PDO_KEY: Final = re.compile(r"(?i)([rt]pdo)_?(\d+)")
+_MODES: Final = {1: "position", 7: "position", 8: "position", 2: "velocity", 3: "velocity", 9: "velocity"} | {
+    4: "effort",
+    10: "effort",
+}
+
+
+def _meant(key: str, section: Node, keys: Collection[str], misnamed: Mapping[str, str]) -> str:
+    """Return the correct spelling of a key, "" if it is unknown."""
+    if (pdo := _PDO_KEY.fullmatch(key)) and pdo[1].lower() in keys:
+        return f"`{pdo[2]}:` under `{pdo[1].lower()}:`"
+    meant, place = misnamed.get(key, ""), section.get(key)
+    number = place.value if place is not None else None
+    if "velocity_mode" in meant and type(number) is int and number in _MODES:
+        return f"`{_MODES[number]}_mode: {number}` ({OperationMode(number).name})"
+    return meant
+
+
+def _respelled(section: Node) -> Node:
+    """Return the section with misnamed keys replaced, so that one error is not reported twice."""
+    pairs = {key.text: (key, value) for key, value in section.pairs()}
+    for key, pair in list(pairs.items()):
+        if (meant := _SPELLING.fullmatch(MISNAMED_NODE.get(key, ""))) and meant[1] not in pairs:
+            pairs[meant[1]] = pair
+    for kind in ("rpdo", "tpdo"):
+        if kind not in pairs and (numbered := _numbered_pdos(pairs, kind)):
+            place = next(iter(numbered.values()))[0]
+            name = Node.scalar(_at(place, "scalar"), kind, kind, quoted=False)
+            pairs[kind] = name, Node.mapping(_at(place, "mapping"), numbered)
+    return Node.mapping(_at(section, "mapping"), pairs)
+
+
+def _at(place: Node, kind: str) -> Node:
+    return Node(kind, place.line, place.column, place.where, place.problems)
+
+
+def _numbered_pdos(pairs: Mapping[str, tuple[Node, Node]], kind: str) -> dict[str, tuple[Node, Node]]:
+    """Return the PDOs that are written as `tpdo1:` by their numbers."""
+    numbered = {}
+    for key, (place, value) in pairs.items():
+        if (pdo := _PDO_KEY.fullmatch(key)) and pdo[1].lower() == kind:
+            numbered[pdo[2]] = Node.scalar(_at(place, "scalar"), pdo[2], int(pdo[2]), quoted=False), value
+    return numbered
+
+
+def _require_modes(motion: MotionKeys, node: Node) -> None:
+    """Report modes that have no target for the command interface of their key (CiA 402)."""
+    for kind in ("position", "velocity", "effort", "torque"):
+        number, key = getattr(motion, f"{kind}_mode"), f"{kind}_mode"
+        served = "effort" if kind == "torque" else kind
+        own = None if kind == "torque" else motion.own_target(kind)
+        _check_own_target(motion, node, kind, number)
+        if number is None or _MODES.get(number) == served or (number < 0 and own is not None):
+            continue
+        place = node.get(key) or node
+        fits = ", ".join(f"{mode} ({OperationMode(mode).name})" for mode, of in sorted(_MODES.items()) if of == served)
+        if number < 0:
+            problem = (
+                f"{key}: {number} is a mode of the manufacturer, whose target object is not known here; give it by "
+                f"`{served}_target`, such as `{served}_target: {_TARGET_EXAMPLES[served]}`"
+            )
+            fits = f"or {fits}"
+            place.error(f"{problem}, {fits}")
+            continue
+        problem = f"{key}: {mode_name(number)} serves no {served} interface"
+        place.error(f"{problem}; give one of {fits}")
+
+
+_TARGET_EXAMPLES: Final = {"position": "0x607A", "velocity": "0x60FF", "effort": "0x6071"}
+
+
+def _check_own_target(motion: MotionKeys, node: Node, kind: str, number: int | None) -> None:
+    """Report an invalid target object, or one that no mode uses."""
+    key = f"{kind}_target"
+    if kind == "torque" or (place := node.get(key)) is None:
+        return
+    if motion.own_target(kind) is None:
+        place.error(f"{key} {place.text!r} is not an object: 0x60FF, or 0x60F6:08 with a subindex")
+    elif number is None and not (kind == "effort" and motion.torque_mode is not None):
+        place.error(f"{key} needs {kind}_mode, the mode that takes it")
+
+
+def with_defaults(name: str, node: Node, defaults: Node | None, *, peer_merge: bool) -> Node:
+    """Merge `defaults` into a node as configured, and report values that the other method would change."""
+    if defaults is None:
+        return node
+    ours, theirs = node.over(defaults), _peer_merged(node, defaults)
+    for key, place in node.keys().items():
+        if key in MISNAMED_NODE or (default := defaults.get(key)) is None or default.value == node.value:
+            continue
+        here, there = _plain(ours, key), _plain(theirs, key)
+        if here == there:
+            continue
+        if peer_merge:
+            place.warning(f"{name} has {key}: {_brief(here)}, but --peer-merge takes {_brief(there)} of `defaults`")
+        else:
+            place.warning(
+                f"the node's own {key} counts; ros2_canopen takes {_brief(there)} of `defaults` (--peer-merge)"
+            )
+    return theirs if peer_merge else ours
+
+
+def _peer_merged(node: Node, defaults: Node) -> Node:
+    """Return the node with the keys of `defaults` in place of its own, as ros2_canopen's generator merges."""
+    if node.kind not in ("mapping", "null") or defaults.kind != "mapping":
+        return node.over(defaults)
+    pairs = {key.text: (key, value) for key, value in [*node.pairs(), *defaults.pairs()]}
+    return Node.mapping(Node("mapping", node.line, node.column, node.where, node.problems), pairs)
+
+
+def _plain(node: Node, key: str) -> Any:  # noqa: ANN401 - what stands there
+    value = node.get(key)
+    return None if value is None else value.value
+
+
+def _brief(value: object) -> str:
+    return "another" if isinstance(value, dict | list) else repr(value)
+
+
+def _indented(node: Node) -> Node:
+    """Report PDOs whose keys stand beside their numbers, and put the last ones where they belong."""
+    keys = node.keys()  # by the names under which a misspelt key is read
+    pairs = {name: (keys[name], value) for name, value in node.items()}
+    for kind in ("rpdo", "tpdo"):
+        section = node.get(kind)
+        entries = {} if section is None else {key.text: (key, value) for key, value in section.pairs()}
+        numbers = [key for key in entries if key.isdigit()]
+        beside = {key: pair for key, pair in entries.items() if key in _PDO_KEYS}
+        if section is None or not numbers or not beside:
+            continue
+        node.problems.forget(section.where)  # keys that are there twice
+        key = next(iter(beside.values()))[0]
+        key.error(f"{key.text!r} belongs to a PDO: indent the keys of each PDO below its number, `{numbers[0]}:`")
+        place, _ = entries[numbers[-1]]
+        last = {numbers[-1]: (place, Node.mapping(_at(place, "mapping"), beside))}
+        pairs[kind] = pairs[kind][0], Node.mapping(_at(section, "mapping"), last)
+    return Node.mapping(_at(node, "mapping"), pairs)
+
+
+_PDO_KEYS: Final = frozenset(keys_of(PdoConfig))
+_DRIVERS: Final = tuple(name.lower() for name in (*DRIVE_DRIVERS, "402", "Proxy", "BasicDevice", "MasterDriver"))
+
+
+def _foreign_driver(node: Node) -> str:
+    """Return the driver of a node where ros2_canopen has none of this name, with a warning; else ""."""
+    place = node.get("driver")
+    driver = "" if place is None or not isinstance(place.value, str) else place.value
+    if place is None or not driver or any(name in driver.lower() for name in _DRIVERS):
+        return ""
+    place.warning(f"{driver} is not part of this package: the node is what its EDS describes, without its driver")
+    return driver
+
+
+def node_config(name: str, node: Node, master: MasterConfig, options: FileOptions) -> tuple[NodeConfig, Node] | None:
+    """Convert and check the keys of one node; return them with the section as it was read, None if unusable."""
+    ignored = tolerated(node, keys_of(NodeConfig), UNUSED_NODE, MISNAMED_NODE, _foreign_driver(node))
+    node = _indented(_respelled(node))
+    keys: NodeConfig | None = convert(node, NodeConfig, None, ignored=ignored)
+    if keys is None:
+        return None
+    for number in keys.motion.transition_timeouts_ms:
+        if number not in _TRANSITIONS:
+            place = node.get("transition_timeouts_ms") or node
+            place.error(f"no transition {number}; CiA 402 numbers them 0 to {_TRANSITIONS[-1]}")
+    _require_modes(keys.motion, node)
+    supervision = keys.supervision
+    if supervision.retry_factor == 0 and supervision.guard_time and not supervision.life_time_factor:
+        # CiA 301, object 0x100D: 0 disables guarding
+        place = node.get("retry_factor") or node
+        place.error("0 switches node guarding off, but guard_time is set; remove one of the two")
+    config = replace(
+        keys,
+        supervision=_supervision(keys.supervision, master, options),
+        units=_units(keys.units, node),
+        motion=replace(keys.motion, effort_mode=_effort_mode(keys.motion, node)),
+        name=name,
+        line=node.line,
+        required=_required(keys.boot, node),
+    )
+    return config, node
+
+
+def _supervision(keys: SupervisionKeys, master: MasterConfig, options: FileOptions) -> SupervisionKeys:
+    return replace(
+        keys,
+        multiplier=keys.heartbeat_multiplier or master.heartbeat_multiplier or options.heartbeat_multiplier,
+        life_factor=keys.life_time_factor or keys.retry_factor or options.retry_factor,
+    )
+
+
+def _required(keys: BootKeys, node: Node) -> bool:
+    """Whether the robot waits for the node: `required`, else `mandatory`, else whether it is booted."""
+    place = node.get("required") or node
+    if None not in (keys.required, keys.mandatory) and keys.required != keys.mandatory:
+        place.error("`required` and `mandatory` mean the same and differ; keep one")
+    if not keys.wanted and (keys.required or keys.mandatory):
+        place.error("a node with `boot: false` is never started, so nothing can wait for it")
+    mandatory = keys.mandatory if keys.required is None else keys.required
+    return keys.wanted if mandatory is None else mandatory
+
+
+def _effort_mode(keys: MotionKeys, node: Node) -> int | None:
+    if None not in (keys.effort_mode, keys.torque_mode) and keys.effort_mode != keys.torque_mode:
+        (node.get("torque_mode") or node).error("`torque_mode` and `effort_mode` mean the same and differ; keep one")
+    return keys.torque_mode if keys.effort_mode is None else keys.effort_mode
+
+
+def _units(keys: UnitKeys, node: Node) -> UnitKeys:
+    """Convert units by name to scales, or check the given scales."""
+    named = [key for key in ("counts_per_revolution", "gear_ratio", "reversed") if node.get(key) is not None]
+    scales = [key for key in SCALES if node.get(key) is not None]
+    if not named:
+        _check_scales(keys, node)
+        return keys
+    place = node.keys()[named[0]]
+    if scales:
+        place.error(f"{', '.join(named)} and {', '.join(scales)} define the same scales; keep one of the two")
+    elif keys.counts_per_revolution is None:
+        place.error(f"{named[0]} needs counts_per_revolution, the position counts of one turn of the motor")
+    else:
+        try:
+            return keys.with_scale(named_scale(keys.counts_per_revolution, keys.gear_ratio, bool(keys.reversed)))
+        except ValueError as error:
+            (node.get("gear_ratio") or node).error(str(error))
+    return keys
+
+
+def _check_scales(keys: UnitKeys, node: Node) -> None:
+    """Report zero scales, and scales that are not inverse to each other, so that command and feedback would differ."""
+    for key in SCALES:
+        if not 1e-15 < abs(getattr(keys, key)) < 1e15:
+            (node.get(key) or node).error(
+                f"{key} {getattr(keys, key)!r} cannot be used: expected a finite number other than 0"
+            )
+            return
+    for name in ("pos", "vel"):
+        scale = node.get(f"scale_{name}_to_dev") or node.get(f"scale_{name}_from_dev")
+        product = getattr(keys, f"scale_{name}_to_dev") * getattr(keys, f"scale_{name}_from_dev")
+        if scale is not None and abs(product - 1) > 0.01:
+            scale.warning(
+                f"scale_{name}_to_dev times scale_{name}_from_dev is {product:.6g}, not 1: "
+                "command and feedback would differ"
+            )
