@@ -4,13 +4,13 @@
     identity:                                   # 0x1018:01 and :02; no products: all of the vendor
       - {vendor: 0x9A, products: [], source: "..."}
     objects: [0x607A]                           # what the EDS of such a drive has
-    absent: [0x603F]                            # what it lacks, whatever its EDS lists
+    absent: [0x603F]                            # what it lacks, even if its EDS lists it
     modes: [1, 3, 7, 8, 9, 10]                  # of 0x6502, where they are known
     quirks:                                     # as `drive --quirk` takes them
       - {quirk: brake_delay=0.5, source: "jsd#48"}
     bus:                                        # keys of bus.yml that a robot with such a drive needs
       - {key: enable_settle_ms, value: 600, why: "set-points count when the brake has lifted", source: "jsd#48"}
-    not_known: ["..."]                          # what no public source tells
+    not_known: ["..."]                          # facts without a public source
 
 `source` is never copied wording: a repository with a number or a file, or a manual with its page; `unsourced` where no
 public one is known. What a quirk is and whether it exists is judged by the virtual drive that takes it.

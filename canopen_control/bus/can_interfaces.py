@@ -502,7 +502,7 @@ def _problem(command: InterfaceCommand, run: Run) -> str:
 
 
 def _privilege(name: str, commands: Sequence[InterfaceCommand], run: Run) -> tuple[str, ...]:
-    """Return the words that make a command run as root; ConfigError if there is no way."""
+    """Return the command prefix that gives root permissions; ConfigError if there is none."""
     if os.geteuid() == 0:
         return ()
     if shutil.which("sudo") and run(("sudo", "-n", "true")).returncode == 0:

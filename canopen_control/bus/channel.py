@@ -196,13 +196,13 @@ def _open_local(spec: ChannelSpec, label: str) -> Port:
     return open_local(spec.name, label)
 
 
-def _open_socketcan(spec: ChannelSpec, label: str) -> Port:  # noqa: ARG001 - the kernel knows no labels
+def _open_socketcan(spec: ChannelSpec, label: str) -> Port:  # noqa: ARG001 - SocketCAN has no labels
     from canopen_control.bus.socketcan import open_socketcan
 
     return open_socketcan(spec.name)
 
 
-def _open_python_can(spec: ChannelSpec, label: str) -> Port:  # noqa: ARG001 - python-can knows no labels
+def _open_python_can(spec: ChannelSpec, label: str) -> Port:  # noqa: ARG001 - python-can has no labels
     from canopen_control.bus.pythoncan import open_python_can
 
     interface = "virtual" if spec.kind.in_process else spec.interface

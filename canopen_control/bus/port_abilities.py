@@ -56,7 +56,7 @@ class Stamping(Protocol):
 class UnixOffset:
     """Offset from monotonic time to Unix time, stable even if the program pauses between reading the two clocks.
 
-    The true offset lies between two readings around it; it changes when the system clock is set.
+    The true offset is between two readings around it; it changes when the system clock is set.
     """
 
     def __init__(

@@ -3,7 +3,7 @@
 python-can's adapters may block in both directions and most have no descriptor. One thread therefore reads and another
 one writes, except on ``virtual:``, which only uses queues. Received frames wait in memory behind a wake-up descriptor.
 
-Any exception of an adapter is handled: `can.exceptions` promises CanError, but python-can-remote 0.3, pyserial and
+Any exception of an adapter is handled: `can.exceptions` documents CanError, but python-can-remote 0.3, pyserial and
 pyusb raise others. A failing adapter is reported as DOWN once and used again; if it keeps failing it is closed and
 reopened until that succeeds, and then reported as UP. Frames to be sent meanwhile are lost and counted, because old
 commands must not arrive later. If a call of a driver never returns, its thread is abandoned and the port closes without
@@ -341,7 +341,7 @@ class PythonCanPort:
         while self._reopen is not None and not self._closing.is_set():
             try:
                 bus = self._reopen()
-            except Exception:  # noqa: BLE001 - drivers that lack a device raise nearly anything, and DOWN is told
+            except Exception:  # noqa: BLE001 - drivers without a device raise any exception
                 self._closing.wait(_REOPEN_S[min(tries, len(_REOPEN_S) - 1)])
                 tries += 1
                 continue
@@ -396,7 +396,7 @@ def _shut_down(bus: can.BusABC) -> None:
     thread = threading.Thread(target=work, name="shut down", daemon=True)
     thread.start()
     thread.join(_SHUTDOWN_S)
-    bus._is_shutdown = True  # noqa: SLF001 - python-can has no other way to say that its destructor is not needed
+    bus._is_shutdown = True  # noqa: SLF001 - python-can has no public method to disable the warning of its destructor
 
 
 def known_interfaces() -> list[str]:

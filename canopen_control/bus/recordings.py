@@ -357,7 +357,7 @@ class RecordingWriter:
         self.close()
 
     def write(self, time_ns: int, frame: CanFrame) -> None:
-        """Append a frame with its Unix time in ns; DiskFull if there is no space."""
+        """Append a frame with its Unix time in ns; DiskFull if the disk is full."""
         if not self._format.holds(frame):
             self.left_out += 1
             return
@@ -376,7 +376,7 @@ class RecordingWriter:
     def flush(self) -> None:
         """Pass the written frames to the operating system, as far as the format allows.
 
-        DiskFull if there is no space.
+        DiskFull if the disk is full.
         """
         file = self._file
         if file is not None and not file.closed:
@@ -397,7 +397,7 @@ class RecordingWriter:
         self._text = self._messages = None
 
     @property
-    def _file(self) -> Any:  # noqa: ANN401 - text, or whatever python-can writes to
+    def _file(self) -> Any:  # noqa: ANN401 - a path, or any file object that python-can accepts
         return self._text if self._text is not None else getattr(self._messages, "file", None)
 
     def _fail(self, error: OSError) -> NoReturn:

@@ -4,7 +4,7 @@ See `canopen_control.bus.rawsocket`). The kernel transfers one frame per call. I
 receive buffer and reports the count with a frame. If the transmit queue is full (ENOBUFS or EAGAIN), frames wait here,
 bounded. When an interface is down or unplugged the port remains open: frames sent meanwhile are lost and counted, since
 old commands must not arrive later. A removed interface is bound again once one with its name exists: a sender tries
-this twice a second, and a receiver listens to all interfaces meanwhile, until the first frame from this name. With a
+this twice a second, and a receiver reads all interfaces meanwhile, until the first frame from this name. With a
 filter the kernel drops all other identifiers.
 """
 

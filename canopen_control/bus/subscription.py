@@ -1,7 +1,7 @@
 """Handshake and control records of a ``local:`` bus: subscriptions, time stamps and echo.
 
-A port can request identifiers, time stamps, or its own frames. A hub that supports this says so in its greeting. The
-records are sent in the stream of frames, so that frames sent after a request follow it. The hub puts a stamp before
+A port can request identifiers, time stamps, or its own frames. A hub that supports this announces it in its greeting.
+The records are sent in the stream of frames, so that frames sent after a request follow it. The hub puts a stamp before
 each chunk of frames received at once. Each request record holds up to two identifiers, with the flags of linux/can.h;
 its own identifier, all ones, is invalid for frames. A port without requests receives all frames but its own, without
 stamps.

@@ -42,7 +42,7 @@ class WireFaults:
     def __init__(self) -> None:
         self.cut: set[str] = set()
         self.bus_off: set[str] = set()
-        self.delays: dict[str, int] = {}  # label, "" for anybody -> ns
+        self.delays: dict[str, int] = {}  # label, "" for all ports -> ns
         self.drops: list[DropRule] = []
 
     @property

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint
 
 
-# A cap on how fast joints move, whatever interface they are commanded by; for first contact with real drives.
+# Speed limit of all joints, for every command interface, for the first run with real drives.
 #
 # What cannot be limited is named, never passed over. A velocity is bounded where it becomes the
 # drive's target, and so are the speeds that a drive has by itself (0x6081, 0x6099). A position follows its command in
@@ -61,7 +61,7 @@ class _Position:
         if self._command.owner is None or not math.isfinite(value):
             self._last = math.nan
             return
-        if value != self._last:  # else no controller was due, and the way to what it said goes on
+        if value != self._last:  # else no controller was updated, and the ramp to the last command continues
             self._wanted = value
         followed = abs(self._last - here) <= self._limit * _LAG_S  # False for nan
         start, step = self._last if followed else here, self._limit * period
@@ -140,7 +140,7 @@ class SpeedCap:
     def bound(self, drives: Iterable[JointDrive], reductions: Mapping[str, float]) -> None:
         """Bound the velocity targets of drives, and their own motion, as long as they are commanded.
 
-        `reductions` are the turns of the motor for one of the joint, by joint, where a transmission lies between.
+        `reductions` are the turns of the motor for one of the joint, by joint, where there is a transmission.
         """
         for drive in drives:
             most = self._limit * abs(reductions.get(drive.joint, 1.0))

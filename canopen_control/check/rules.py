@@ -172,7 +172,7 @@ def _scales(robot: CheckedRobot) -> Iterator[Finding]:
 
 def _mirrored(robot: CheckedRobot, base: DriveGeometry) -> Iterator[Finding]:
     """Report two drives mounted face to face without opposite signs between motor and wheel."""
-    assert robot.bus is not None  # asked by `_scales`
+    assert robot.bus is not None  # an error of `_scales`
     left = [each for name in base.left if (each := _drive(robot, name)) is not None]
     right = [each for name in base.right if (each := _drive(robot, name)) is not None]
     for (one, sign), (other, other_sign) in zip(left, right, strict=False):
@@ -248,7 +248,7 @@ def _started(
         return None
     try:
         return frozenset(started_controllers(files, control, description, names))
-    except ConfigError:  # told by the rules, and by the building that follows them
+    except ConfigError:  # reported by the rules and by the construction after them
         return None
 
 
@@ -363,7 +363,7 @@ def _joints(robot: CheckedRobot) -> Iterator[Finding]:
     parts: dict[str, list[ControlJoint]] = {}
     for part in (part for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)):
         parts.setdefault(part.name, []).append(part)
-    # what their plugin would export follows from a node whose keys have a mistake, which is told
+    # the interfaces of their plugin depend on a node whose keys have errors, which are reported
     unknown = {
         joint.name
         for tag in description.hardware
@@ -440,12 +440,12 @@ def _is_unreadable(robot: CheckedRobot, joint: ControlJoint) -> bool:
 
 
 def _device(robot: CheckedRobot, tag: Ros2ControlSystem, joint: ControlJoint) -> Iterator[Finding]:
-    assert robot.bus is not None  # asked by `_devices`
+    assert robot.bus is not None  # an error of `_devices`
     assert robot.description is not None
     path, nodes = robot.description.path, robot.bus.nodes
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id")
     if _is_unreadable(robot, joint):
-        return  # the mistake in its keys is told
+        return  # the error in its keys is reported
     if name is not None and name not in nodes:
         title = f"actuator {name!r}" if robot.description.ros1 else f"device_name {name!r}"
         text = f"joint {joint.name}: {title} is not a node of {robot.bus.path}{nearest(name, nodes)}"
@@ -533,7 +533,7 @@ def _update_rate(robot: CheckedRobot) -> Iterator[Finding]:
         return
     sync, rate = bus.master.sync_period, control.update_rate
     line = control.manager_lines.get("update_rate", 0)
-    if line and sync and rate * sync > 1_000_000:  # without SYNC the budget of the bus says it
+    if line and sync and rate * sync > 1_000_000:  # without SYNC the bus load rule reports it
         cycle = 1_000_000 / sync
         text = f"update_rate {rate} Hz is more than the bus carries: the SYNC of {bus.path} comes at {cycle:g} Hz"
         fix = f"set update_rate: {cycle:g}, or sync_period: {1_000_000 // rate}"

@@ -1,7 +1,7 @@
 """Stop times of an axis: detection of each stop reason, and the ramp from maximum speed.
 
-Pure computation of what a robot's files say: `check` prints it, and the invariants of simulations hold the shafts
-against it. Detection is by heartbeat or guarding, by TPDOs that stay away, by the drive's own watch of its master, and
+Pure computation from a robot's files: `check` prints it, and the invariants of simulations compare the shafts with
+it. Detection is by heartbeat or guarding, by missing TPDOs, by the drive's own monitoring of its master, and
 by the end of a controller's command. The ramp is 0x6084 where the master stops the axis, and what 0x6007, 0x605A and
 0x605E choose where the drive stops by itself (CiA 402-2, 6.3.5). Seconds; speeds in the drive's units.
 """
@@ -174,9 +174,9 @@ def _named(index: int, slope: float) -> str:
     return f"ramp of 0x{index:04X} ({slope:g})"
 
 
-# What a robot's files say of how its axes stop: supervision times, decelerations, option codes, greatest speeds.
+# The stop parameters in a robot's files: supervision times, decelerations, option codes, maximum speeds.
 #
-# An object has the value that bus.yml writes at the boot, else that of the DCF or EDS. The greatest speed is the
+# An object has the value that bus.yml writes at the boot, else that of the DCF or EDS. The maximum speed is the
 # smaller of the joint's velocity limit and 0x607F. Both are for `stop_times`, which computes.
 
 

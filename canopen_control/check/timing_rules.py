@@ -69,7 +69,7 @@ def sorted_findings(findings: list[Finding]) -> list[Finding]:
 
 @dataclass
 class CheckedRobot:
-    """Files of a robot as the rules see them; None for unreadable ones. `asked` are the names of --controller.
+    """Files of a robot for the rules; None for unreadable ones. `asked` are the names of --controller.
 
     With `mock` or `real` the plugins of the description are overruled; `started` are the controllers that a run would
     activate, None: all of the file count. `chosen` means that the user has named these.

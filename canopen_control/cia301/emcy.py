@@ -257,9 +257,9 @@ class EmcyProducer:
     """Errors of one node: `error_register` (0x1001), `history` (0x1003), and the EMCY messages that result.
 
     `cob_id` (0x1014) can be changed; `enabled` is the inverse of its bit 31. `inhibit_ns` (0x1015) is the minimum time
-    between two messages. `allowed` says whether the NMT state permits EMCY; otherwise errors enter the register and the
-    history, but are not sent. At most `active_limit` errors are active and `queue_limit` messages wait; beyond that the
-    oldest is dropped. `lost` counts dropped messages.
+    between two messages. `allowed` is True while the NMT state permits EMCY; otherwise errors enter the register and
+    the history, but are not sent. At most `active_limit` errors are active and `queue_limit` messages wait; beyond that
+    the oldest is dropped. `lost` counts dropped messages.
     """
 
     def __init__(

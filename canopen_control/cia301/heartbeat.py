@@ -116,8 +116,8 @@ class HeartbeatEventKind(enum.Enum):
 class HeartbeatEvent:
     """Heartbeat event `kind` of `node_id`.
 
-    `state` is None if unknown. `age_ns` is the time since the previous sign of life, 0 for the first. `monitored` says
-    whether monitoring was running: a BOOT_UP is then a restart of the node, otherwise its first start.
+    `state` is None if unknown. `age_ns` is the time since the previous message, 0 for the first. `monitored` is True if
+    monitoring was running: a BOOT_UP is then a restart of the node, otherwise its first start.
     """
 
     kind: HeartbeatEventKind

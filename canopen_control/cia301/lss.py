@@ -140,7 +140,7 @@ class LssMaster:
     """Queue of LSS services, of which one at a time uses the bus; each call returns its `LssRequest` (CiA 305).
 
     A service is a generator that yields its requests and returns its result. A missing answer is an error if one slave
-    must answer, and a result if the service asks whether a slave exists. `timeout_ns` is the time for an answer,
+    must answer, and a result if the service checks whether a slave exists. `timeout_ns` is the time for an answer,
     `scan_timeout_ns` the time that all slaves have for each request of a scan. Requests are sent at the next `tick`;
     `events` returns finished ones. LocalProtocolError for invalid arguments and if `queue_limit` services wait. `stray`
     counts answers without a request.

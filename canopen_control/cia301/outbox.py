@@ -14,7 +14,7 @@ T = TypeVar("T")
 class Outbox(Generic[T]):
     """Queue of at most `limit` items, oldest first; `lost` counts dropped items.
 
-    `waiting` tells without a call whether there are any, which in most cycles there are not.
+    `waiting` is True if the queue has items; reading it avoids a call in cycles without any.
     """
 
     __slots__ = ("lost", "waiting")

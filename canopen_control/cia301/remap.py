@@ -45,15 +45,12 @@ class PdoRules:
 
     `rtr_supported` concerns bit 30 of a TPDO's COB-ID, "no RTR allowed" (CiA 301, 7.5.2.37): a device that does not
     answer remote frames may require it. In an RPDO the bit is reserved, "do not care" (7.5.2.35): it is stored as
-    written
-    and ignored.
+    written and ignored.
 
     `lookup` returns the attributes of an object or the reason why it cannot be mapped (NO_OBJECT, NO_SUBINDEX).
-    `partial` permits the mapping of single bits of an object. `in_use` says whether another service of the device uses
-    a
-    CAN identifier; some devices do not check. `wrong_state` is the abort code of a mapping change while the PDO is
-    valid
-    or its number of objects is not 0; it differs between devices.
+    `partial` permits the mapping of single bits of an object. `in_use` returns whether another service of the device
+    uses a CAN identifier; some devices do not check. `wrong_state` is the abort code of a mapping change while the PDO
+    is valid or its number of objects is not 0; it differs between devices.
     """
 
     is_tpdo: bool

@@ -289,7 +289,7 @@ class Transfer(Protocol):
 class Phase:
     """Base of the phases of a request, and the idle phase: all frames are ignored.
 
-    `block` says whether block transfer is used; `transfer` exists after the answer to an initiate.
+    `block` is True for a block transfer; `transfer` exists after the answer to an initiate.
     """
 
     def __init__(self, block: bool = False, transfer: Transfer | None = None) -> None:

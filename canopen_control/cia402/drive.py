@@ -2,16 +2,16 @@
 
 Rules (CiA 402-2, 6.3, seen from the other end of the bus):
 
-- Verbs set a goal and return; `update` makes one step towards it, whenever a statusword is there. Nothing blocks.
-- One command at a time, and the next one only when the statusword shows that the last one was obeyed: 06, 07, 0F. The
-  steps are `state.next_command`; `DriveRequest` adds when to stop asking.
-- What is wanted is one `EnableRequest`, which `ENABLE_TABLE` alone changes: the goal is ENABLED only by `enable`. A
-  fault, a lost enable, a vanished or senseless statusword, a transition or a mode that is not confirmed in time set it
-  back to DISABLED. Nothing but a new `enable` sets it again; a fault reset never does.
-- 0x0F is sent only when the goal is ENABLED and, to a drive that is not enabled yet, when the mode that was asked
-  for stands in 0x6061.
-- Down is the drive's own ramp: disable operation (0x605C), shutdown, disable voltage, each when the one before is
-  seen done. A quick stop is over when the state says so, whatever 0x605A is; power is not cut while it lasts.
+- Methods set a goal and return; `update` makes one step towards it with each statusword. Nothing blocks.
+- One command at a time, and the next one only when the statusword confirms the last one: 06, 07, 0F. The steps are
+  those of `state.next_command`; `DriveRequest` adds when to stop requesting.
+- The goal is an `EnableRequest`, which only `ENABLE_TABLE` changes; only `enable` makes it ENABLED. A fault, a lost
+  enable, a missing or undefined statusword, or a transition or mode that is not confirmed in time sets it back to
+  DISABLED. Only a new `enable` sets it again; a fault reset never does.
+- 0x0F is sent only when the goal is ENABLED and, to a drive that is not enabled yet, only when 0x6061 shows the
+  requested mode.
+- Disabling uses the drive's own ramp: disable operation (0x605C), shutdown, disable voltage, each when the one before
+  is confirmed. A quick stop ends when the state shows it, for each value of 0x605A; power is not cut before.
 - The bits of the mode (4, 5, 6, 9) and halt (8) are sent only to an enabled drive, and the former are forgotten when it
   no longer is, so that no old set-point starts a motion.
 """
@@ -68,11 +68,11 @@ if TYPE_CHECKING:
     from canopen_control.cia402.events import DriveEvent
 
 
-# What is wanted of a drive: the intent, the table of what changes it, and the command of the present step.
+# The requested state of a drive: the request, the table of its changes, and the command of the present step.
 #
-# An `EnableRequest` is a goal together with what is still on its way to the drive; `ENABLE_TABLE`
-# says what each trigger makes of it, and what has no row changes nothing. Only ENABLE and OVERTAKE lead to the goal
-# ENABLED; a fault, and an enable that ended without a command, lead away from it. Another goal begins another step.
+# An `EnableRequest` is a goal together with the command that is not confirmed yet. `ENABLE_TABLE` has the next request
+# for each trigger; a trigger without a row changes nothing. Only ENABLE and OVERTAKE lead to the goal ENABLED; a fault,
+# and an enable that was lost without a command, lead away from it. Another goal begins another step.
 
 
 _FALLS: Final = 2  # on the way up: a command still on its way may cause one, a drive that keeps falling has a reason
@@ -130,7 +130,7 @@ ENABLE_TABLE: Final[Mapping[EnableRequest, Mapping[EnableTrigger, EnableRequest]
             _DriveTransition.ARRIVED: _I.QUICK_STOPPED,
         },
         _I.QUICK_STOPPED: {**_END, **_ENABLE, _DriveTransition.DISABLE: _I.DISABLED},
-        _I.VOLTAGE_DISABLED: {**_END, **_ENABLE},  # whatever else is said, the voltage stays away
+        _I.VOLTAGE_DISABLED: {**_END, **_ENABLE},  # other triggers do not restore the voltage
     }
 )
 """Intent and trigger to the next intent; a trigger without a row changes nothing."""
@@ -270,7 +270,7 @@ class DriveRequest:
 _AT_ONCE: Final = -1
 _WATCHED: Final = 0x6F | REMOTE | TARGET_REACHED  # a change of other bits of the statusword changes nothing here
 _SECOND: Final = 1_000_000_000
-# Transition 16 is optional: a drive that does not know it is soon led out of its quick stop the long way. A quick stop
+# Transition 16 is optional: a drive without it is soon led through SWITCH ON DISABLED instead. A quick stop
 # begins at once, unless 0x605A switches it off (Beckhoff AX8000: -1).
 _DEFAULT_TIMEOUTS: Final = {16: _SECOND, 11: _SECOND}
 
@@ -287,8 +287,8 @@ class DriveMachine:
     To be read: `state` (None: unknown), `statusword`, the orders `halted` and `held_in_switched_on`, `controlword`,
     `undefined` (the number of undefined statuswords), `evaluations` (updates that had something to decide: while it
     stays the same, so does everything else). `ignore_remote` is for drives that leave bit 9 alone. `standstill` may be
-    set by who knows that the motor stands; it shortens the wait for the end of a quick stop, nothing else.
-    `mode_request` is what became of the mode that was asked for: confirmed by 0x6061, or failed to be.
+    set by a caller that knows that the motor is at rest; it shortens the wait for the end of a quick stop, nothing
+    else. `mode_request` is the state of the requested mode: confirmed by 0x6061, or failed.
     `switching_state` is for drives that change their mode in or below a state only: an enabled one goes down to it for
     a new mode, once it stands, and comes back (ros_canopen, issue 259).
     """
@@ -329,7 +329,7 @@ class DriveMachine:
         self._events: list[DriveEvent] = []
         self.mode_request = ModeRequest(mode_timeout_ns)
         self._switching_state = switching_state
-        self._switches = False  # the mode asked for waits for that state
+        self._switches = False  # the requested mode waits for that state
         self._mode_bits = 0
         self._reset = FaultReset(fault_reset_timeout_ns)
         self._deadline = NEVER

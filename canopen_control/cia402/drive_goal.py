@@ -1,6 +1,6 @@
-"""Parts of the master's side of one axis: the goals, the steps to them, and the mode that was asked for.
+"""Parts of the master's side of one axis: the goals, the steps to them, and the requested mode.
 
-`drive` decides with its table what is wanted; a part here follows one thing that takes time at the drive.
+The table in `drive` decides the goal; each part here tracks one operation of the drive that takes time.
 """
 
 from __future__ import annotations
@@ -81,12 +81,12 @@ def is_stopped(goal: DriveGoal, disabled_state: State, state: State | None) -> b
 #
 # Rules (CiA 402-2):
 #
-# - Each transition of the diagram has its time, by number. A step that asks for no transition, because the drive is to
-#   stay where it is, has none. A step that exceeds its time is reported once and not timed again.
-# - What the drive does after a quick stop is its own affair (0x605A) and is read from its state. To be enabled it is
-#   asked at once by transition 16, which is optional; if that does not do, or if it is to be disabled, the end of the
-#   stop is waited for, since power cut before it lets the motor coast. A drive with 0x605A = 0 to 4 leaves by itself
-#   then; the others get transition 12, when the stop has ended or has lasted too long.
+# - Each transition of the diagram has its own timeout, by number. A step without a transition, for a drive that stays
+#   where it is, has none. A step that exceeds its time is reported once and not timed again.
+# - The behaviour after a quick stop depends on 0x605A and is read from the drive's state. To enable the drive again,
+#   transition 16 is requested at once, which is optional; if it has no effect, or if the drive is to be disabled, the
+#   end of the stop is awaited, since power cut before it lets the motor coast. A drive with 0x605A = 0 to 4 leaves the
+#   state by itself then; the others get transition 12, when the stop has ended or has lasted too long.
 # - The edge of a fault reset (bit 7: 0, 1, 0; transition 15) is sent once per request, in FAULT only, since a drive
 #   still in its fault reaction would not see it. Bit 7 falls again when the fault is gone, or when the time is over and
 #   the cause is still there.
@@ -250,11 +250,11 @@ class FaultReset:
         return None
 
 
-# A mode of operation that was asked for, until 0x6061 confirms it (CiA 402-2, 6.4).
+# A requested mode of operation, until 0x6061 confirms it (CiA 402-2, 6.4).
 #
-# A mode is one only when the drive's display shows it. What is not confirmed in time goes back to the
-# last mode that was, and has failed until a new request. 0 is never asked for by itself. `MODE_TABLE` says what
-# each trigger leads to; what has no row changes nothing.
+# A mode is active only when the drive's display shows it. A mode that is not confirmed in time returns to the last
+# active one, and has failed until a new request. 0 is never requested automatically. `MODE_TABLE` has the next state
+# for each trigger; a trigger without a row changes nothing.
 #
 # Some drives show 0, no mode, until they are enabled (ros-industrial/ros2_canopen, issue 444). Such a drive may be
 # enabled in a mode that it has not shown; nothing but its targets at rest is sent before it shows the mode, in time.

@@ -1,7 +1,7 @@
 """Events of a drive's state machines: frozen records, each with its time and one sentence.
 
 `time` is the monotonic time in ns of the update that detected it, `statusword` the word that showed it (None: none
-received). Texts do not name the drive, because the owner of the events knows it.
+received). Texts do not name the drive; the owner of the events adds its name.
 """
 
 from __future__ import annotations

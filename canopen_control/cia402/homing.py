@@ -2,9 +2,9 @@
 
 Rules:
 
-- Bits 13, 12 and 10 of the statusword together say where homing is (`HomingStatus`). Before the start they may still be
-  those of the last homing, or of another mode: attained, or an error, count only when they were seen absent first.
-- A method that does not move may be over between two statuswords. Only for such a one a stale "attained" is believed,
+- Bits 13, 12 and 10 of the statusword together are the phase of homing (`HomingStatus`). Before the start they may
+  still be those of the last homing, or of another mode: attained, or an error, counts only after it was absent.
+- A method without motion may end between two statuswords. Only for such a method a stale "attained" is accepted,
   some updates after the start.
 - Some drives keep "attained" until they leave OPERATION_ENABLED (aidin_hand2): the next homing is seen only when they
   have left it.

@@ -1,7 +1,7 @@
 """Modes of operation (CiA 402-2, 0x6060, 0x6061, 0x6502) and the bits of both words that each mode defines.
 
-A mode is asked for only when 0x6502 lists it; which mode serves a joint's interface is a table,
-cyclic before profile; 0 (no mode) is never chosen by itself, because there are drives without it.
+A mode is requested only if 0x6502 lists it. A table gives the mode for each interface of a joint, cyclic modes before
+profile modes. 0 (no mode) is never chosen automatically, because some drives do not support it.
 """
 
 from __future__ import annotations

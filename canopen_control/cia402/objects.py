@@ -195,9 +195,9 @@ def is_drive_profile(device_type: int) -> bool:
 
 # The option codes 0x605A to 0x605E and 0x6007: how a drive stops, and the state it is in afterwards.
 #
-# A code is a row of a table (CiA 402-2, 6.3.5 and 6.2.5). Negative codes are the manufacturer's, and
-# no row means reserved; the drive's own default stands in `DEFAULTS`. A master never decides by an option code what
-# state a drive is in: it looks at the statusword. The tables are for those who are the drive, or explain one.
+# Each code is a row of a table (CiA 402-2, 6.3.5 and 6.2.5). Negative codes are the manufacturer's, and a code without
+# a row is reserved; `DEFAULTS` has the default of the drive. A master never infers the state of a drive from an option
+# code: it reads the statusword. Virtual drives and explanations of values use these tables.
 
 
 class Reaction(Enum):

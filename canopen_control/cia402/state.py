@@ -1,13 +1,12 @@
 """The power state machine of CiA 402-2 (IEC 61800-7-201, 6.3) as tables: states, commands, the 17 transitions.
 
-Everything that says which statusword means which state, which controlword means which command,
-and which command leads from where to where, is a table here. It does not know whether it serves a master or a
-drive; both read the same tables, and neither finds a decision in them but `next_command`, the safe way of the master.
+The tables define which statusword is which state, which controlword is which command, and which command leads from one
+state to another. Master and drive read the same tables; only `next_command`, the master's sequence, makes a decision.
 
 - A statusword matches a state when ``(statusword ^ value) & mask == 0``. Bit 4 (voltage enabled) is never part of
   it, bit 5 only where the mask is 0x6F. 53,248 of the 65,536 words match nothing.
 - ``SWITCH_ON`` and ``DISABLE_OPERATION`` are one pattern on the wire, as are ``ENABLE_OPERATION`` and
-  ``SWITCH_ON_AND_ENABLE``: they are one member here (aliases), and only the drive's state tells them apart.
+  ``SWITCH_ON_AND_ENABLE``: they are one member here (aliases); only the drive's state distinguishes them.
 - A fault is reset by the rising edge of bit 7, never by its level.
 """
 
@@ -111,7 +110,7 @@ _COMMAND_BY_BITS = tuple(_command_of_bits(bits) for bits in range(0x100))
 def command_of(controlword: int, previous: int) -> Command | None:
     """Return the command (CiA 402-2, table 24) in `controlword`; `previous` is the controlword before, 0 at the start.
 
-    A rising bit 7 is FAULT_RESET whatever the other bits say; a bit 7 that stays high hides them: None.
+    A rising bit 7 is FAULT_RESET regardless of the other bits; while bit 7 stays high the result is None.
     """
     # CiA 402-2, table 24: the fault reset is the rising edge of bit 7
     if controlword & ~previous & FAULT_RESET_BIT:
@@ -122,8 +121,8 @@ def command_of(controlword: int, previous: int) -> Command | None:
 class Transition(NamedTuple):
     """Transition of the state diagram (CiA 402-2, table 22).
 
-    `sources` is empty for power-on, `commands` is empty where the drive acts by itself. `condition` says what else
-    must hold, or which option code decides how it is done.
+    `sources` is empty for power-on, `commands` is empty for automatic transitions. `condition` is a further condition,
+    or the option code that decides how the transition is done.
     """
 
     number: int
@@ -181,7 +180,7 @@ def transition_of(state: State, command: Command) -> Transition | None:
 
 # What the master sends, by goal (row) and state seen (column): one step at a time, each confirmed by the statusword
 # before the next, so that 0x0F never meets a drive that has not been seen SWITCHED_ON (or in a quick stop, arrow 16).
-# The way down never uses an arrow that leads up. In its goal a drive is told what keeps it there.
+# Disabling never uses a transition that enables. A drive that has reached its goal gets the command that keeps it.
 _DOWN_TO_SWITCHED_ON = {
     _S.SWITCH_ON_DISABLED: _C.DISABLE_VOLTAGE,
     _S.READY_TO_SWITCH_ON: _C.SHUTDOWN,

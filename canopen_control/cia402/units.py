@@ -40,7 +40,7 @@ def counts_per_revolution(
     """Return the position units per revolution of the driving shaft, from 0x608F, 0x6091 and 0x6092.
 
     Each pair is (subindex 1, subindex 2): increments and motor revolutions, motor and shaft revolutions, feed and
-    shaft revolutions. A feed constant defines the user's unit, the other two then only say how the drive gets there.
+    shaft revolutions. A feed constant defines the user's unit; the other two are then only the drive's conversion.
     Raises ConfigError for a zero.
     """
     pairs = (encoder_resolution, gear_ratio) if feed_constant is None else (feed_constant,)
@@ -64,7 +64,7 @@ def counts_of_objects(
 ) -> float | None:
     """Return position units per revolution of the driving shaft, None if the objects do not define it.
 
-    They say nothing where they are absent or hold a 0, and where encoder resolution and feed constant are 1/1, as
+    They define nothing if they are absent or 0, or if encoder resolution and feed constant are both 1/1, as
     devices have them before they are commissioned.
     """
     feed = feed_constant if feed_constant is not None and is_feed(feed_constant) else None

@@ -1,6 +1,6 @@
 """Client of a virtual drive or device: its state, faults and inputs, without the CAN bus.
 
-Apart from that of a robot: verbs that ask a robot do not wait for the import of a drive's messages.
+Separate from the client of a robot, whose verbs need no import of a drive's messages.
 """
 
 from __future__ import annotations

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import ControllerReading, CycleTimes
 
 
-# What a robot pushes to its subscribers: its events one after the other, and how often its state has to be asked for.
+# What a robot sends to its subscribers: its events one after the other, and the rate of its state samples.
 #
-# Of samples of the state ROS and bags ask for so many that every publication of a controller is in them.
+# ROS and bags request a rate at which the samples contain every publication of a controller.
 
 
 _ENDED: Final = "stopped"  # the last event of a robot that was ended
@@ -36,8 +36,8 @@ _ENDED: Final = "stopped"  # the last event of a robot that was ended
 class EventStream:
     """Iterator over events until none arrives for `timeout` seconds (None: no limit), or the robot has ended.
 
-    RemoteError when the robot has died instead. It closes itself at its end; who leaves earlier calls `close`, or
-    uses it in a `with` block.
+    RemoteError instead if the robot's process was killed. It closes itself at its end; to end earlier call `close`, or
+    use it in a `with` block.
     """
 
     def __init__(self, client: RobotClient, timeout: float | None = None) -> None:
@@ -143,7 +143,7 @@ class RobotClient(Client[RobotHello, RobotPush]):
         over = threading.Event()
 
         def beat() -> None:
-            with contextlib.suppress(RemoteError):  # the robot is gone, which who waits for the end is told
+            with contextlib.suppress(RemoteError):  # the robot has ended, which other calls report
                 while not over.wait(HEARTBEAT_S / _BEATS):
                     self.notify(TrajectoryHeartbeat())
 

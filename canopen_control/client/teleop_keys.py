@@ -152,7 +152,8 @@ class Teleop:
     """Key state and resulting motion; `velocities` is valid until `next_deadline`.
 
     `speed` and `turn` are the linear and angular speed, `first` and `repeat` the dead-man's times in seconds. `ended`
-    says that the user wants to leave, `note` is a sentence about the last key or "". `sideways`: the base can drive so.
+    is True once the user quits, `note` is a sentence about the last key or "". `sideways` is True if the base can do
+    so.
     """
 
     def __init__(

@@ -1,7 +1,7 @@
 """Report of a conformance run as one self-contained HTML page, for users, manufacturers and maintainers of a device.
 
-The summary says what a master will meet; then follow a verdict per clause, each failure with its frames by name, the
-problems of the EDS, and what was not tested.
+The summary lists the consequences for a master; then follow a verdict per clause, each failure with its frames by name,
+the problems of the EDS, and what was not tested.
 """
 
 from __future__ import annotations

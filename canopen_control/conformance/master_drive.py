@@ -34,7 +34,7 @@ _MODES, _WINDOW = 0x6502, 0x6065
 _RATES = (0x6042, 0x60FF, 0x6071)  # set-points that are 0 at rest
 _SET_POINTS = (_TARGET, *_RATES)
 _RESERVED, _NEW_SET_POINT, _ACKNOWLEDGED = 1 << 10, 1 << 4, 1 << 12
-_FALLBACK_WINDOW = 1000  # increments, where 0x6065 says nothing
+_FALLBACK_WINDOW = 1000  # increments, if 0x6065 is not set
 _ENABLE_BITS = 0x0F
 _UP = (Command.SWITCH_ON, Command.ENABLE_OPERATION)
 

@@ -193,7 +193,7 @@ class MasterJudge:
 
 
 class MasterRun:
-    """Run of a judge on a port for `seconds`, or until its schedule ends; `say` receives the title of each stage."""
+    """Run of a judge on a port for `seconds`, or until its schedule ends; `say` gets the title of each stage."""
 
     def __init__(
         self, reactor: Reactor, port: Port, node: VirtualNode, seconds: float, report: Callable[[str], object]

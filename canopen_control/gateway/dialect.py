@@ -328,7 +328,7 @@ class _Arguments(NamedTuple):
     ranges: tuple[tuple[int, int], ...] = ()
 
 
-_ABORTS: Final = {int(AbortCode.NO_OBJECT): "object does not exist"}  # the others say what `abort_text` does
+_ABORTS: Final = {int(AbortCode.NO_OBJECT): "object does not exist"}  # the others have the text of `abort_text`
 _NMT: Final = {
     "start": NmtCommand.START,
     "stop": NmtCommand.STOP,

@@ -71,7 +71,7 @@ _MOVING: Final = (
 _LSS_CHANGES: Final = frozenset(
     {"lss_set_node", "lss_conf_bitrate", "lss_activate_bitrate", "lss_store", "lss_allnodes"}
 )
-_ABORT_IN_TEXT: Final = re.compile(r"abort 0x([0-9A-F]{8})")  # as `SdoAbort` says it
+_ABORT_IN_TEXT: Final = re.compile(r"abort 0x([0-9A-F]{8})")  # the wording of `SdoAbort`
 _SILENT: Final = frozenset({"SdoTimeout", "SdoStopped", "Timeout"})  # kinds of a robot's errors
 _HTTP: Final = re.compile(rb"\A[A-Z]+ \S+ HTTP/\d")
 

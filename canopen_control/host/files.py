@@ -2,8 +2,8 @@
 
 Errors name the file and what remains of it. A child keeps its log open, so that it can only be rotated in place: its
 content is copied to `<name>.log.1` and the file is truncated; the child writes in append mode and continues at the
-start. The kernel copies, on a thread without the interpreter lock. Output during this millisecond is lost, and the file
-says so.
+start. The kernel copies, on a thread without the interpreter lock. Output during this millisecond is lost; a line in
+the file reports it.
 """
 
 from __future__ import annotations

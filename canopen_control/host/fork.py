@@ -134,7 +134,7 @@ def _run_child(
         os.setsid()
         if detached and os.fork():
             os._exit(0)
-        gc.freeze()  # what it was born with is never collected, and its pages stay shared
+        gc.freeze()  # objects from before the fork are never collected, and their pages stay shared
         gc.enable()
         gc.set_threshold(*_THRESHOLDS)
         atexit._clear()  # noqa: SLF001 - those of the parent; no public way
@@ -204,7 +204,7 @@ def _reset_signals() -> None:
 def _show(argv: Sequence[str], environment: Mapping[str, str]) -> None:
     """Make the kernel show this command line and environment by overwriting the memory of the original ones.
 
-    The environment follows the command line there, and is no longer in use. A command line that is not ended by a zero
+    The environment follows the command line there, and is not used any more. A command line that is not ended by a zero
     byte at its old end is one string (proc_pid_cmdline(5)), so that its words are separated by spaces.
     """
     with contextlib.suppress(OSError, ValueError, IndexError):  # a kernel without it shows the parent's

@@ -58,7 +58,7 @@ def _report(line: bytes) -> None:
 
 
 class LivenessReport:
-    """Repeated report from a child of `spawn` that it is ready, then that it is alive.
+    """Repeated report from a child of `spawn` that it is ready, then that it is running.
 
     It does nothing in a process without a starter that requested it.
     """

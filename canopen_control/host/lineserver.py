@@ -1,6 +1,6 @@
 """Line server on a Unix stream socket in the reactor: connections, order of service, send buffers.
 
-The owner interprets the lines; its `complaint` creates the line that tells a peer why it is disconnected.
+The owner interprets the lines; its `complaint` returns the line sent to a peer before it is disconnected.
 
 Requests are small (64 KiB) and share each turn of the loop: one request per connection is served in turn, first ones of
 new connections first, for one millisecond; the rest waits for the next turn. A flooding peer thus delays others by one
@@ -51,7 +51,7 @@ _MADE_WAY: Final = "all places are taken and this connection was idle; connect a
 class Connection:
     """Connection of one peer of a `LineServer`.
 
-    `name` and `context` are free for the owner, `reason` says why it ended.
+    `name` and `context` are free for the owner, `reason` is why the connection ended.
     """
 
     def __init__(self, server: LineServer, sock: socket.socket, name: str) -> None:

@@ -42,7 +42,7 @@ KINDS: Final[Mapping[SocketKind, int]] = {"bus": 32, "busctl": 32, "drive": 36, 
 `drive_name`), one per gateway of CiA 309-3, one per robot."""
 _NAME: Final = re.compile(r"[A-Za-z0-9_-]+")
 _LONGEST_PATH: Final = 100  # struct sockaddr_un has 108 bytes on Linux, 104 elsewhere
-_PROBE_S: Final = 0.5  # the kernel of a listening process accepts at once, whatever the process does
+_PROBE_S: Final = 0.5  # the kernel accepts at once for a listening process, even a busy one
 _LOCK_POLL_S: Final = 0.005
 _LINUX: Final = sys.platform.startswith("linux")
 _UCRED: Final = struct.Struct("3i")  # pid, uid, gid

@@ -200,7 +200,7 @@ class Child:
 def end_children(children: Sequence[Child], reactor: Reactor, grace: float) -> None:
     """Request all children to end (SIGTERM) and kill those that have not ended after `grace` s. Blocks.
 
-    They are no longer watched, so that none is restarted.
+    They are not supervised any more, so that none is restarted.
     """
     for child in children:
         child.unwatch()

@@ -5,8 +5,8 @@ runner (`remote_node.RemoteNode`) never waits. A failure is a `BootError` with t
 `NextStep` marks the steps for timing.
 
 A node is first reset, so that nothing of an earlier run remains and no PDO is mapped while it is OPERATIONAL.
-Exceptions are a node that has just sent its boot-up, and a node to be kept alive that is OPERATIONAL, which is only
-compared.
+Exceptions are a node that has just sent its boot-up, and an OPERATIONAL node with `reset_communication: false`, which
+is only compared.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ LOAD = b"load"
 _COMMUNICATION_PARAMETERS = 2  # subindex of 0x1011 that a reset of the communication makes effective
 _OPERATION_ENABLED_BIT = 0x04
 _SHUTDOWN = 0x0006
-#: what an RPDO sends before anybody commands it -> where the drive says it: it is to stay as it is
+#: target object -> object with its present value: an RPDO sends that value until the first command
 _PRESETS = {0x607A: 0x6064, 0x6060: 0x6061}
 
 
@@ -97,7 +97,7 @@ def boot(plan: NodePlan, *, reset: bool) -> Generator[Request, Answer, BootResul
     """Bring one node from any state to OPERATIONAL.
 
     `reset` sends NMT reset communication first, so that a node left over from an earlier run loses its configuration; a
-    node that has just sent its boot-up needs none, one to be kept alive only if it is not running.
+    node that has just sent its boot-up needs none; one that must not be reset gets it only if it is not running.
     """
     transfers = BootTransfers(plan.motors)
     keep = plan.keep_alive and reset
@@ -128,14 +128,14 @@ def _reset(plan: NodePlan, command: NmtCommand) -> Generator[Request, Answer, bo
     yield NextStep("reset")
     # CiA 301, 7.3.2: a reset ends with the boot-up message
     yield SendNmt(command)
-    # Not all nodes send a boot-up; who is not there is found by the next step.
+    # Some nodes send no boot-up; the next step detects a missing node.
     return bool((yield AwaitBootUp(plan.boot_up_ns)))
 
 
 def _identify(
     plan: NodePlan, transfers: BootTransfers, *, alive: bool
 ) -> Generator[Request, Answer, tuple[int, int, int, int]]:
-    """Compare device type and identity with the EDS: CiA 302-2, steps 3 to 8; `alive`: its boot-up was received."""
+    """Compare device type and identity with the EDS: CiA 302-2, steps 3 to 8; `alive`: it sent its boot-up."""
     try:
         device_type = int.from_bytes((yield from transfers.read(DEVICE_TYPE)), "little")
     except (SdoTimeout, SdoAbort, SdoLengthError) as error:
@@ -168,7 +168,7 @@ def _identify(
 
 
 def _is_running(plan: NodePlan) -> Generator[Request, Answer, bool]:
-    """Read the state of a node that is to be kept alive: CiA 302-2, "check node state"."""
+    """Return whether a node that must not be reset is OPERATIONAL: CiA 302-2, "check node state"."""
     yield NextStep("keep alive")
     timeout = plan.supervision_ns or STATE_NS
     state = yield AwaitHeartbeat(timeout)

@@ -43,13 +43,12 @@ if TYPE_CHECKING:
     from canopen_control.master.plan_builder import PlannedWrite
     from canopen_control.od.model import Value
 
-
-# Compares a plan with what a node holds: what differs, and what has to be written.
+# Comparison of a plan with the values in a node: differences, and the writes that remove them.
 #
-# The writes of one PDO belong together (`groups`), everything else stands alone. Bit 30 of a PDO's
-# COB-ID is the device's own and never a difference; of a PDO that is to be invalid nothing but bit 31 counts. What was
-# planned and what is held are compared as values of the object's type, so that a drive that answers with more bytes
-# than the EDS says is not written for ever.
+# The writes of one PDO belong together (`groups`), every other write is a group of its own. Bit 30 of a PDO's COB-ID
+# belongs to the device and is never a difference; of a PDO that is planned as invalid only bit 31 is compared. Values
+# are compared in the type of the object, so that a drive that answers with more bytes than the EDS declares is not
+# written again at each boot.
 
 
 _TEXT = (DataType.VISIBLE_STRING, DataType.UNICODE_STRING)
@@ -147,16 +146,16 @@ def _is_needed(
     return True
 
 
-# The PDOs of a node during its boot: made what the plan says, used as the node has them, or left invalid (CiA 301).
+# The PDOs of a node during its boot: configured as planned, used as the node has them, or left invalid (CiA 301).
 #
-# Rules (CiA 301, 7.5.2.35): a PDO is read before it is written, written in the standard's order
-# (invalid, settings, mapping, valid), and read back. If the node refuses (a constant COB-ID, a mapping that cannot be
-# written) what it had is put back, and used if it carries every object the plan wants there; an RPDO's others stay at
-# what they are. Else the PDO is left invalid and the boot fails with the objects that are missing.
+# Rules (CiA 301, 7.5.2.35): a PDO is read before it is written, written in the standard's order (invalid, settings,
+# mapping, valid), and read back. If the node refuses (a constant COB-ID, a mapping that cannot be written), its
+# previous configuration is restored, and used if it contains every planned object; other objects of an RPDO keep their
+# values. Otherwise the PDO is left invalid and the boot fails with the missing objects.
 #
-# An RPDO is sent as a whole, so that each object in it needs a value before the first is written: what nobody writes
-# stays as the node has it (`read_outputs`), and counts as 0 where the node does not show it. What moves an axis is not
-# among them, it begins at rest (`boot`).
+# An RPDO is sent as a whole, so that each object in it needs a value before the first transmission: objects without a
+# writer keep the node's value (`read_outputs`), or get 0 if the node does not allow reading it. Objects that move an
+# axis are not among them; they begin at rest (`boot`).
 
 
 Held = dict[tuple[int, int], bytes | None]
@@ -194,7 +193,7 @@ def release_cob_ids(
         try:
             data = yield from transfers.held(cob_id_of(pdo), 1)
         except SdoTimeout:
-            return  # told when the PDO is configured
+            return  # reported when the PDO is configured
         current = INVALID_BIT if data is None else int.from_bytes(data, "little")
         if not current & INVALID_BIT and claimed.get(current & 0x7FF, pdo) != pdo:
             yield from _try(transfers, cob_id_of(pdo), 1, (current | INVALID_BIT).to_bytes(4, "little"))
@@ -208,7 +207,7 @@ def configure_pdo(
     try:
         for address in reads_of(group):
             current[address] = yield from transfers.held(*address)
-        # A setting that nothing asks for, and that the device does not have, is none of it.
+        # An optional setting that the device lacks is not written.
         lacking = [
             write for write in group if write.optional and not is_cob_id(write) and current[write.address] is None
         ]
@@ -545,7 +544,7 @@ def check_expected(plan: NodePlan, transfers: BootTransfers) -> Generator[Reques
             continue
         index, offset = axis_of(write.index)[0], 0x800 * axis_of(write.index)[1]
         if index != POLARITY and (not value or (_makes(plan, offset, values) and not _makes(plan, offset, by_file))):
-            continue  # 0 revolutions or counts: the drive does not say
+            continue  # 0 revolutions or counts: not defined by the drive
         line = f"{{index: 0x{write.index:04X}, sub_index: {write.subindex}, value: {value}}}"
         raise boot_error(
             plan,
@@ -650,7 +649,7 @@ def _release(write: PlannedWrite, current: bytes, transfers: BootTransfers) -> G
         try:
             yield from transfers.write(*write.address, changeable.to_bytes(4, "little"))
         except SdoAbort:
-            return  # what follows is told
+            return  # the write that follows reports the error
 
 
 def _clear_double(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers) -> Generator[Request, Answer, None]:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _HEAD: Final = "<IB3x"  # of a record, see `canopen_control.frame`
 _NEVER: Final = -1
 _NO_END: Final = (1 << 62) - 1
-MISSED_SYNCS = 3  # after so many SYNCs without its TPDO what it carries is stale, unless bus.yml says otherwise
+MISSED_SYNCS = 3  # SYNCs without a TPDO after which its values are stale; bus.yml can set another limit
 CYCLIC_SYNCHRONOUS = range(1, 241)  # transmission types of RPDOs that a drive expects with every SYNC
 
 
@@ -72,7 +72,7 @@ class ReceivedPdo:
         self.age_limit_ns = 0
         self.allow(MISSED_SYNCS)
         self.expected = self.overdue = False
-        self.told_lengths = 0  # a bit for each wrong length that was told
+        self.told_lengths = 0  # a bit for each wrong length already reported
         self.checked = self.silent = self.since = 0
         self.values: tuple[Value, ...] = (0,) * len(objects)
         self.stamp = _NEVER
@@ -254,7 +254,7 @@ class SentPdo:
             try:
                 self.record = packer(self.cob_id, codec.length, *self.values)
             except (struct.error, OverflowError):
-                codec.pack(self.values)  # says which object it is
+                codec.pack(self.values)  # its error names the object
                 raise
         self.changed = False
 

@@ -62,7 +62,7 @@ class DirectBus:
     """Port with protocol cores.
 
     `heard` are the nodes whose boot-up, heartbeat or guarding answer was received, by node id. `timeout_s` is the time
-    for each SDO answer. `listeners` receive every frame, whatever is served. Every call raises BusError when the bus is
+    for each SDO answer. `listeners` receive every frame. Every call raises BusError when the bus is
     gone.
     """
 

@@ -21,9 +21,9 @@ WIDEST_WINDOW_NS: Final = 64_000_000_000
 FEW: Final = 5
 _MOST_OPEN: Final = 256
 _NEVER: Final = 1 << 62
-#: what somebody did, or what a state has become by it: each one counts, unless it is a flood
+#: kinds of actions and of their results: each event is reported, except in a flood
 _ACTS: Final = frozenset({"stop", "stop_latched", "stop_released", "stopping", "stopped", "recovered"})
-#: what is told without anybody having done something, good as it may be
+#: prefixes of the kinds of events that occur without an action of a user
 _MACHINES: Final = ("bus_", "emcy")
 #: counts, times and bytes of data, but neither hexadecimal codes nor node ids
 _NUMBER: Final = re.compile(r"(?<!node )(?<![\w.])(?:[0-9a-f]{2}(?: [0-9a-f]{2})+|\d+(?:\.\d+)?)(?!\w)")
@@ -166,7 +166,7 @@ class EventLog:
         return [repeated.sum()]
 
     def _close_oldest(self) -> list[Event]:
-        """Close the oldest series to make room; its summary is reported."""
+        """Close the oldest series to free its entry, and report its summary."""
         key = next(iter(self._open))
         repeated = self._open.pop(key)
         return [repeated.sum()] if repeated.count > repeated.told else []

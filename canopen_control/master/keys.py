@@ -4,8 +4,8 @@ Every key that ros2_canopen reads stands here. It is either honoured, or listed 
 `UNUSED_MASTER` or `UNUSED_NODE` with what takes its place, and then named once to the user; none is dropped silently.
 Times have the format's own units: us where named sync, ms where named heartbeat, boot, timer or `_ms`.
 
-What each key means is said in `docs/words.py`, of which the reference of bus.yml is made. What this package adds to
-ros2_canopen's keys is optional, and a file with it still serves ros2_canopen, which ignores keys that it does not know.
+`docs/words.py` describes each key; the reference of bus.yml is generated from it. The keys that this package adds to
+those of ros2_canopen are optional, and a file with them still works with ros2_canopen, which ignores unknown keys.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from canopen_control.od.model import BIT_RATES
 from canopen_control.profiles.device_signal import TYPES, object_of
 from canopen_control.yamlfile.convert import derived, part, setting
 
-DEFAULT_HEARTBEAT_MS = 100  # where bus.yml asks for none: a dead partner is always noticed
+DEFAULT_HEARTBEAT_MS = 100  # default without a key in bus.yml: a failed partner is always detected
 DEFAULT_BOOT_MS = 5000
 DRIVE_DRIVERS = ("Cia402", "MotionController")
 """Parts of the names of ros2_canopen's drivers for drives, of today and of before."""

@@ -1,8 +1,8 @@
 """Master of one bus without I/O: receives and sends frames and supervises all nodes.
 
-A frame is routed by one look-up of its identifier and never raises, whatever it holds; frames
-nobody expects are counted in `unknown`. PDOs go straight to the process image. Everything else wakes the node it is
-from. What is to be sent waits in `take`; RPDOs and SYNC come from `cycle`.
+A frame is routed by one look-up of its identifier and never raises, whatever its content; unexpected frames are
+counted in `unknown`. PDOs go straight to the process image. Every other frame is processed by the node that sent it.
+Frames to send wait in `take`; RPDOs and SYNC come from `cycle`.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ class SecondMasterDetector:
 
     def on_expected_sync(self, can_id: int, period_ns: int, now: int, late: bool) -> None:
         """Process a SYNC sent for this master by the kernel; a surplus comes from another producer."""
-        if late or now - self._sync_since >= _SYNCS * period_ns:  # what was read in one go says nothing of a rate
+        if late or now - self._sync_since >= _SYNCS * period_ns:  # frames read together give no rate
             self._sync_since, self._syncs = now, 0
         self._syncs += 1
         if self._syncs > _SYNCS + _SYNCS // 2:

@@ -1,14 +1,13 @@
 """Configuration plan of a node: SDO writes and PDO layout, from bus.yml and the EDS.
 
-Everything is decided here, before the first frame is sent, and whatever does not fit (an object
-the EDS lacks, a value out of its type, a mapping over 64 bits) is an error of the configuration, not of the boot.
+All decisions are made before the first frame is sent; whatever does not fit (an object missing from the EDS, a value
+outside its type, a mapping over 64 bits) is a configuration error, not a boot error.
 
-The order: what concerns SYNC, then what a `configuration_file` or the ParameterValues of a DCF say, RPDOs, TPDOs
-(`plan_pdos.py`), the `sdo:` list, and supervision last. So bus.yml has the last word over a file, and nothing that is
-written into a node can switch its supervision off without being seen: `NodePlan.unsupervised` judges the values that
-the node holds after all writes. What this package adds has a `reason`: the drive watches the master (0x1016), stops
-when the master is lost (0x1029 or 0x6007), interpolates over the SYNC period (0x60C2), and has no live PDO that nobody
-configured.
+Order: objects of SYNC, then the downloads of a `configuration_file` or the ParameterValues of a DCF, RPDOs, TPDOs
+(`plan_pdos.py`), the `sdo:` list, and supervision last. So bus.yml takes precedence over a file, and no write can
+switch off a node's supervision unnoticed: `NodePlan.unsupervised` is computed from the values that the node has after
+all writes. Writes added by this package have a `reason`: the drive monitors the master (0x1016), stops when the master
+is lost (0x1029 or 0x6007), interpolates over the SYNC period (0x60C2), and has no valid PDO without a configuration.
 """
 
 from __future__ import annotations
@@ -88,7 +87,7 @@ class NodePlan:
     `guard` is (guard time in ns, life time factor) of a node watched by guarding; `restore` and `save` are subindices
     of 0x1011 and 0x1010, 0 for neither; `software_version` is what 0x1F56:01 must hold, 0 for anything. `signals` are
     those of a device that is not a drive, and of `signals` in bus.yml, by name; `reads` is read for them at boot.
-    `unsupervised` says why the death of the master would not stop its axes, "" where it does: after all writes.
+    `unsupervised` is the reason why the loss of the master would not stop its axes after all writes, else "".
     `expected` is what the scales of bus.yml count on and nothing writes: polarity, gear and feed, as in the EDS;
     `turns` are the position counts of one turn by axis (its offset), as bus.yml has them. `motors` is the order of the
     objects of a device with several motors in one object set: `rpdos`, `tpdos` and `axes` have the addresses of its
@@ -142,7 +141,7 @@ class NodePlan:
 class PlanInput:
     """Input of a plan; `complain(key, text)` and `warn` get errors and warnings, `note` and `remark` the rest.
 
-    `note` is told of keys without effect, `remark` of what is good to know.
+    `note` gets keys without effect, `remark` further information.
 
     `downloads` are those of a `configuration_file` or of a DCF's ParameterValues; `source` names the EDS in messages;
     `spare_cob_ids` are for PDOs above 4 with `cob_id: auto`, one supply for the whole bus.
@@ -311,8 +310,8 @@ def _check_identity(builder: PlanBuilder) -> None:
 def _identity(node: NodeConfig, od: ObjectDictionary) -> NodeIdentity:
     """Return vendor and product of bus.yml, else of the EDS; revision and serial of bus.yml only. 0 is not checked.
 
-    From the EDS only where it has the subindex: of 0x1018 a device must have no more than the vendor (CiA 301,
-    7.5.2.21), and some have not even that. What [DeviceInfo] says cannot be asked of them.
+    Only those that the EDS has: of 0x1018 only the vendor id is mandatory (CiA 301, 7.5.2.21), and some devices lack
+    even that. Values of [DeviceInfo] cannot be read from a device.
     """
 
     def default(index: int, subindex: int, device: int | None, number: int | None = None) -> int:
@@ -421,7 +420,7 @@ def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
     if keys.heartbeat_consumer is None and any(
         entries[subindex][0] == master.node_id and entries[subindex][1] for subindex in listed & entries.keys()
     ):
-        return  # the `sdo:` list says for how long
+        return  # the time is in the `sdo:` list
     own = keys.heartbeat_consumer or not listed
     usable = [sub for sub in subindices if builder.can_write(CONSUMER, sub) and (own or sub not in listed)]
 
@@ -483,7 +482,7 @@ def _plan_producer(builder: PlanBuilder) -> int:
 def _plan_reactions(builder: PlanBuilder) -> None:
     """Plan the reaction of the axes to a lost master: 0x6007 where present, else 0x1029:1 = stopped.
 
-    What a file says counts where it is a reaction: 0 in 0x6007 is none, and so is 0 or 1 in 0x1029:1 of a drive with an
+    A value in a file is kept if it is a reaction: 0 in 0x6007 is none, nor is 0 or 1 in 0x1029:1 of a drive that has an
     axis without 0x6007.
     """
     keys = builder.node.supervision
@@ -563,8 +562,8 @@ def _plan_sync_counter(builder: PlanBuilder, master: MasterConfig) -> None:
 def _plan_services(builder: PlanBuilder, master: MasterConfig) -> None:
     """Plan SYNC consumption and EMCY production at the identifiers this package uses.
 
-    A value of the `sdo:` list stays, and is warned of where it is another one. 0x1005 of a node that sends SYNC itself
-    (bit 30) is left alone where `sync_producer` says that another node does.
+    A different value in the `sdo:` list is kept, with a warning. 0x1005 of a node that sends SYNC itself (bit 30) is
+    left alone if `sync_producer` names another node.
     """
     if master.sync_producer != "other" or not (builder.default(SYNC, 0) or 0) & PRODUCER_BIT:
         _plan_service(builder, SYNC, SYNC_COB_ID, "SYNC is sent there")

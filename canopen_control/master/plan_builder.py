@@ -1,6 +1,6 @@
 """Builder of a node's plan: encodes and marks its SDO writes, and reports errors.
 
-A write is encoded here once, as the EDS types its object, so that all speak of the same bytes.
+A write is encoded once, in the type that the EDS gives its object; all steps of the boot use the same bytes.
 What can be read back is compared before it is written and verified after; what cannot (objects without read access, the
 signatures of 0x1010 and 0x1011, an address that is written several times with different values: such a sequence is a
 procedure) is always written.
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from canopen_control.od.model import ObjectDictionary, Value
 
 
-# Maps velocity and torque offset (0x60B1, 0x60B2) into the RPDOs of a node whose `feed_forward` asks for them.
+# Mapping of the velocity and torque offset (0x60B1, 0x60B2) into the RPDOs of a node with `feed_forward`.
 #
-# The mapping of bus.yml stays as it is; an offset is put behind it, first where the target
-# position is, else into another RPDO of bus.yml that has room, else into one of the first four that are unused, with
-# the transmission of the target position. What cannot be mapped is told, and done without.
+# The mapping of bus.yml is kept. An offset is appended to the RPDO of the target position, else to another RPDO of
+# bus.yml with free space, else to one of the first four that are unused, with the transmission type of the target
+# position. An offset that cannot be mapped is reported and not used.
 
 
 _OFFSETS: Final = {"velocity": VELOCITY_OFFSET, "effort": TORQUE_OFFSET}
@@ -63,7 +63,7 @@ def _why_not(builder: PlanBuilder, index: int) -> str:
 
 
 def _add_feed_forward(builder: PlanBuilder, index: int, target: int) -> str:
-    """Map an object into the first RPDO with room; return the problem if none has room."""
+    """Map an object into the first RPDO with enough free space; return the problem if there is none."""
     rpdos = builder.node.boot.rpdo
     mine = [number for number, pdo in rpdos.items() if pdo.enabled and pdo.mapping is not None]
     mine.sort(key=lambda number: target not in _mapped(builder, number, rpdos[number]))
@@ -103,9 +103,9 @@ def _mapped(builder: PlanBuilder, number: int, pdo: PdoConfig) -> list[int]:
 
 # The interpolation time period (0x60C2) of a plan: the SYNC period exactly, in 1 to 255 units of a power of ten.
 #
-# Rules (CiA 402-2): a drive in CSP moves from one set-point to the next within this time. Shorter than
-# the SYNC period, it stops in between; longer, it is interrupted. Where bus.yml says another time that is written, and
-# warned of; what the drive cannot be told exactly, or does not take, is told too.
+# Rules (CiA 402-2): a drive in CSP moves from one set-point to the next within this time. If it is shorter than the
+# SYNC period, the drive stops between set-points; if it is longer, each motion is interrupted. Another time in bus.yml
+# is written, with a warning. A period that the object cannot express, or that the drive refuses, is reported.
 
 
 _MOST: Final = 0xFF
@@ -216,7 +216,7 @@ def _interpolation(period_us: int) -> tuple[int, int]:
 
 STORED = "as in the EDS, but the device may have stored something else"
 """The reason of a write that changes nothing where the device is as its file says."""
-_PROCEDURES = frozenset((0x1010, 0x1011))  # what is read there is no value that was written
+_PROCEDURES = frozenset((0x1010, 0x1011))  # reading them does not return the written value
 _BYTES = frozenset((DataType.OCTET_STRING, DataType.DOMAIN))
 
 
@@ -260,7 +260,7 @@ class PlannedPdo:
 class PlanBuilder:
     """Builder of a plan; `complain(key, text)` reports an error and continues, `warn` a warning.
 
-    `note` is told of keys without effect, `remark` of a choice.
+    `note` gets keys without effect, `remark` choices of this package.
     """
 
     node: NodeConfig
@@ -282,7 +282,7 @@ class PlanBuilder:
         for place, write in enumerate(self.node.boot.sdo):
             pdo, entry = pdo_of(write.index), self.od.get(write.index, write.sub_index)
             if pdo is None or entry is None:
-                continue  # what the EDS lacks is told where the list is planned
+                continue  # objects missing from the EDS are reported when the list is planned
             try:
                 data = encode(_bytes_of(write.value, entry.data_type), entry.data_type)
             except ValueError as error:
@@ -323,16 +323,16 @@ class PlanBuilder:
     ) -> None:
         """Add one write, encoded by the EDS's type of the object; `key` is its place in bus.yml.
 
-        What cannot be written is an error where bus.yml asks for it, and done without where this package adds it
-        (`reason`): the user is told.
+        A write that is not possible is an error if bus.yml requests it; if this package adds it (`reason`), it is
+        omitted and the user is informed.
         """
         entry = self.od.get(index, subindex)
         if entry is None:
             self._cannot(key, reason, f"0x{index:04X}:{subindex:02X} is not in {self.file}")
             return
         place = f"0x{index:04X}:{subindex:02X} {entry.name}"
-        if not entry.writable and not pdo:  # PDO records: many an EDS says `ro` or `const` of what can be written
-            if not reason or self.default(index, subindex) != value:  # else it is as it is to be
+        if not entry.writable and not pdo:  # many EDS files declare writable PDO records as `ro` or `const`
+            if not reason or self.default(index, subindex) != value:  # else it has the value already
                 self._cannot(key, reason, f"{place} is {entry.access}, it cannot be written")
             return
         try:

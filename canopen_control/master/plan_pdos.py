@@ -1,8 +1,8 @@
 """PDOs of a plan: enabled PDOs, their mapping, and the writes for them (CiA 301, 7.5.2.35 to 38).
 
 A PDO is made invalid before anything of it is changed, and valid last; bit 30 of its COB-ID is the
-device's own. What bus.yml does not say is as in the EDS, and written all the same: a device may have stored something
-else. Where bus.yml lists PDOs, those that it does not list are switched off, also where a file or the device has them
+device's own. Settings that bus.yml lacks are written as in the EDS, because a device may have stored other values.
+If bus.yml lists PDOs, those that it does not list are disabled, even if a file or the device has them
 live: a second live RPDO with a controlword is a second steering wheel. Where bus.yml lists none, those of the file are
 used, and without any in a file the device's own. An entry of `sdo:` lists a PDO as well as `rpdo` and `tpdo` do.
 """
@@ -45,13 +45,13 @@ if TYPE_CHECKING:
 
 # Signals of a device other than a drive: its profile's and those of `signals` in bus.yml, and what its boot writes.
 #
-# Outputs are made safe without the master: their error modes (0x6206 and its like) say that they take their error
-# values (0x6207), which are written too. Analogue inputs are made to be sent: by events they only are once 0x6423 is
-# set. What the `sdo:` list or a file writes is left to them. What the inputs begin with, and how the device scales
-# them, is read.
+# Outputs are made safe without the master: their error modes (0x6206 and similar) are set so that they take their error
+# values (0x6207), which are written too. Analogue inputs are made to be sent: they cause events only if 0x6423 is
+# set. Values of the `sdo:` list or a file take precedence. The initial inputs and the scaling of the device
+# are read.
 
 
-_SMALLEST_CHANGE: Final = 64  # of 32767, where neither the file nor the user says which change is worth a message
+_SMALLEST_CHANGE: Final = 64  # of 32767: default of the change that causes a message
 _EVENT_TYPES: Final = (254, 255)
 _SAFE: Final = "outputs are safe when the master dies"
 
@@ -190,7 +190,7 @@ def warn_of_unwatched_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -
 def _plan_safe(builder: PlanBuilder, output: SafeOutput) -> bool:
     """Plan error mode and error value of one object; return False if an output is unsafe by accident."""
     if output.mode_at is None:
-        return not output.mode  # bus.yml says of each of them that it keeps what it has
+        return not output.mode  # bus.yml lets each of them keep its value
     mode = builder.asked_value(*output.mode_at)
     if mode is not None:
         return mode != 0
@@ -259,7 +259,7 @@ _SIGNED_TYPES = {
     DataType.UNSIGNED16: DataType.INTEGER16,
     DataType.UNSIGNED32: DataType.INTEGER32,
 }
-_RELIED_ON = (2, 5)  # of these: what the master counts on, and writes where nothing asks for a value
+_RELIED_ON = (2, 5)  # of these: the master depends on them, and writes them without a request too
 _EVENT_TIMER = _SETTINGS.index(5)
 
 
@@ -510,8 +510,8 @@ def _write(
 def _settings(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> tuple[tuple[int, int | None], ...]:
     """Return (subindex, value or None): an RPDO's event timer is its deadline.
 
-    What the EDS lacks is none where it changes nothing: a time of 0, and what only a TPDO has (CiA 301, 7.5.2.35:
-    inhibit time and SYNC start are no concern of an RPDO), which ros2_canopen's generator reads of TPDOs only.
+    A missing object is no problem if it changes nothing: a time of 0, or a setting of TPDOs only (CiA 301, 7.5.2.35:
+    inhibit time and SYNC start value do not apply to RPDOs), which ros2_canopen's generator reads of TPDOs only.
     """
     timer = pdo.event_timer if pdo.event_timer is not None else pdo.event_deadline
     values = dict(zip(_SETTINGS, (pdo.transmission, pdo.inhibit_time, timer, pdo.sync_start), strict=True))

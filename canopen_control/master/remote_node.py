@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 
 # Events of a node beside its boot: emergencies, missing process data, a second node with its id.
 #
-# Every sentence names the node and says what it means or what helps. Emergencies are kept (the
-# errors that last) whatever is told of them; a flood is told in sum.
+# Every sentence names the node, and the consequence or the remedy. Emergencies are kept (the errors that persist) even
+# if they are not reported; a flood is reported as one summary.
 
 
 _CHAIN = "; if a fault reset has no effect: nmt reset-comm, then axis fault-reset, then axis enable"
@@ -176,9 +176,9 @@ def _details(message: EmcyMessage) -> EventDetails:
     return EventDetails(message.error_code, message.error_register, message.data.hex())
 
 
-FAREWELL_NS = 2_000_000_000  # how long a node that went silent is still told to stop
+FAREWELL_NS = 2_000_000_000  # time in which stop commands are sent to a node that went silent
 _QUICK_STOP = b"\x02\x00"
-RETRY_NS = 1_000_000_000  # CiA 302-2: a node that did not answer is asked again after a second
+RETRY_NS = 1_000_000_000  # CiA 302-2: a request without an answer is repeated after a second
 
 
 class NodeState(enum.Enum):
@@ -302,11 +302,11 @@ class RemoteNode:
             return
         self._drop(now, f"NMT {command.name.lower().replace('_', ' ')} was commanded", Level.WARNING, kind="nmt")
         if not self.plan.supervision_ns:
-            self.nmt_state = _COMMANDED.get(command)  # nothing will tell
+            self.nmt_state = _COMMANDED.get(command)  # no later message shows it
         self.expected_state = None if boot else _COMMANDED.get(command)
         self._retry_at = now + 2 * RETRY_NS if boot else None
         # CiA 301, 7.2.8.3.1: life guarding counts from the first remote frame on
-        if command not in RESETS:  # a guarded node shows its state to who asks, and takes a silent master for lost
+        if command not in RESETS:  # guarding polls it, and a silent master counts as lost
             self._guard(True, now)
 
     def _send_command(self, command: NmtCommand) -> None:
@@ -448,15 +448,15 @@ class RemoteNode:
     def age_ns(self, now: int) -> int | None:
         """Return the time since the last sign of life, None if there was none."""
         newest = -1 if self.last_seen is None else self.last_seen
-        for pdo in self.received:  # no generator: each sample of the state asks
+        for pdo in self.received:  # no generator: called for each sample of the state
             if pdo.stamp > newest:
                 newest = pdo.stamp
         return now - newest if newest >= 0 else None
 
     def _on_boot_up(self, now: int, since: int | None) -> None:
-        self.nmt_state, self.last_seen = NmtState.PRE_OPERATIONAL, now  # a boot-up tells that it has come there
+        self.nmt_state, self.last_seen = NmtState.PRE_OPERATIONAL, now  # announced by the boot-up
         # CiA 301, 7.3.2: the initialisation resets the SDO server
-        self.sdo.forget()  # a node that restarted answers nothing it was asked before
+        self.sdo.forget()  # a restarted node does not answer earlier requests
         self.log.boot_up(now, since)
         if self._task is not None and self._task.awaits_boot_up:
             self._task.boot_up(now)
@@ -619,7 +619,7 @@ def _is_absence(request: SdoRequest) -> bool:
 
 
 _GUARD_TIME, _LIFE_TIME_FACTOR, _PRODUCER, _SYNC_OVERFLOW = 0x100C, 0x100D, 0x1017, 0x1019
-_SYNC_LENGTH = 0x8240  # EMCY: the SYNC has another length than 0x1019 says
+_SYNC_LENGTH = 0x8240  # EMCY: the length of the SYNC does not match 0x1019
 _ABSENT = (AbortCode.NO_OBJECT, AbortCode.NO_SUBINDEX)
 _MAY_BE_ALIVE = ("heartbeat_lost", "guarding_lost", "guarding_toggle", "restarted", "nmt")
 _COMMANDED = {

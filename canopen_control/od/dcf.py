@@ -2,7 +2,7 @@
 
 Texts that were read from a file are written unchanged if they still have the value of the dictionary; all others are
 written from the dictionary. Reading the written file therefore gives an equal dictionary, with the keys and sections
-that this package does not know. Only comment lines are lost. Entries of CompactSubObj are written in full; the three
+that this package does not use. Only comment lines are lost. Entries of CompactSubObj are written in full; the three
 object lists and SubNumber are computed.
 """
 

@@ -1,6 +1,6 @@
 """XDD and XDC files (CiA 311), the XML form of EDS and DCF: reader and writer.
 
-A file is read as the sections of the EDS that says the same, with the lines of its elements, so that one reader and one
+A file is converted to the sections of the equivalent EDS, with the lines of its elements, so that one reader and one
 set of checks serve both forms. An object has its type, access and values as attributes, or in the <parameter> of the
 device profile that its `uniqueIDRef` names, as CANopenNode's editor writes it; attributes take precedence.
 """
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _CONTAINER: Final = "ISO15745ProfileContainer"
 _OBJECT, _SUB_OBJECT, _PARAMETER = "CANopenObject", "CANopenSubObject", "parameter"
-_ATTRIBUTES: Final = {  # of an object, and the keys of an EDS that say the same
+_ATTRIBUTES: Final = {  # of an object, and the equivalent keys of an EDS
     "name": "ParameterName",
     "objectType": "ObjectType",
     "subNumber": "SubNumber",

@@ -51,7 +51,7 @@ _WORDS: Final = {
 }
 
 T = DataType
-#: objects (index, subindex, type) that all must be there -> the profile, where 0x1000 says nothing; the first that fits
+#: objects (index, subindex, type), all required -> the profile, if 0x1000 names none; the first that fits
 _SIGNATURES: Final = (
     (((0x6060, 0, T.UNSIGNED32), (0x6081, 0, T.UNSIGNED8)), Profile.BATTERY),
     (((0x6001, 0, T.UNSIGNED32), (0x6004, 0, T.UNSIGNED32)), Profile.ENCODER),

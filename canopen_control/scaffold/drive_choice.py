@@ -4,8 +4,7 @@ A device may have several axes, the profile again 0x800 higher for each: all of 
 kind of interface, since bus.yml has one for a node, and their objects share the device's PDOs.
 Velocity before position, as far as 0x6502 and the mappable targets let it. What the drive ramps itself (PV, PP is after
 CSP, which ros2_control's position controllers expect) needs no set-point every cycle. A torque only where it is
-asked for. Units are those of the EDS's
-defaults (0x608F, 0x6091, 0x6092, 0x60A9), else a guess that is called one.
+requested. Units are those of the EDS's defaults (0x608F, 0x6091, 0x6092, 0x60A9), else a guess that is marked as such.
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ class Supervision:
 
     @property
     def stops_alone(self) -> bool:
-        """Whether something stops the drive when the master dies."""
+        """Whether the drive stops when the master is lost."""
         return self.consumer or self.guarding
 
 
@@ -69,8 +68,8 @@ class Supervision:
 class AxisChoice:
     """Control of axis `number`; `feedback` are its state interfaces, `counts` those per revolution of the joint.
 
-    `told` is whether the EDS says so; `rpm` how many revolutions per minute the unit of its velocities is (0x60A9), 0
-    where it is counts per second.
+    `told` is True if the EDS gives them; `rpm` is the unit of its velocities in revolutions per minute (0x60A9), 0 for
+    counts per second.
     """
 
     number: int

@@ -1,7 +1,7 @@
 """Nodes, joints and base of a new robot, chosen from EDS files and checked before a file is written.
 
 Names of joints and controllers are names of ROS: letters, digits and _. Each axis of a drive is a joint. A device that
-is not a drive has what its profile says: inputs and outputs by name, or of an encoder a measured joint; one
+is not a drive gets what its profile defines: inputs and outputs by name, or of an encoder a measured joint; one
 with an unknown profile is a proxy. A bus of proxies alone has no description and no controllers.
 """
 
@@ -86,7 +86,7 @@ class NewJoint:
 class NewNode:
     """Node of the new bus.yml; `drive` None and no `joints` for other devices, which may have `signals`.
 
-    `unusable` says why a drive cannot be moved: it has no `drive` then, and its PDOs stay as it has them.
+    `unusable` is why a drive cannot be moved: `drive` is None then, and its PDOs are left as they are.
     """
 
     name: str
@@ -128,8 +128,8 @@ class NewNode:
 class NewRobot:
     """Robot without files yet; `sync_us` is the SYNC period in us, `baudrate` in kbit/s.
 
-    `heartbeat_ms` is how often either side tells that it is there, or is asked. `eds_names` says what the copies of
-    EDS files are called, where that is decided. `problems` are sentences about what bars it from being run as it is.
+    `heartbeat_ms` is the period of both sides' heartbeats, or of guarding. `eds_names` are the names of the copies of
+    EDS files, if they are set. `problems` are sentences about what prevents it from running.
     """
 
     name: str

@@ -1,7 +1,7 @@
 """Choice of the PDOs in a new bus.yml for the objects that a drive needs.
 
-A mapping that can be written is filled in the order in which objects are wanted, up to the slots and the 64 bits of the
-PDO. Where the mapping is fixed (its entries are const or ro, or the EDS says Granularity=0), the fewest PDOs that
+A writable mapping is filled in the order of the required objects, up to the slots and the 64 bits of the PDO. If the
+mapping is fixed (its entries are const or ro, or the EDS has Granularity=0), the fewest PDOs that
 carry what is needed are taken as they are, and never two with one object: a second controlword would be a second
 steering wheel (CiA 301, 7.5.2.35 to 7.5.2.38; CiA 306-1).
 """

@@ -1,7 +1,7 @@
 """Generator of a robot's folder: files are written temporarily, checked as by `check --strict`, then moved.
 
-A folder that is there is not touched unless that is asked for, and then nothing but the files
-that are made again. What the check finds to be an error is written into bus.yml as a comment, and reported; so is why a
+An existing folder is not changed unless that is requested, and then only the generated files are replaced.
+Errors that the check finds are written into bus.yml as comments, and reported; so is the reason why a
 drive cannot be moved.
 """
 
@@ -176,8 +176,8 @@ def _control(joint: NewJoint) -> list[str]:
 
 # The controllers of devices that are not drives in a new ros2_controllers.yaml: outputs by name, and what is measured.
 #
-# A device with outputs gets a GPIO command controller, which tells its inputs too. A battery gets its broadcaster, any
-# other device one that contains all of its signals. The joint of an encoder is told by the joint state broadcaster.
+# A device with outputs gets a GPIO command controller, which publishes its inputs too. A battery gets its broadcaster,
+# any other device one that contains all of its signals. The joint state broadcaster publishes the joint of an encoder.
 
 
 @dataclass(frozen=True, slots=True)
@@ -378,7 +378,7 @@ _PARAMETERS: Final[dict[str, Callable[[NewRobot], list[str]]]] = {
 
 _PERIODS_US: Final = (20_000, 50_000, 100_000, 200_000)
 """SYNC periods, the shortest that the bus can carry is taken."""
-_FASTEST_US: Final = 5_000  # of a period that a file tells
+_FASTEST_US: Final = 5_000  # with the period in a file
 _LARGEST_POWER: Final = 10
 
 

@@ -137,7 +137,7 @@ def finite_number(text: str) -> float | None:
 
 
 class _Builder:
-    """Builder of elements from the calls of expat's C parser, which knows the line."""
+    """Builder of elements from the callbacks of expat, whose parser has the line number."""
 
     def __init__(self, source: _XacroLines | None) -> None:
         self._parser = xml.parsers.expat.ParserCreate()

@@ -53,7 +53,7 @@ def installed_packages(package: str, environment: Mapping[str, str] | None = Non
         if folder.is_dir():
             yield folder
     if environment is None:
-        with contextlib.suppress(Exception):  # ament_index_python is missing, or does not know it
+        with contextlib.suppress(Exception):  # ament_index_python is missing, or lacks the package
             from ament_index_python.packages import get_package_share_directory
 
             yield Path(get_package_share_directory(package))

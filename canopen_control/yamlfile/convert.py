@@ -1,4 +1,4 @@
-# ruff: noqa: ANN401 - what stands in a file, and what it is wanted as, may be anything
+# ruff: noqa: ANN401 - values of a file, and their target types, are of any type
 """Conversion of YAML nodes to the types declared by a dataclass, with bounds and choices.
 
 A conversion returns the value, or reports a mistake at the node and returns INVALID; a structure with an invalid part
