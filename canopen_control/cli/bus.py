@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     Status: TypeAlias = "hub.HubStatus | InterfaceStatus"
 
 
-# What `bus status` tells of CAN interfaces: their state and counters, how much goes over them, who has them open.
+# Report of `bus status` on CAN interfaces: state, counters, load, and the processes that have them open.
 
 
 LOOK_S = 0.5
@@ -358,7 +358,7 @@ def _label(spec: ChannelSpec, word: str) -> str:
     """Return the label for a user's word; ConfigError with the existing labels."""
     status = ask_hub(spec.name, hub.GetHubStatus())
     labels = [member.label for member in status.members]
-    present = {*labels, *status.cut, *status.bus_off, *status.delays_ms}  # who is cut may be gone as well
+    present = {*labels, *status.cut, *status.bus_off, *status.delays_ms}  # a disconnected member may have left
     nodes = known_nodes(str(spec))
     node = find_node(word, nodes)
     meant = [word, _DRIVE.format(word if node is None else node.node_id)]

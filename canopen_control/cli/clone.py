@@ -2,7 +2,7 @@
 
 The new drive keeps its node id, bit rate, identity and encoder calibration. COB-IDs that follow the node id follow the
 new one. Everything else is as for `restore`: only differences are written, everything is read back, after a refusal the
-new drive has its previous values, and nothing is stored without --store. If the old drive is dead, `restore` its
+new drive has its previous values, and nothing is stored without --store. If the old drive has failed, `restore` its
 backup.
 
 Exit codes: 0 both are equal; 1 the new drive refused a value, or one did not answer; 2 wrong usage.

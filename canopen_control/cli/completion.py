@@ -29,6 +29,6 @@ def run(args: argparse.Namespace) -> int:
     """Print the script."""
     from argcomplete.shell_integration import shellcode
 
-    # Without readline's own completion, which offers files wherever we know of nothing.
+    # Without readline's own completion, which offers files if there are no words.
     print(shellcode(["canopen-control"], use_defaults=False, shell=args.shell), end="")
     return 0

@@ -3,7 +3,7 @@
 Without --configure, --store and --motion the checks change no value; some send requests that a device has to refuse.
 With --configure they write parameters, and start, stop and reset the node; with --store they store parameters; with
 --motion they switch on the power stage of a drive and turn the shaft: --speed and --distance bound each motion, or
-0x607F and a revolution, and the shaft returns to its place. Each is asked for once unless --yes is given. At the end
+0x607F and a revolution, and the shaft returns to its place. You confirm each once, or give --yes. At the end
 the parameters that the EDS lists are compared and restored. A node of a running robot is refused, and with one of the
 three options a node that is OPERATIONAL.
 

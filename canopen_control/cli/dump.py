@@ -32,7 +32,7 @@ EXAMPLE = """canopen-control dump left_drive "0x60*"
          canopen-control dump left_drive "0x1*" --format csv -o left_drive.csv
          canopen-control dump 3 --format dcf -o node3.dcf"""
 
-_BITRATE: Final = 1_000_000  # where the file does not tell
+_BITRATE: Final = 1_000_000  # if the file has no bit rate
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -189,7 +189,7 @@ def _from_bus(args: argparse.Namespace) -> list[Device]:
         raise ConfigError(
             f"no EDS matches any device on {survey.channel}; pass the manufacturers' files with --eds FILE"
         )
-    if survey.expected is None:  # no robot runs there, whose drives no other program may ask
+    if survey.expected is None:  # not for the drives of a running robot: no other program may access them
         ask_drives(survey.channel, devices, args.timeout)
     return devices
 
@@ -218,7 +218,7 @@ def ask_drives(channel: str, devices: Sequence[Device], timeout: float) -> None:
         answers = bus.read_many(requests)
     for (node_id, index, subindex), answer in answers.items():
         entry = dictionaries[node_id][index, subindex]
-        with contextlib.suppress(ValueError):  # a number of another size than the EDS says: the EDS counts
+        with contextlib.suppress(ValueError):  # a number of another size than in the EDS, which is used
             if isinstance(answer, bytes):
                 value = decode(answer, entry.data_type)
                 dictionaries[node_id].entries[index, subindex] = replace(entry, default=value, parameter_value=None)

@@ -8,8 +8,8 @@ When a new node id counts: a slave without an id uses it after `switch waiting`,
 reset-comm`. When a new bit rate counts: after `activate`, for all slaves in configuration mode; change the bit rate of
 this computer's interface too. Both are lost at the next power-on without `store`.
 
-`find` asks for slaves without a node id in two ways, each for 0.1 s: by the service for that, and by the first request
-of a fast scan, because some slaves answer that one only. It changes no slave.
+`find` searches for slaves without a node id in two ways, each for 0.1 s: with the service for it, and with the first
+request of a fast scan, because some slaves answer that one only. It changes no slave.
 
 Exit codes: 0 good; 1 no slave answered or it refused; 2 wrong usage.
 """
@@ -51,7 +51,7 @@ EXAMPLE = """canopen-control lss fast-scan --can can0
 PARTS = LssIdentity._fields
 NODE_ID = "node-id"
 AUTO = "auto"
-FIND_S = 0.1  # for each request of `find`: slow slaves too, and a user who waits
+FIND_S = 0.1  # for each request of `find`: enough for slow slaves
 _U32 = 0xFFFFFFFF
 
 

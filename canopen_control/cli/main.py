@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-#: verbs that only ask who runs: no code but ours runs in them
+#: verbs that only query a running robot: they run no code of plugins
 _ASKING = frozenset(
     {"status", "command", "twist", "stop", "shutdown", "controller", "axis", "sdo", "nmt", "fault", "quirk", "bus"}
 )
@@ -33,7 +33,7 @@ _signals = ProcessSignals()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code; complete words if a shell asks for it.
+    """Run the command line and return its exit code; complete words if a shell requests it.
 
     Without `argv` the process is the command line's own, and SIGINT and SIGTERM end it at any moment.
     """

@@ -2,7 +2,7 @@
 
 Of a running robot it shows drives, joints, cycle, events, emergencies and, while their tabs are open, the frames of its
 buses. Space is STOP (ramp, disable, latched until released); e/d/f enable, disable and fault-reset the selected drive,
-E/D/F all of them. With --can it only listens to a bus and never sends: it builds the tables from heartbeats, TPDOs and
+E/D/F all of them. With --can it only receives and never sends: it builds the tables from heartbeats, TPDOs and
 emergencies, with the names of --config or --eds. STOP is not a safety function (ISO 13850).
 
 Exit codes: 0 you left it; 1 the terminal or the robot is gone; 2 wrong usage, or no robot runs.
@@ -77,6 +77,6 @@ def _source(args: argparse.Namespace) -> ScreenSource:
     from canopen_control.trace.listen import open_listener
 
     heard = watched_bus(args, args.can)
-    open_listener(heard.channel, LABEL, owner=heard.owner).close()  # what cannot be heard is said while it can be read
+    open_listener(heard.channel, LABEL, owner=heard.owner).close()  # an error appears before the screen opens
     heard.report_notes()
     return BusSource(heard.network, owner=heard.owner)

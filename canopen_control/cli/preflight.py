@@ -46,9 +46,9 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
 
 
-# The steps of a pre-flight that only look: link, bit rate, who is there, EDS revisions, errors, limits.
+# The passive steps of a pre-flight: link, bit rate, devices on the bus, EDS revisions, errors, limits.
 #
-# Nothing is written to a drive, and every step ends in a sentence with what it was judged by.
+# Nothing is written to a drive; every step ends with a sentence that contains the measured values.
 
 
 _ALL_NODES = range(1, 128)
@@ -96,7 +96,7 @@ def _state_of(state: str | None) -> str:
     return f" and {state}" if state else ""
 
 
-# -- who is there
+# -- devices on the bus
 
 
 def node_steps(bus: BusConfig, channel: str) -> Iterator[PreflightStep]:
@@ -170,11 +170,11 @@ def _readings(direct: DirectBus, od: ObjectDictionary, node_id: int, title: str)
         yield PreflightStep("limits", None, f"{title}: {limits} (device units)")
 
 
-# The jog of a pre-flight: each joint turned slowly, all of them stopped, and what was seen held against what was told.
+# The jog of a pre-flight: each joint is turned slowly, all are stopped, and the motion is compared with the commands.
 #
-# One joint moves at a time, slowly and only after a yes, until all are turned for STOP; a joint
-# with a velocity is commanded that, one with a position only is led by small steps of it, within its limits; one with
-# neither is not turned, and said to be so. Every step ends in a sentence with the numbers it was judged by.
+# One joint moves at a time, slowly and only after a confirmation, until all are turned for STOP. A joint with a
+# velocity interface gets a velocity; a joint with only a position interface is led in small steps, within its limits; a
+# joint with neither is not turned, and reported. Every step ends with a sentence that contains the measured values.
 
 
 TOLERANCE = 0.2  # of the speed that was commanded

@@ -48,7 +48,7 @@ _ENDS = (signal.SIGINT, signal.SIGTERM)  # noted, so that the bag is finished
 class RecordedBag:
     """Result of a bag: number of `messages`, samples and events.
 
-    `left_out` says of which controllers not every publication is in it, None if all are.
+    `left_out` has the controllers some of whose publications are missing, None if there are none.
     """
 
     bag: str
@@ -187,7 +187,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("say where to record to, as in: canopen-control record -o run.log, or record --bag run")
     if args.bag is not None:
         return _bag(args)
-    format_of(args.output, writing=True)  # a wrong name is told before a bus is opened
+    format_of(args.output, writing=True)  # a wrong name is reported before a bus is opened
     channel, owner = _bus_of(args)
     recorded = record_frames(open_listener(channel, LABEL, owner=owner), args.output, args.duration)
     print(json_text(recorded.document, indent=None) if args.json else recorded.sentence())
@@ -220,7 +220,7 @@ def _bag(args: argparse.Namespace) -> int:
 
 
 def _bus_of(args: argparse.Namespace) -> tuple[str, str]:
-    """Return the channel to listen to, and the robot that runs there."""
+    """Return the channel to record, and the robot that runs there."""
     if args.can is not None:
         channel = str(parse_channel(args.can))
         owner = robot_on(channel) if find_robots() else None

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 # `ros param`: the parameters of a ROS node listed, read and set, as `ros2 param` does, by its services.
 #
-# A value is YAML; an integer is taken for a parameter that is a double. What the node refuses is told in its words.
+# A value is YAML; an integer is accepted for a parameter of type double. A refusal is printed in the node's words.
 
 
 def list_parameters(graph: Graph, args: argparse.Namespace) -> int:
@@ -301,7 +301,7 @@ def _pub(graph: Graph, args: argparse.Namespace) -> int:
     publication = graph.publisher(args.topic, full_name(args.type, "msg"), _data(args.data))
     if not graph.spin(args.timeout, lambda: publication.subscribers() > 0):
         raise CanopenError(f"nothing subscribes to {args.topic} as {args.type}; does the robot run, with --ros?")
-    graph.spin(0.1)  # the other side needs a moment to know us as well
+    graph.spin(0.1)  # the subscriber needs time to match this publisher
     begin, count = time.monotonic(), 0
     with json_alone(args):
         print(f"publishing to {args.topic}" + ("" if args.once else f" at {args.rate:g} Hz"), flush=True)

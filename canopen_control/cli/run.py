@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
 
 
-# `run --world FILE` without a robot: all robots that the file of a world names, each with the options that are given.
+# `run --world FILE` without a robot: all robots that the world file names, each with the given options.
 #
-# What says which robot, which bus or which drives is the file's; ROS names of each robot begin with its name.
+# Robot, bus and drives come from the file; the ROS names of each robot begin with its name.
 
 
 _FLAGS: Final = ("ros", "view", "teleop", "strict", "peer_merge", "allow_unsupervised", "spawn")
@@ -414,7 +414,7 @@ def _plant(args: argparse.Namespace, setup: RobotSetup) -> Path | None:
             f"{', '.join(setup.channels.values()) or 'none'}; use --can local:NAME"
         )
     path = Path(args.plant)
-    read_world(path).close()  # its mistakes are told before anything is started
+    read_world(path).close()  # its errors are reported before anything is started
     return path
 
 
@@ -512,8 +512,8 @@ def world_of(args: argparse.Namespace, files: RobotFiles) -> Path | None:
 class _EventPrinter(RobotObserver):
     """Prints events as lines; with many nodes it counts those that have booted.
 
-    The process of a live table on a terminal prints them above the table once it has asked for events, until the
-    robot stops: two processes would overwrite each other's lines.
+    On a terminal the process of a live table prints the events above the table once it has subscribed to them, until
+    the robot stops: two processes would overwrite each other's lines.
     """
 
     def __init__(self, announcer: Announcer, session: RunSession, *, table: bool, prefix: str) -> None:

@@ -1,8 +1,8 @@
 """List the devices on a bus, their matching EDS, and differences to bus.yml.
 
-Every node id is asked for 0x1000, 0x1018 and 0x1008; nothing is written. With --can it scans a bare bus, and compares
-it with a robot's bus.yml if you give --config. Without --can it scans the bus of the running robot: the robot asks its
-own nodes, all other node ids are asked on the bus directly.
+0x1000, 0x1018 and 0x1008 are read from every node id; nothing is written. With --can it scans a bare bus, and compares
+it with a robot's bus.yml if you give --config. Without --can it scans the bus of the running robot: the robot reads
+from its own nodes, all other node ids are read directly on the bus.
 
 Exit codes: 0 good; 1 no device answered, or a node of bus.yml is missing or is a different device; 2 wrong usage.
 """

@@ -1,7 +1,7 @@
 """Read and write objects of a node, and transfer files.
 
 The node belongs to a running robot (name or node id in bus.yml); with --can it is any node of a bare bus (node id). The
-object is INDEX[:SUB] in hexadecimal, or its name in the EDS. The running robot knows the EDS of each node; --eds gives
+object is INDEX[:SUB] in hexadecimal, or its name in the EDS. The running robot uses the EDS of each node; --eds gives
 another one. `read` explains a value as `trace` does, and reads every subindex if you give an index only.
 
 Exit codes: 0 good; 1 the node aborted or did not answer; 2 wrong usage.
@@ -72,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action.add_argument("object", metavar="INDEX[:SUB]", help="hexadecimal, or a name of the EDS")
     write.add_argument("value", metavar="VALUE", help="decimal or 0x, a text, or bytes in hexadecimal: by type")
     # Without this, Python 3.11's argparse takes -0x10 and -1e3 for options.
-    write._negative_number_matcher = re.compile(r"-\.?\d.*")  # noqa: SLF001 - there is no public way
+    write._negative_number_matcher = re.compile(r"-\.?\d.*")  # noqa: SLF001 - argparse has no public option for it
     for action in (upload, download):
         action.add_argument("file", metavar="FILE", help="a path, or - for standard input or output")
     for action in (read, write):

@@ -357,7 +357,7 @@ def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[Scenar
         return scenario.acts, seed, args.length or scenario.duration_ns or last + DEFAULT_NS // 6
     seed, duration_ns = args.seed or 0, args.length or DEFAULT_NS
     if (args.serve or args.ros) and args.seed is None and not faults:
-        return (), seed, duration_ns  # the programs ask for what happens
+        return (), seed, duration_ns  # the connected programs cause the events
     nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
     return draw_schedule(seed, duration_ns, motions_of(setup), nodes, faults), seed, duration_ns
 

@@ -38,13 +38,13 @@ if TYPE_CHECKING:
 
 # Warnings and errors of a robot for people, each cause once.
 #
-# One failure is told by several events: a drive sends an emergency message, its statusword shows the fault, the group
-# of its joints is stopped for it. For programs these are three things; a reader wants one line with what, why and the
-# consequence. The line is made of the clauses of these events, each said once. What has happened several times is one
-# line with its count and its time span.
+# One failure causes several events: a drive sends an emergency message, its statusword shows the fault, and the stop
+# group of its joints is stopped. Programs need all three; a reader needs one line with place, cause and consequence.
+# The line joins the clauses of these events, without repetition. Repeated failures are one line with count and time
+# span.
 
 
-_TOGETHER_S = 1.0  # what one failure brings forth is told within this time
+_TOGETHER_S = 1.0  # the events of one failure are reported within this time
 _LEVELS = ("info", "warning", "error")
 _STOPPING = re.compile(r"(stopping [^:]+): (.*)", re.DOTALL)
 _WHO = re.compile(r"((?:node \d+ \([^)]*\)|bus \S+ \([^)]*\))): (.*)", re.DOTALL)
@@ -84,7 +84,7 @@ def cause_lines(events: Iterable[RobotEvent], current: Mapping[str, str]) -> lis
 def _gather(events: Iterable[RobotEvent]) -> list[_Cause]:
     """Group simultaneous events of one place that share a clause."""
     causes: list[_Cause] = []
-    reported: set[tuple[float, str]] = set()  # each axis of a node tells its loss, in one cycle
+    reported: set[tuple[float, str]] = set()  # each axis of a node reports its loss, in one cycle
     for event in events:
         if event.level == "info" or (event.time, event.text) in reported:
             continue
@@ -286,7 +286,7 @@ def _errors(state: Snapshot) -> dict[str, str]:
 
 
 def _unsupervised(state: Snapshot) -> list[str]:
-    """Return the drives that do not stop if the robot's program dies."""
+    """Return the drives that do not stop if the robot's program ends."""
     return [
         f"  {_marked(name, node)}: NOTHING stops this drive when the robot's program dies (allow_unsupervised): "
         f"{node.unsupervised}"
@@ -378,7 +378,7 @@ def _watch(robot: RobotClient, *, as_json: bool) -> int:
     except RemoteError as error:
         if error.kind != "BusClosed":
             raise
-        if not ended:  # it has died, and the last sample is no longer true
+        if not ended:  # its process was killed; the last sample is no longer valid
             print(f"canopen-control: {error}", file=sys.stderr)
     return 0
 

@@ -37,8 +37,8 @@ EXAMPLE = """canopen-control teleop
          canopen-control teleop --topic /cmd_vel"""
 
 PERIOD_S: Final = 0.1
-ZEROS: Final = 3  # are sent when a motion ends: one may be lost on a ROS topic
-TIMEOUT_S: Final = 1.0  # of one command; a robot that takes longer is told to the user
+ZEROS: Final = 3  # commands sent when a motion ends: one may be lost on a ROS topic
+TIMEOUT_S: Final = 1.0  # for the answer to a command; a longer delay is reported
 ZERO: Final = Velocities()
 _BASE_SPEEDS: Final = (0.5, 1.0)  # m/s and rad/s
 _WHEEL_SPEEDS: Final = (5.0, 5.0)  # rad/s of the wheels
@@ -141,7 +141,7 @@ def _wait(decoder: KeyDecoder, teleop: Teleop) -> float:
 
 def _leave(target: TeleopTarget, screen: Screen) -> None:
     """Send zeros, also if the terminal has ended."""
-    with contextlib.suppress(RemoteError):  # who refuses or is gone does not move by us
+    with contextlib.suppress(RemoteError):  # after a refusal or a lost robot no command is in force
         for _ in range(ZEROS):
             target.send(ZERO)
     with contextlib.suppress(OSError, ValueError):

@@ -66,9 +66,9 @@ EXAMPLE = """canopen-control tune 5 --can can0 --eds my_drive.eds --step 30rpm
 _MAX_SPEED = math.tau  # rad/s
 _MAX_TRAVEL = 10.0 * math.tau  # rad
 _MAX_CURRENT = 1000.0  # per mille of the rated one
-_TORQUE = 300.0  # per mille, the most that a shaft is pushed with
-_EFFORT_UNIT: Final = 1000.0  # per mille: an effort is a part of the rated torque, unless bus.yml says otherwise
-_DECELERATION: Final = 20.0  # rad/s^2, what a drive without ramps of its own is given
+_TORQUE = 300.0  # per mille, maximum torque of an excitation
+_EFFORT_UNIT: Final = 1000.0  # per mille: default unit of an effort, a fraction of the rated torque
+_DECELERATION: Final = 20.0  # rad/s^2, for a drive without own ramps
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -45,9 +45,9 @@ if TYPE_CHECKING:
     Acts = dict[str, Callable[[str | None], Request[Simulation]]]
 
 
-# What the verb `world` does to a robot that a simulation plugin moves: pause, play, step, reset, what happens in it.
+# The verb `world` for a robot that a simulation plugin moves: pause, play, step, reset, disturbances.
 #
-# Such a robot has no drives and no bus; its own process holds the world, so that its own socket is asked.
+# Such a robot has no drives and no bus; its own process holds the world, so that its own socket gets the requests.
 
 
 _TIMEOUT_S = 600.0  # of the largest request

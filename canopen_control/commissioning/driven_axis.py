@@ -1,7 +1,7 @@
 """Motion of one axis of a running robot without its controllers, by a jog or a tuning run.
 
 A drive commanded by a controller is refused, because only one client may move it. The client selects the mode, enables,
-sends commands that end with its connection, and stops and disables at the end, whatever ends it.
+sends commands that end with its connection, and stops and disables at every end.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import AxisReading, ControllerReading, StateSample
 
 
-# Why a drive should not be moved now: a fault with what it says of it, or torque commanded by another client.
+# Reasons why a drive must not be moved now: a fault with its explanation, or torque commanded by another client.
 
 
 _POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)

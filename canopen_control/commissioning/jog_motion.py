@@ -16,11 +16,11 @@ from typing import Final
 from canopen_control.client.teleop_keys import Teleop
 from canopen_control.errors import ConfigError
 
-# Units of a jog: `20rpm`, `90deg`, `500pps` as people write them, to rad and rad/s of the drive's shaft and back.
+# Units of a jog: user input such as `20rpm`, `90deg`, `500pps` to rad and rad/s of the drive's shaft, and back.
 #
-# The units are those of the drive's own counts: how many make a turn is what the EDS or the drive tells (0x608F,
-# 0x6091, 0x6092), else a guess, by which counts and counts per second (pps) are right all the same, and nothing else
-# is. A number without a unit is in SI, as everywhere here.
+# The units are those of the drive's own counts. The EDS or the drive gives the counts per revolution (0x608F, 0x6091,
+# 0x6092), else they are a guess, with which only counts and counts per second (pps) are correct. A number without a
+# unit is in SI units, as everywhere here.
 
 
 _NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)"

@@ -78,8 +78,8 @@ class NodeObjects:
             self.live[live.entry.address] = self._news, live
 
 
-_LATER_S: Final = 10.0  # an object that the node refuses is asked again
-_LOST_S: Final = 2.0  # a node that does not answer, or a robot that is gone
+_LATER_S: Final = 10.0  # until an object that the node refused is read again
+_LOST_S: Final = 2.0  # after a missing answer, or without a robot
 _IDLE_S: Final = 0.2  # while nothing is due
 
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import NodeReading
 
 
-_DECIDING: Final = ("vendor_id", "product_code")  # they say which device it is, the revision which of its firmware
+_DECIDING: Final = ("vendor_id", "product_code")  # vendor and product identify the device, the revision its firmware
 
 
 class Transfers(Protocol):
@@ -202,7 +202,7 @@ def is_abort(error: CanopenError) -> bool:
     return isinstance(error, SdoAbort) or (isinstance(error, RemoteError) and error.kind == SdoAbort.__name__)
 
 
-# The SDO transfers of one node of a running robot: each is asked of the robot, the one client of its SDO server.
+# The SDO transfers of one node of a running robot: all go through the robot, the only client of the node's SDO server.
 
 
 TIMEOUT_S: Final = 15.0  # with a robot that has other requests for the node waiting
@@ -271,7 +271,7 @@ class RobotTransfers(Transfers):
                 self._watching = RobotClient.connect(self._robot.robot, _WATCH_S)
             progress_read = self._watching.ask(GetSdoProgress(node=str(self._node_id)))
         except CanopenError:
-            return 0, None  # who waits for the transfer is told what is the matter
+            return 0, None  # the caller of the transfer gets the reason
         return progress_read.done, progress_read.total
 
     def close(self) -> None:

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Entry, ObjectDictionary, Value
 
 
-# The units of the objects of CiA 301 and CiA 402-2, as people write them; "" for what has none or is not known.
+# The units of the objects of CiA 301 and CiA 402-2 for output; "" if there is none or it is unknown.
 #
-# Positions and velocities of a drive are in the user's units, which are its counts unless 0x60A8 and 0x60A9 say
-# otherwise; a velocity in revolutions per minute is told by 0x60A9. A stepper's counts are its microsteps.
+# Positions and velocities of a drive are in user-defined units, which are its counts unless 0x60A8 and 0x60A9 define
+# others; 0x60A9 can be revolutions per minute. The counts of a stepper are its microsteps.
 
 
 POSITION: Final = "counts"
@@ -449,8 +449,8 @@ def _meaning(entry: Entry, value: Value, words: NodeWords) -> str | None:
 
 # Edits of single objects by a person: what may be written, within which limits, and how it is undone.
 #
-# An edit reads what is there, writes, and reads back. What would move an axis is refused: a target written so has
-# nobody who holds a button for it, and nothing that ends it. Undone is only what still holds what was written.
+# An edit reads the value, writes, and reads back. An object that would move an axis is refused: such a motion would
+# have no dead man and no timeout. Undo is possible only while the object still has the written value.
 
 
 _PROGRAM: Final = range(0x1F50, 0x1F58)

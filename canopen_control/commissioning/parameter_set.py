@@ -1,8 +1,8 @@
 """Parameters of one node with its identity, from the node or a DCF file (CiA 306-1).
 
 The file is a complete DCF: the EDS of the node with a ParameterValue for each parameter, so that a bus.yml can name it
-as `dcf` or `configuration_file`, and other tools read it. The section [Backup] says of which device and firmware it is,
-and when it was made; a DCF without that section is read as well, its identity is then that of its objects.
+as `dcf` or `configuration_file`, and other tools read it. The section [Backup] names the device and its firmware,
+and the time; a DCF without that section is read as well, its identity is then that of its objects.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ if TYPE_CHECKING:
     Told = Callable[[int, int], None]
 
 
-# Which objects of a node a backup holds, which of them belong to one device alone, and which follow its node id.
+# The objects in a backup: which are parameters, which of them belong to one device only, and which follow its node id.
 #
-# An EDS does not say what is volatile. A parameter is what can be read and written (rw, rww, rwr) and is none of these:
+# An EDS does not define what is volatile. A parameter can be read and written (rw, rww, rwr) and is none of these:
 #
-# - what ObjFlags say a tool shall not write or read (CiA 306-1, bits 0 and 1);
+# - objects that ObjFlags exclude from writing or reading by tools (CiA 306-1, bits 0 and 1);
 # - commands and live values, by CiA 301, CiA 302 and CiA 402, or by the manufacturer; outputs of the device's profile;
 # - counts of records and arrays, but for those of PDO mappings; DOMAINs.
 #
@@ -202,7 +202,7 @@ def backup_text(
 ) -> str:
     """Return the DCF of a backup, stamped with the present time.
 
-    `bitrate` in bit/s is told where it is known, else that of the dictionary or 1 Mbit/s.
+    `bitrate` is in bit/s; the default is that of the dictionary, else 1 Mbit/s.
     """
     now = datetime.now(UTC)
     od = parameters.od
@@ -348,8 +348,9 @@ def _shown(value: object) -> str:
 
 # Compares the parameters of two nodes, two files, or one of each.
 #
-# What follows the node id is compared without it: a COB-ID of 0x185 on node 5 and of 0x186 on node 6 are the same
-# parameter. What only one side has is a difference too, unless it was asked of a node that said why it has none.
+# Values that follow the node id are compared without it: a COB-ID of 0x185 on node 5 and of 0x186 on node 6 are the
+# same parameter. A parameter of only one side is a difference too, unless the node answered with a reason why it has
+# none.
 
 
 _COMMUNICATION = range(0x1000, 0x2000)  # identifiers and mappings are hexadecimal
@@ -412,10 +413,10 @@ def value_text(entry: Entry, value: Value) -> str:
     return format_value(value, entry.data_type) if value not in ("", b"") else "(empty)"
 
 
-# Reads the parameters of a node through a service session: for a backup, a comparison, or before they are written.
+# Reads the parameters of a node through an SDO session: for a backup, a comparison, or before they are written.
 #
-# What the node refuses is left out and told with the reason. With `twice` everything is read a second time: what
-# differs then lives by itself, whatever the EDS says, and is not a parameter.
+# Refused objects are left out and reported with the reason. With `twice` everything is read a second time: a value that
+# differs then changes by itself and is not a parameter, regardless of the EDS.
 
 
 _VARIES = "two readings differed, so it is not a parameter"
@@ -442,7 +443,7 @@ def read_parameters(
 ) -> tuple[ParameterSet, list[LeftOut]]:
     """Read identity and parameters; ConfigError without an EDS, RemoteProtocolError if the node does not answer.
 
-    `told(done, of)` hears how far it is.
+    `told(done, of)` is called with the progress.
     """
     od = session.dictionary
     identity = session.identity()

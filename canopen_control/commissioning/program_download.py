@@ -1,9 +1,9 @@
 """Program download to a node: the sequence of CiA 302-3, as in the tools of CANopenNode, Lely and Zephyr.
 
-Sans-IO: `program_download` is a generator that yields what is to be done (read, write, pause, pre-operational) and is
-sent what came of it. The law: what is written to 0x1F51 may be answered, or not, or be answered by a boot-up, since the
-node resets into its boot-loader and out of it; believed is only what 0x1F51, 0x1F57 and 0x1F56 say afterwards. A
-transfer that breaks off is started again with a fresh clear, from the first byte: no known device can resume.
+Sans-IO: `program_download` is a generator that yields the steps (read, write, pause, pre-operational) and gets their
+results. A write to 0x1F51 may be answered, or not, or be followed by a boot-up, since the node resets into its
+boot-loader and out of it; only what 0x1F51, 0x1F57 and 0x1F56 show afterwards counts. An interrupted transfer
+restarts with a fresh clear, from the first byte: no known device can resume.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ _STOPPED: Final = (STOP, CLEAR)
 _RESETTING: Final = (STOP, START)  # what a node may answer by a reset
 _BUSY_S: Final = 30.0  # what erasing or writing a flash may take
 _POLL_S: Final = 0.1
-_SOON_S: Final = 0.01  # before the first look at a flash, each further one twice as late
-_UNTOLD_S: Final = 1.0  # for a flash that does not tell when it is done
-_SILENCE_S: Final = 1.0  # what a missing answer has cost
+_SOON_S: Final = 0.01  # delay before the first poll of a flash; it doubles each time
+_UNTOLD_S: Final = 1.0  # for a flash without a busy bit
+_SILENCE_S: Final = 1.0  # time lost by a missing answer
 _QUICK_S: Final = 0.15  # for an answer of a node that may be resetting: a boot-loader waits for half a second
 _QUICK_ROUNDS: Final = 4  # of so many rounds the last one waits as long as ever
 _FLASH_S: Final = 10.0  # for an answer of a node that erases or writes its flash before it gives one
@@ -127,7 +127,7 @@ class ProgramDate:
 class ProgramOptions:
     """Options of a download: `number` of the program, `expected` value of 0x1F56, retry time.
 
-    `expected_date` is what 0x1F52 has to tell; it may name the day alone.
+    `expected_date` is the required value of 0x1F52; a day without a time is allowed.
     """
 
     number: int = 1
@@ -244,7 +244,7 @@ def _prepare(number: int, progress: DownloadProgress, options: ProgramOptions) -
 def _command(number: int, command: int, expected: tuple[int, ...], seconds: float, word: str) -> Sequence:
     """Write 0x1F51 and wait until it shows an expected state; a refusal is repeated.
 
-    A node that resets is asked again soon: a boot-loader without a master starts the program that was to stop.
+    A node that resets is polled again soon: a boot-loader without a master starts the program again.
     """
     refusal, rounds, status = "", 0, None
     while seconds > 0.0:

@@ -216,9 +216,9 @@ def refuse_moving(session: NodeSession) -> None:
 class Restore:
     """One restore of `wanted` into the node of `session`, with the types of `od`.
 
-    `keep_held` is called with what the node holds before the first write, and may refuse. `run` may end with an error
-    of the bus or the node in the middle; `step`, `written` and `planned` then say how far it was. `verified` are the
-    parameters that were proven to be as wanted, `undone`: all that was written is as before.
+    `keep_held` is called with the present values before the first write, and may refuse. `run` may end with an error
+    of the bus or the node in the middle; `step`, `written` and `planned` then show the progress. `verified` has the
+    parameters whose values were read back; `undone` is True if all previous values were restored.
     """
 
     session: NodeSession
@@ -387,12 +387,12 @@ class KeptParameters:
         self.path.unlink(missing_ok=True)
 
 
-# The journal of a restore: what a node held before, as a DCF on the disk, so that a restore that was killed is undone.
+# The journal of a restore: the values of a node before it, as a DCF on the disk, to revert a restore that was killed.
 #
-# It is written before the first value is, and gone when all is proven or put back. Who finds one knows that a restore
-# ended half-way, by SIGKILL or with the power of the computer: the same command goes on, since only what differs is
-# written; to restore the journal itself puts back what the node held. What an earlier journal knows of a parameter is
-# older than what the node holds now, and stays.
+# It is written before the first value, and removed when all values are verified or reverted. A remaining journal means
+# that a restore was interrupted, by SIGKILL or a power failure of the computer: the same command continues, since only
+# differences are written; restoring the journal itself reverts the node. A value in an earlier journal is older than
+# the present value of the node, and is kept.
 
 
 _FOLDER: Final = "restores"
@@ -563,7 +563,7 @@ def quiet_node(session: NodeSession, *, starts_again: bool = True) -> Iterator[N
     try:
         yield
     except BaseException:
-        with contextlib.suppress(CanopenError):  # what went wrong is told, and not what followed from it
+        with contextlib.suppress(CanopenError):  # the error is reported, not its consequences
             _start_again(session, again)
         raise
     _start_again(session, again)
@@ -584,8 +584,8 @@ def guarded_restore(
 ) -> RestoreReport:
     """Write `source` into the node and verify it.
 
-    `note` hears what is to be known before, `told(done, of)` how far the writing is. ConfigError and DriveError for
-    what must not be; DriveError with what was written where it ended half-way.
+    `note` gets remarks before the first write, `told(done, of)` the progress. ConfigError and DriveError if it is
+    refused; DriveError with the written parameters if it was interrupted.
     """
     identity = session.identity()
     for line in check_device(source, identity, session):

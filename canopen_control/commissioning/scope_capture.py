@@ -275,8 +275,8 @@ class ScopeCapture:
 
 # A scope's shot as a file: CSV, which is read back too, to lay one shot over another, a picture (PNG), a bag (MCAP).
 #
-# The picture is drawn by matplotlib (the extra `plot`), which nothing else needs and which is loaded when a picture is
-# asked for: axes with sensible ticks, legends and fonts for any name are work that need not be repeated.
+# The picture is drawn by matplotlib (the extra `plot`), which nothing else needs and which is loaded for a picture
+# only: its axes, legends and fonts need not be written again.
 
 
 _TIME, _FROM_ZERO = "time", "t"

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 # Gains of a tuning, written into a drive so that they can be taken back.
 #
-# What the objects held is kept before the first of them changes, and stays kept until it is taken back: gains that are
-# set twice still go back to those before the first time. Writing, proof and undoing of what was half taken are those of
-# every restore. Sans-IO: who keeps it is `KeptGains`.
+# The previous values are saved before the first change, and kept until they are reverted: gains that were set twice
+# still revert to those before the first time. Writing, verification and reverting of a partial write are those of every
+# restore. Sans-IO: `KeptGains` stores them.
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,9 +131,9 @@ def _write(session: NodeSession, values: Mapping[Address, Value]) -> None:
 
 # PI gains of a velocity loop for a phase margin, P of the position loop around it, from an identified plant.
 #
-# The plant is 1/(J s + B) with a dead time Td in the loop; the open loop is to pass 1 at the crossover frequency with
-# the phase margin wanted. All of it is arithmetic on phases; where the phase that the controller would need cannot be
-# had, a PI has no solution and the crossover is too high for this dead time.
+# The plant is 1/(J s + B) with a dead time Td in the loop; the open loop has gain 1 at the crossover frequency with the
+# requested phase margin. The computation uses phases only; if the controller would need a phase that is not possible,
+# there is no PI solution and the crossover is too high for this dead time.
 
 
 LOOP_DELAY_S: Final = 0.0005
@@ -197,14 +197,15 @@ def phase_margin(plant: PlantModel, gains: CascadeGains, delay: float = LOOP_DEL
     return low, math.pi + lag - math.atan2(1.0, gains.reset * low)
 
 
-# Identifies a motor with its load: inertia, viscous and Coulomb friction, constant load, dead time; least squares.
+# Identification of a motor with its load: inertia, viscous and Coulomb friction, constant load, dead time; least
+# squares.
 #
-# The model is J dw/dt = u - B w - C sgn(w) + g. What is fitted is its integral over each cycle. A torque is held for a
-# cycle, and where in the cycle it changes is unknown; so the dead time is found first, as the one that leaves the least
-# residual, in quarters of a cycle: one cycle that is not accounted for costs a quarter of the inertia. Samples around
-# standstill are left out, since there Coulomb friction is any torque up to C. No friction drives a shaft: where the
-# least residual would need one below 0, as that of an axis without friction does by its noise, it is 0 and the rest is
-# fitted without it. Units: u in per mille of the rated torque (or N m), w in rad/s, so J in per mille s^2/rad (or kg
+# The model is J dw/dt = u - B w - C sgn(w) + g. Its integral over each cycle is fitted. A torque is held for a cycle,
+# and the time of its change within the cycle is unknown; so the dead time is determined first, as the one with the
+# least residual, in quarters of a cycle: one cycle that is not accounted for costs a quarter of the inertia. Samples
+# around standstill are left out, since there Coulomb friction is any torque up to C. No friction drives a shaft: where
+# the least residual would need one below 0, as that of an axis without friction does by its noise, it is 0 and the rest
+# is fitted without it. Units: u in per mille of the rated torque (or N m), w in rad/s, so J in per mille s^2/rad (or kg
 # m^2).
 
 
@@ -335,7 +336,7 @@ def settable_gains(
 ) -> Mapping[LoopGain, GainObject]:
     """Return the gain objects of a drive: given ones, else known ones; ConfigError if unknown.
 
-    What is named is worth what it says at the shaft, of which `units_per_rad` user units make a rad.
+    Given gains refer to the shaft; `units_per_rad` is the number of user units per rad.
     """
     od = session.dictionary
     objects = gain_objects(od, axis)

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 # Step response metrics: delay, rise time, overshoot, settling time, steady-state error, ripple, ITAE.
 #
 # Rise is from 10 to 90 % of the step, settling is into a band around the final value for the rest of the record, the
-# final value is the mean of its last fifth. Times are seconds since the step was commanded, so they hold the dead time
-# of the bus; between two samples the response is a straight line.
+# final value is the mean of its last fifth. Times are seconds since the step was commanded, so they include the dead
+# time of the bus; between two samples the response is a straight line.
 
 
 BAND: Final = 0.02  # of the step
@@ -146,7 +146,7 @@ def report(record: TuneRecord, request: TuneRequest, scale: JogScale, output: Pa
 class Findings:
     """Results of a test for programs: rad/s, s, Hz, dB, degrees, torques in per mille; None for other tests.
 
-    `no_gains` says why nothing is proposed; `velocity_i` is that of `gains`, `bandwidth` that of `bode`.
+    `no_gains` is the reason why nothing is proposed; `velocity_i` is that of `gains`, `bandwidth` that of `bode`.
     """
 
     test: str

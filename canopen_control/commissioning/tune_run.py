@@ -1,7 +1,7 @@
 """Loop of a tuning run: commands of an excitation, cycle by cycle, and the record of the response.
 
-As in `jog_run`, each command dies with this connection, and every way out of `run` asks for
-the stop and waits until the drive is disabled. Samples carry the number of their cycle, so what was lost is counted.
+As in `jog_run`, each command ends with this connection, and every exit from `run` requests
+the stop and waits until the drive is disabled. Samples have the number of their cycle, so lost ones are counted.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ if TYPE_CHECKING:
 
 # What a tuning run commands now: an excitation within limits of travel, speed and current, and why it ended.
 #
-# Sans-IO, time is `now` in monotonic nanoseconds. The run ends by itself where the way that is left is no longer than
-# what stopping takes, above the limit of speed, above that of the current for `PEAK_S`, and with a drive that is no
-# longer enabled; nothing is commanded then. A torque moves a free shaft as far as it likes: `STEERED` of the excitation
-# pushes it, both ways in turn as the identification of friction needs it, and back as soon as half of the travel or of
-# the speed is used up.
+# Sans-IO, time is `now` in monotonic nanoseconds. The run ends by itself if the remaining travel is no longer than the
+# stopping distance, above the speed limit, above the current limit for `PEAK_S`, and if the drive is no longer enabled;
+# nothing is commanded then. A torque accelerates a free shaft without limit: `STEERED` of the excitation pushes it,
+# both ways in turn as the identification of friction needs it, and back as soon as half of the travel or of the speed
+# is used up.
 
 
 STEERED: Final = 0.6  # of the peak of the excitation
-PEAK_S: Final = 0.1  # for which the current may be higher: a step asks for what the loop can give
+PEAK_S: Final = 0.1  # time for which the current may be higher, as at a step
 _HALF: Final = 0.5
 
 
@@ -206,7 +206,7 @@ def torque_index_of(axis: int) -> int:
 class TuneRun:
     """One excitation of a drive; `run` returns the record, or raises DriveError with the reason of its end.
 
-    `told` is called with the seconds that are over, again and again; what it raises ends the run, which stops first.
+    `told` is called repeatedly with the elapsed seconds; its exception ends the run after the stop.
     `effort_unit` is how many per mille of the rated torque the unit of its effort is, None if unknown: then its
     torque is that of the object `torque_index`, if a TPDO carries it.
     """
@@ -264,7 +264,7 @@ class TuneRun:
         client.ask(Subscribe(state_rate=1000.0, pdos=self._effort_unit is None))  # every cycle
         period = self._first(client)
         client.ask(AxisRequest(action="enable", node=node, joint=joint, source=_SOURCE), ENABLE_S)
-        for message in client.messages(0):  # of the time before: what has not changed since is not told again
+        for message in client.messages(0):  # of the time before: unchanged reasons are not reported again
             if isinstance(message, ProcessData):
                 self._take_torque(message)
         now = time.monotonic_ns()
@@ -335,7 +335,7 @@ class TuneRun:
             motion.end(JogEnd.STATE)
 
 
-# What a tuning run is asked for: the test, its excitation within the limits, and the words that are confirmed.
+# Request for a tuning run: the test, its excitation within the limits, and the text to confirm.
 
 
 # Excitation signals for tuning and identification: step, logarithmic chirp, pseudo-random binary sequence (PRBS).
@@ -387,7 +387,7 @@ class StepExcitation:
 class Chirp:
     """Sine of `amplitude` around `bias` whose frequency rises exponentially from `low` to `high` Hz.
 
-    The bias keeps a motor turning one way, so that friction does not change its sign (Coulomb friction is no linear
+    The bias keeps a motor turning one way, so that friction does not change its sign (Coulomb friction is not a linear
     system). Frequencies are above 0.
     """
 

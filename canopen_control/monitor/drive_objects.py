@@ -28,16 +28,16 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import NodePlace
 
 
-# What may be done with the drive that the monitor looks at: verbs of the command line, each with a line to fill in.
+# Actions on the drive selected in the monitor: verbs of the command line, each with an editable command line.
 #
-# A verb is a process of its own, as if a user had typed it, so that it asks the running robot,
-# obeys STOP, tells the events who it is, and holds nothing up here. It ends with the monitor, by SIGINT, at which a
-# verb that moves an axis stops it; and when the monitor dies, however it does.
+# A verb is a process of its own, as if a user had typed it: it sends requests to the running robot, obeys STOP, is
+# named in the events, and blocks nothing here. It ends with the monitor, by SIGINT, at which a verb that moves an axis
+# stops it; this holds for every end of the monitor.
 
 
 _KEPT: Final = 1000
 _PR_SET_PDEATHSIG: Final = 1
-_GRACE_S: Final = 3.0  # for a verb that was asked to end: a ramp, and the drive disabled
+_GRACE_S: Final = 3.0  # for a verb to end after SIGINT: a ramp, and the drive disabled
 
 
 Words: TypeAlias = "Callable[[str, Sequence[str]], list[str]]"

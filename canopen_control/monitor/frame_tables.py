@@ -1,6 +1,6 @@
 """Frames of a bus in the monitor: one row for each identifier, and the newest that pass a filter.
 
-Bounded, whatever the bus does. A filter is one line of words with commas between them: a service
+Memory is bounded. A filter is one line of words with commas between them: a service
 (`pdo`, `sdo`, ...), a node (name, or its number), an identifier or a range of them (`0x181`, `0x180-0x1FF`), `changes`.
 Words of one kind are alternatives, different kinds must all hold; nothing is everything.
 """

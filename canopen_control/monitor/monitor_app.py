@@ -1,7 +1,7 @@
 """Screen of the monitor: tables, logs and keys. Its STOP key is not a safety function (ISO 13850).
 
-It draws five times a second and never waits; what a key asks of the robot is asked on a thread,
-and what the robot answers is told. STOP has priority over whatever has the focus.
+It draws five times a second and never waits; a thread sends the requests of keys to the robot, and the answers are
+shown. STOP has priority over the widget that has the focus.
 
 It draws when a sample of the robot has come, which is right after a cycle: a computer that both share is then free for
 most of a period. What would have the whole screen laid out again is done only when it must be.
@@ -265,7 +265,7 @@ class DrivePane(Vertical):
 
 
 PERIOD_S: Final = 0.2
-TRACE_LINES: Final = 60  # new ones at a time; a busy bus has more than anybody reads
+TRACE_LINES: Final = 60  # new ones at a time; a busy bus has more than a user can read
 KEPT_LINES: Final = 1000
 _COMMANDS: Final = ("release", "axis", "work", "undo", "end_work")
 _WORDS: Final = "pdo, sdo, a node's name, 0x181, 0x180-0x1FF, changes; empty: everything"
@@ -326,7 +326,7 @@ class MonitorApp(App[None]):
         self._logs = {
             name: RichLog(max_lines=KEPT_LINES, wrap=name != "trace", id=name) for name in _TABS if name not in _TABLES
         }
-        self._told: deque[tuple[str, SeverityLevel]] = deque()  # what threads have to say, until it is shown
+        self._told: deque[tuple[str, SeverityLevel]] = deque()  # messages of threads, until they are shown
         self._watched: list[BusTap] = []
         self._drawn = 0.0
         self._lines: LineWriter | None = None

@@ -1,7 +1,7 @@
 """Sources of the monitor: a running robot, or a bare bus.
 
-A source never blocks who draws. Only a robot takes commands; on a bare bus nothing is ever sent.
-A robot's buses are listened to while frames are shown: on the robot's own computer every frame costs time.
+A source never blocks the drawing. Only a robot accepts commands; on a bare bus nothing is ever sent.
+A robot's buses are received only while frames are shown: on the robot's own computer every frame costs time.
 """
 
 from __future__ import annotations
@@ -52,18 +52,17 @@ if TYPE_CHECKING:
     from canopen_control.trace.values import SignalValue
 
 
-# The tables of a bare bus, made of what its nodes say by themselves: heartbeats, TPDOs, emergencies, SDO answers.
+# The tables of a bare bus, from unsolicited frames of its nodes: heartbeats, TPDOs, emergencies, SDO answers.
 #
-# Sans-IO, times in ns; it sends nothing. When a node should be heard again is learnt from
-# the node: its longest silence so far. Twice that is stale, five times that is dead; a node heard once is given a
-# second.
+# Sans-IO, times in ns; it sends nothing. The expected interval of a node's frames is its longest silence so far. After
+# twice that it is stale, after five times that it is lost; after its first frame a node has one second.
 
 
 _SECOND: Final = 1_000_000_000
 _UNKNOWN_PACE_NS: Final = (
-    500_000_000  # of a node whose pace is not known yet: stale after twice, dead after five times that
+    500_000_000  # assumed interval before it is measured: stale after twice, lost after five times that
 )
-_OWN: Final = ("hb", "emcy", "pdo", "sdo")  # services in which a node speaks for itself
+_OWN: Final = ("hb", "emcy", "pdo", "sdo")  # services that a node sends itself
 _LEVELS: Final = {Mark.ERROR: Tone.BAD, Mark.WARNING: Tone.WARN}
 _LOGGED: Final = ("nmt", "hb", "emcy", "error", "lss")
 
@@ -249,10 +248,10 @@ def _take_value(node: _Node, value: SignalValue) -> None:
         axis.values[base] = value.value
 
 
-# A connection to a running robot that comes back: its newest state and what happened, fetched by a thread of its own.
+# Reconnecting client of a running robot: its newest state and its events, fetched by a thread.
 #
-# Drawing never waits for the robot. Whatever fails is kept as a sentence, and it is tried
-# again once a second; the robot that was found first is the one that is looked for later.
+# Drawing never waits for the robot. An error is kept as a sentence, and the connection is tried again once a second;
+# the robot that was found first is the one that is looked for later.
 
 
 A = TypeVar("A")
@@ -261,7 +260,7 @@ AGAIN_S: Final = 1.0
 _TIMEOUT_S: Final = 2.0  # of what the robot answers at once
 _SILENCE_S: Final = 1.0  # without a sample: it hangs, or its machine does
 _KEPT_EVENTS: Final = 1000
-_REPEATED: Final = 200  # newest events that are looked through, so that none is told twice
+_REPEATED: Final = 200  # newest events that are compared, so that none is reported twice
 
 
 class RobotLink:
@@ -499,7 +498,7 @@ class ScreenSource(Protocol):
 
 
 class LiveRobot:
-    """Source for a running robot: its API, and its buses if others can listen to them."""
+    """Source for a running robot: its API, and its buses if other processes can receive their frames."""
 
     can_command = True
 
@@ -538,7 +537,7 @@ class LiveRobot:
             self._tap()
 
     def tick(self) -> None:
-        """Listen to the robot's buses once they are known, if requested."""
+        """Open the robot's buses once they are known, if requested."""
         if self._link.layouts is not self._layouts:
             self._layouts = self._link.layouts
             self._networks = [network_of_layout(layout) for layout in self._layouts.values()]
@@ -578,7 +577,7 @@ class LiveRobot:
         return WorkRun(work_words(title, text, node, self._link.name or ""))
 
     def _tap(self) -> None:
-        """Listen to the buses of a robot that was found or has returned, perhaps with others; or stop listening."""
+        """Open the buses of a robot that was found or has returned, perhaps with others; or close them."""
         for tap in self.taps:
             tap.close()
         owner, networks = self._link.name or "", self._networks if self._listening else []

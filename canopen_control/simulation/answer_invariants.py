@@ -1,6 +1,6 @@
 """Invariants of answers: an accepted command moves its axis, or the robot reports why it does not.
 
-An axis that is asked for motion, by its target on the bus or by an accepted velocity or position of a client, has to
+An axis with a motion command, from its target on the bus or from an accepted velocity or position of a client, has to
 move within 2 s and the time of its brake (quirk `brake_delay`). Otherwise an error or a warning of such a kind must be
 about its node, or a stop must name its joint. The same reports excuse a drive that does not follow its targets because
 of a quirk: `unless_reported` keeps a breach back for that time. Disturbed nodes, axes at a limit, and robots on a floor
@@ -36,7 +36,7 @@ ANSWER_NS: Final = 2_000_000_000
 _RENEWED_NS: Final = 500_000_000  # maximum age of a velocity command that is renewed
 _KEPT: Final = 100  # number of reports kept
 _LEAST: Final = 5.0  # counts/s: slower is not a motion
-_WAY: Final = 0.02  # rad or m: a smaller distance to a target asks for no motion
+_WAY: Final = 0.02  # rad or m: a smaller distance to a target commands no motion
 _COMMAND, _FOLLOWS = 0x18F, 0x0F  # controlword bits: operation enabled, no halt
 _SHOWN, _UNLIMITED = 0x86F, 0x27  # statusword bits: OPERATION ENABLED, no active limit (bit 11)
 _VELOCITIES, _POSITIONS = (OperationMode.PV, OperationMode.CSV), (OperationMode.PP, OperationMode.CSP)
@@ -107,7 +107,7 @@ class AnswerInvariants:
         self._reports: deque[tuple[int, Event]] = deque(maxlen=_KEPT)
         self._waiting: list[_Waiting] = []
 
-    # -- what is told
+    # -- reports
 
     def event(self, now: int, event: Event) -> None:
         """Record a report of the robot."""
@@ -154,7 +154,7 @@ class AnswerInvariants:
         if interface == VELOCITY and not value:
             self._requests.pop(key, None)
         elif request is None or (interface == VELOCITY and now - request.last > _RENEWED_NS):
-            # the place before the first position is not known here: it asks for nothing
+            # the position before the first one is unknown: it commands no motion
             self._requests[key] = _Request(now if interface == VELOCITY else 1 << 62, now, value)
         else:
             if interface == POSITION and abs(value - request.value) > _WAY and request.since > now:

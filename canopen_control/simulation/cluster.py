@@ -1,7 +1,7 @@
 """Campaign seeds on an existing Dask cluster; seeds of a lost worker are repeated.
 
 Workers need the same version of this package, with `distributed`, and the robot's files at the same paths. A worker
-runs one seed at a time whatever its number of threads, so that one worker process per processor is best.
+runs one seed at a time regardless of its number of threads, so that one worker process per processor is best.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def run_on_cluster(
 ) -> Iterator[SeedResult]:
     """Yield the results of seeds as they complete; ConfigError without a cluster, CanopenError if it is lost.
 
-    `note` receives a sentence while the cluster has no worker. A seed whose workers died repeatedly runs here.
+    `note` gets a sentence while the cluster has no worker. A seed whose workers died repeatedly runs here.
     """
     require_cluster()
     with _connected(address) as client:

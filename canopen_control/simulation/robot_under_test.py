@@ -195,11 +195,10 @@ class SimulatedDrive:
 class RobotUnderTest:
     """Runtime, buses and drives with one virtual clock; nothing happens before `start`.
 
-    `core` is the runtime, `drives` those of the nodes by node id, `wires` the buses by name; `on_event`
-    hears the robot's events; `started_ns` is when its process was started last, `up` whether it is
-    there, `errors` what its program did wrong, `tells_time` whether clients are told that its time is a simulation's;
-    `floor` is the world that the drives move it in, with physics: that of the file `world`.
-    One that shares the `time` of others is put on a floor by whoever made that.
+    `core` is the runtime, `drives` has the drives by node id, `wires` the buses by name. `on_event` receives the
+    robot's events. `started_ns` is when its process was last started, `up` whether it runs, `errors` the exceptions
+    of its program. With `tells_time` clients are informed that its time is simulated. `floor` is the physics world of
+    its drives, from the file `world`. A robot that shares the `time` of others gets its floor from its creator.
     """
 
     def __init__(

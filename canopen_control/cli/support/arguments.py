@@ -58,13 +58,13 @@ def add_duration(
     default: float | None = None,
     read: Callable[[str], float] = seconds,
 ) -> None:
-    """Declare --for S; the `former` name of the option is still understood."""
+    """Declare --for S; the `former` name of the option is still accepted."""
     parser.add_argument("--for", dest=dest, type=read, default=default, metavar="S", help=meaning)
     parser.add_argument(former, action=_Renamed, new="--for", dest=dest, type=read)
 
 
 def add_new_name(parser: argparse.ArgumentParser, meaning: str) -> None:
-    """Declare --as NAME, the name for a new robot; --name is still understood."""
+    """Declare --as NAME, the name for a new robot; --name is still accepted."""
     parser.add_argument("--as", dest="name", metavar="NAME", help=meaning)
     parser.add_argument("--name", action=_Renamed, new="--as", dest="name")
 

@@ -36,9 +36,9 @@ _NO_NAMES = "canopen-control: object names are unknown: give ROBOT, --name or --
 
 @dataclass(frozen=True, slots=True)
 class WatchedBus:
-    """A bus to listen to; `owner` is the robot that runs on it, or empty.
+    """A bus to receive from; `owner` is the robot that runs on it, or empty.
 
-    `report_notes` says on standard error what is to be known of its names, best once the bus is open.
+    `report_notes` prints notes on its names to standard error; call it once the bus is open.
     """
 
     channel: str
@@ -70,7 +70,7 @@ def add_network_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def watched_bus(args: argparse.Namespace, channel: str | None) -> WatchedBus:
-    """Return the bus to listen to: `channel`, else that of the running robot; ConfigError without one."""
+    """Return the bus to receive from: `channel`, else that of the running robot; ConfigError without one."""
     layout: BusLayout | None
     if channel is None:
         _refuse_channel(args.config)
@@ -102,7 +102,7 @@ def _refuse_channel(config: str | None) -> None:
 def described(args: argparse.Namespace, *, units: bool = False) -> NetworkDescription:
     """Return the description for a file: of ROBOT, --eds or --name, else the predefined connection set.
 
-    With `units` it says what numbers mean, which costs reading the robot's description.
+    With `units` it includes the units of values, which requires reading the robot's description.
     """
     network = _described(args, "", units=units)
     if network is None and args.name is not None:
@@ -179,8 +179,8 @@ def _report(network: NetworkDescription) -> None:
 
 # Which frames a FILE holds and how they are named: a recording of frames, or a flight recording, which names its own.
 #
-# Of a flight recording with several buses one is read, chosen by --bus. What the arguments describe (ROBOT, --eds) wins
-# over what the recording says of itself.
+# Of a flight recording with several buses one is read, chosen by --bus. The description in the arguments (ROBOT, --eds)
+# takes precedence over that in the recording.
 
 
 class FlightSource:

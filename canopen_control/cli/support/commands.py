@@ -1,9 +1,8 @@
 """Commands from a shell, repeated until Ctrl-C or for a time, followed by zeros.
 
-What is repeated ends with this process, whatever ends that; `--once` lives out its time. Drives
-that are being enabled are waited for; where nothing can move the robot's sentence is the end, with exit code 1. A
-command ends without a new motion: zero ends a velocity and an effort; for a position zero is a place to go to, so a
-position is given up instead, and the joint holds where it is.
+Repeated commands end with this process; a command with `--once` ends after its timeout. Drives that are being enabled
+are awaited; if nothing can move, the command ends with the robot's sentence and exit code 1. The end of a command
+causes no new motion: a velocity or effort becomes zero. Zero would be a target for a position, so a
 """
 
 from __future__ import annotations
@@ -72,7 +71,7 @@ def send(args: argparse.Namespace, moving: Command, zeros: Command | None) -> in
 
 @contextlib.contextmanager
 def _where_nothing_moves() -> Iterator[None]:
-    """Ignore a refusal while the drives are disabled: there is no motion to end."""
+    """Ignore a refusal while the drives are disabled, because no motion needs an end."""
     try:
         yield
     except RemoteError as error:

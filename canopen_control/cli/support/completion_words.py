@@ -96,7 +96,7 @@ def find_node(word: str, nodes: Iterable[KnownNode]) -> KnownNode | None:
 A = TypeVar("A")
 FILES, DIRS = "@files", "@dirs"  # the paths that the typed word begins
 _PATHS: Final = {FILES: FilesCompleter(), DIRS: DirectoriesCompleter()}
-_TIMEOUT_S: Final = 0.3  # of a robot; who types does not wait
+_TIMEOUT_S: Final = 0.3  # for an answer of a robot; completion must be fast
 _CAN_HARDWARE: Final = "280"  # ARPHRD_CAN, the type of a network interface in /sys
 
 

@@ -1,8 +1,8 @@
 """Robot for a jog: one drive on a bare bus, booted like every robot, or a drive of a running robot.
 
-There is no second bring-up. Of the EDS alone `init` chooses mode, PDOs and supervision; the
-runtime boots it as a bus without controllers, watches it and stops it. The drive notices the end of this process by
-its heartbeat or by guarding, within `DEAD_MAN_S`. A drive that a controller of a running robot commands is refused.
+It uses the normal boot: from the EDS alone `init` chooses mode, PDOs and supervision; the runtime boots the drive as a
+bus without controllers, monitors it and stops it. The drive detects the end of this process by its heartbeat or by
+guarding, within `DEAD_MAN_S`. A drive that a controller of a running robot commands is refused.
 """
 
 from __future__ import annotations

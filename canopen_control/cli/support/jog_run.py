@@ -1,7 +1,7 @@
 """Loop of a jog: keys to commands, samples to a line, and the stop at its end.
 
-Each command dies with this connection (`dead_man`), and every way out of `run` asks for the
-stop and waits until the drive is disabled. What the terminal shows never decides what moves.
+Each command ends with this connection (`dead_man`), and every exit from `run` requests the
+stop and waits until the drive is disabled. The output to the terminal never affects the motion.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ if TYPE_CHECKING:
     from canopen_control.commissioning.jog_motion import JogLimits, JogScale
 
 
-# A terminal that hands over single keys, and is itself again afterwards, whatever happens.
+# Terminal in raw mode that passes single keys, and is restored at the end.
 #
-# Canonical mode, echo, signals and flow control of the terminal are off while keys are read, so
-# that Ctrl-C, Ctrl-Z and Ctrl-S come as keys: none of them may leave a robot moving. The terminal tells when it loses
-# the focus where it can (xterm's mode 1004). A terminal that is gone (SIGHUP) reads as the end.
+# Canonical mode, echo, signals and flow control of the terminal are off while keys are read, so that Ctrl-C, Ctrl-Z and
+# Ctrl-S arrive as keys: none of them may leave a robot moving. Terminals with xterm's mode 1004 report when they lose
+# the focus. A terminal that was closed (SIGHUP) reads as the end.
 
 
 _FOCUS_ON: Final = "\x1b[?1004h"

@@ -1,8 +1,8 @@
 """Output of verbs: JSON, tables and progress.
 
-Progress is for standard error, so that results stay clean; work that is quickly done says
-nothing; what it left on a terminal is wiped before anything else is printed. Without a terminal (a log, a pipe) there
-are not control characters. JSON is ASCII, and a number that is not finite is null.
+Progress goes to standard error, so that results stay clean; short work prints none. Its line on a terminal is erased
+before anything else is printed. Without a terminal (a log, a pipe) there are no control characters. JSON is ASCII, and
+a number that is not finite is null.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def json_line(document: object) -> str:
 class Progress:
     """Progress of `what`: a rewritten line on a terminal, otherwise occasional lines.
 
-    Use as a context manager, or call `end`; `quiet` says nothing at all, `rate` adds speed and remaining time.
+    Use as a context manager, or call `end`; `quiet` prints nothing, `rate` adds speed and remaining time.
     """
 
     def __init__(

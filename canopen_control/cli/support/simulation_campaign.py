@@ -63,7 +63,7 @@ class CampaignDocument:
 def run_campaign(setup: RobotSetup, order: CampaignOrder, folder: Path) -> int:
     """Run seeds, shrink failing ones, and print the result; 0 good, 1 with a breach. After Ctrl-C 130.
 
-    A robot that does not run even if nothing happens to it is told once, and no seed is run; then 1.
+    A robot that does not run even without failures is reported once, and no seed is run; then 1.
     """
     if order.folder is not None:
         make_folder(order.folder)  # before the seeds, which may take hours
