@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
 # Where an axis' statusword and mode come from: a TPDO, else SDO, and not for longer than they are true.
 #
-# A statusword has an age. While its TPDO comes, it is the TPDO's; when that fails, the last one
-# holds for `GRACE_NS`, is asked for by SDO meanwhile, and after that is unknown; one that never came is asked for too.
-# A mode that no PDO carries is written to 0x6060 when it is wanted and asked for at 0x6061 until it shows. A drive
+# A statusword has an age. While its TPDO arrives, it is that of the TPDO. When the TPDO fails, the last statusword is
+# valid for `GRACE_NS` while it is read by SDO, and unknown afterwards; one that never arrived is read by SDO too.
+# A mode without a PDO is written to 0x6060 when it is requested, and 0x6061 is read until it shows the mode. A drive
 # whose statusword is missing gets a quick stop command, since its motion cannot be observed, and after a while to take
 # its power away, unless it holds a load.
 
@@ -102,7 +102,7 @@ class AxisStatus:
 
     @property
     def invisible(self) -> bool:
-        """Whether there is no source of the statusword: no TPDO, and the node refuses SDO."""
+        """Whether the statusword has no source: no TPDO, and the node refuses SDO."""
         return self.word is None and self._by_sdo.refused
 
     def node_ready(self) -> None:
@@ -209,10 +209,10 @@ class AxisObjectLimits:
     """Limits in the drive, in its own units; `deceleration` in units/s^2 is that of the master's ramps.
 
     `blocked` is the direction, 1 or -1, that an active limit (bit 11) closes, 0 for none. `described` is the velocity
-    limit of the description, or a lower one of this run, in rad/s (m/s) of the axis, infinite where there is none;
-    `words` is what it is called. What holds is the smaller of that and of the drive's `velocity`: `most` in velocity
-    units, `pace` in position counts per s. `held` says that a target had to be slowed down since that was looked at
-    last. `ramp_unbounded`: the drive's own ramp of PP is not known to be within `described`.
+    limit of the description, or a lower one of this run, in rad/s (m/s) of the axis, infinite if there is none;
+    `words` is its name for messages. The smaller of that and the drive's `velocity` applies: `most` in velocity
+    units, `pace` in position counts per s. `held` is True if a target was slowed down since the last check.
+    `ramp_unbounded`: the drive's own ramp of PP is not known to be within `described`.
     """
 
     __slots__ = (

@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 
 # Choice of the mode of operation for a command interface (0x6502, CiA 402-2), and of its RPDO.
 #
-# The key of bus.yml decides the mode where it says something, else the best mode that the drive lists (0x6502)
-# and whose target an RPDO carries, cyclic before profile; what cannot be is refused before anything is sent.
+# A mode given in bus.yml is used, else the best mode that the drive lists (0x6502) and whose target is in an RPDO,
+# cyclic modes before profile modes; an impossible mode is refused before anything is sent.
 
 
 _ASSUMED: Final = (OperationMode.PP, OperationMode.IP, OperationMode.PV, OperationMode.VL, OperationMode.TQ)
@@ -106,7 +106,7 @@ def _of_file(axis: AxisProcessData) -> list[int]:
 def _of_drive(axis: AxisProcessData, parameters: AxisParameters) -> tuple[OperationMode, ...]:
     """Return the modes of 0x6502 in the drive, else in the EDS; () without either.
 
-    0 says nothing: a drive has a mode, and a manufacturer that gives no value writes it too.
+    0 is ignored: every drive has a mode, and manufacturers also write 0 for "no value".
     """
     identity, entry = axis.node.identity, axis.node.od.get(axis.index(objects.SUPPORTED_DRIVE_MODES), 0)
     at_boot = identity.supported_modes if identity is not None and len(axis.node.plan.axes) == 1 else None
@@ -174,7 +174,7 @@ def require_targets(axis: AxisProcessData, interfaces: Collection[str]) -> None:
             if axis.digital_outputs is None:
                 raise _unmapped(axis, name, "0x60FE:01")
         elif name == TARGET or (name in FEED_FORWARD and POSITION in interfaces and _feeds(axis, name)):
-            continue  # a drive on a bus alone may be there to be looked at: its enable says what is missing
+            continue  # a drive without a robot may only be observed: the error of its enable names the missing object
         elif name not in _SERVED:
             known = ", ".join((*MOTION_INTERFACES, DIGITAL_OUTPUTS))
             raise RobotConfigError(f"joint {axis.joint}: no command interface {name!r}; there are: {known}")
@@ -311,8 +311,8 @@ _NOT_GIVEN: Final = {"pos_to_dev": 1000.0, "pos_from_dev": 0.001, "vel_to_dev": 
 class AxisParameters:
     """Parameters of one axis; `on_loaded` is called after each `load`, `failed` lists objects without an answer.
 
-    With `profile` the ramp is asked for too that the drive would make by itself (0x6081, 0x6083). `tell` takes what was
-    found later, in a sentence.
+    With `profile` the objects of the drive's own ramp are read too (0x6081, 0x6083). `tell` gets later findings as
+    sentences.
     """
 
     def __init__(
@@ -480,7 +480,7 @@ class AxisParameters:
         if encoder is None and feed is None:
             return None
         try:
-            # A feed constant of one unit per turn is what drives without user units answer: it says nothing.
+            # Drives without user-defined units return a feed constant of one unit per turn, which is ignored.
             return counts_per_revolution(encoder or (1, 1), gear, feed if feed not in (None, (1, 1)) else None)
         except ConfigError:
             return None

@@ -1,11 +1,11 @@
 """Statechart of one axis as a table of states and triggers: its power, its stop, and permission to move.
 
-`TABLE` says for each state what each trigger leads to and what the drive is told on the way; what
-has no row changes nothing. Targets of a controller are sent in FOLLOWING alone, and the only way into it begins with
-ENABLE: a fault reset, a drive that comes back or a group that is complete never lead up from a stop. The rows with
-GROUP_ are the stop group's (`StopGroup`): its joints are enabled in one cycle and disabled in one cycle. Every state
-of a stop has a time (`LIMITS_NS`); what does not end in it goes on to a quick stop, then to disable voltage, unless the
-axis holds a load that would fall, and the last state says that it has not stopped.
+`TABLE` has for each state and trigger the next state and the command to the drive; a trigger without a row changes
+nothing. Targets of a controller are sent in FOLLOWING only, and the only path into it begins with ENABLE: a fault
+reset, a drive that returns or a group that is complete never lead from a stop to it. The rows with GROUP_ are triggers
+of the stop group (`StopGroup`): its joints are enabled in one cycle and disabled in one cycle. Every state of a stop
+has a timeout (`LIMITS_NS`); after it follows a quick stop, then disable voltage, unless the axis holds a load that
+would fall; the last state reports that the axis has not stopped.
 """
 
 from __future__ import annotations
@@ -304,10 +304,10 @@ _TELL: Final[Mapping[DriveCommand, Callable[[DriveMachine], None]]] = MappingPro
 
 # Joints that stop together after an error of one, and change power in one SYNC cycle.
 #
-# An axis of a group is let into OPERATION_ENABLED when every axis that is being enabled stands
-# before it, and disabled when every axis that is being stopped stands still. All joints of a robot are one group unless
-# the description says otherwise (`<param name="stop_group">`); a group of one is the policy "single". The joints that a
-# controller of a base holds are in one group whatever the description says, and move as a whole or not at all.
+# An axis of a group enters OPERATION_ENABLED when every axis that is being enabled is ready for it, and is disabled
+# when every axis that is being stopped is at standstill. All joints of a robot are one group unless the description
+# defines others (`<param name="stop_group">`); a group of one is the policy "single". The joints that one base
+# controller claims are always in one group, and move together or not at all.
 
 
 class GroupMember(Protocol):

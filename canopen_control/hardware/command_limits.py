@@ -8,8 +8,8 @@ stands. A command that is nan stays nan.
 Ours, and safer: a joint outside of its range is led back by its velocity limit and not at once, and a velocity may lead
 it back too; one that has no velocity state begins from standstill; no velocity changes by more than the acceleration.
 
-What is limited is told once for each occasion: what was asked for, and the limit as the description has it. An occasion
-goes on until nothing has been limited for a second, which is how often ros2_control tells it.
+A limited command is reported once per occasion, with the desired value and the limit of the description. An occasion
+ends when nothing has been limited for a second, which is the report interval of ros2_control.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class JointLimiter:
     def enforce(self, actual: list[float], desired: list[float], period: float) -> bool:
         """Clamp the desired values by quantity and return whether any was clamped; `period` in s.
 
-        Raises ControlError where a position is wanted of a joint that is far outside of its range.
+        Raises ControlError for a position command to a joint that is far outside of its range.
         """
         if period <= 0.0:
             return False
@@ -262,13 +262,12 @@ def _clamp(value: float, low: float, high: float) -> float:
 
 # Commands that are limited together: those of one joint, or one with bounds of its own.
 #
-# Most commands lead on by less than the limits allow. `passes` finds that out by a few
-# comparisons, where one quantity of a joint is commanded and it has no soft limits; only what does not pass is judged
-# in full (`enforce`), with the same result for what would have passed. What is told of a limit is told where that
-# begins, see `command_limits`.
+# Most commands advance by less than the limits allow. `passes` detects that with a few comparisons, if one quantity of
+# a joint is commanded and it has no soft limits; only other commands are processed in full (`enforce`), with the same
+# result for those that would have passed. The report of a limit comes at its begin, see `command_limits`.
 
 
-QUIET_S: Final = 1.0  # without a limited command, and the next one is told again
+QUIET_S: Final = 1.0  # without a limited command until the next one is reported again
 _UNITS: Final = ("", "/s", None, "/s²", "/s³")  # after rad or m; an effort has its own
 _ALMOST: Final = 1.0 - 1e-9  # what rounding leaves of a step
 _MOST: Final = sys.float_info.max  # what is infinite is looked at closer
@@ -368,7 +367,7 @@ class JointCommands(Limited):
         start = self._starts[at]
         return min(max(value, start - most), start + most) if math.isfinite(start) else value
 
-    # ------------------------------------------------------------------------------------------------- what is told
+    # ------------------------------------------------------------------------------------------------- reports
 
     def _limit_text(
         self, at: int, command: CommandInterface, target: float, value: float, period: float, clock: float

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 #
 # An output is never restored: when its node was lost or has restarted, what stands commanded counts no more, and the
 # output stays as the device has it (its error value, its default) until another value is commanded. It is sent when it
-# is commanded first and when it changes. Released by its controller it goes where that says, else it takes its safe
+# is commanded first and when it changes. Its controller can set its value on release, else it takes its safe
 # value, unless it is to keep what it has.
 
 
@@ -136,7 +136,7 @@ def _bounds(entry: Entry) -> tuple[float, float]:
 #
 # A value counts from the boot on, which reads it, until the node is lost, its TPDO is overdue (three event timers, or
 # the SYNCs that bus.yml allows), or the device calls it invalid. An input that only comes when it changes has no age:
-# the heartbeat decides. What no TPDO carries is asked for by SDO, each object once a second at most.
+# the heartbeat decides. Signals without a TPDO are read by SDO, each object once a second at most.
 
 
 POLL_NS: Final = 1_000_000_000
@@ -219,7 +219,7 @@ class NodeInputs:
         self.boots = -1
         self.ready = self.lost = False  # lost: already reported
         self.jumps: list[str] = []  # sentences not reported yet
-        self._jumped: dict[str, int] = {}  # signals, by the boot since which that was told
+        self._jumped: dict[str, int] = {}  # signals, by the boot after which that was reported
 
     def of(self, address: Address) -> RawInput:
         """Return the raw input of an object of the dictionary."""

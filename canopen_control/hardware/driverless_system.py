@@ -34,17 +34,17 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 
-# State interfaces of <sensor> tags that no device measures but the world of virtual drives with physics.
+# State interfaces of <sensor> tags that the world of virtual drives with physics measures, not a device.
 #
-# The drives move the robot in a world of their own process, which tells what its sensors measure when it is asked. A
-# value that is older than half a second, as after the drives have died, is nan, as every state that is not known.
+# The drives move the robot in a world of their own process, which returns the measured values of its sensors on
+# request. A value older than half a second, for example after the end of the drives, is nan, like every unknown state.
 
 
 _AGE_NS: Final = 500_000_000
 
 
 class WorldSensors(ComponentLifecycle):
-    """Sensors of one tag, updated by `take`; there are no commands."""
+    """Sensors of one tag, updated by `take`, without commands."""
 
     def __init__(self, name: str, parts: Iterable[ControlJoint]) -> None:
         super().__init__()

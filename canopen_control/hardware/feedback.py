@@ -29,12 +29,12 @@ if TYPE_CHECKING:
 # are those of CiA 402-2 and CiA 303-2 that drives are set to, by how many of them one turn of the motor per second is.
 
 
-# Motion for what a unit says: of a drive that keeps its velocity, and of one that still speeds up.
+# Motion needed to check a unit: of a drive at constant velocity, and of one that accelerates.
 _STEADY_MIN: Final = 0.7
 _STEADY_MAX: Final = 1.3
 _RISING_MIN: Final = 0.25
 _RISING_MAX: Final = 1.5
-_FAR: Final = 3.0  # how many times as fast or as slow as told a motion is that doubts the unit of velocities
+_FAR: Final = 3.0  # ratio of measured to reported speed from which the unit of velocities is doubtful
 _COUNTS: Final = "counts per second"
 _UNITS: Final = {
     "rpm": 60.0,
@@ -117,7 +117,7 @@ class Feedback:
         self._axis = axis
         present = {POSITION: axis.position, VELOCITY: axis.velocity, EFFORT: axis.effort}
         names = [name for name, signal in present.items() if signal is not None]
-        # as some drives have no 0x606C, or no room for it in a TPDO
+        # some drives have no 0x606C, or no space for it in a TPDO
         self._derives = axis.velocity is None and axis.position is not None and VELOCITY in description.state_interfaces
         if self._derives:
             names.append(VELOCITY)

@@ -37,7 +37,7 @@ class ReturnType(enum.Enum):
     ERROR = "error"
 
 
-OK: Final = ReturnType.OK  # every cycle asks a dozen times, and before Python 3.12 finding a member takes 65 ns
+OK: Final = ReturnType.OK  # used a dozen times per cycle; before Python 3.12 the access to a member takes 65 ns
 ERROR: Final = ReturnType.ERROR
 
 
@@ -386,7 +386,7 @@ class ComponentLifecycle(ABC):
         """Do nothing: the component has no world."""
 
     def scan(self) -> Sequence[LaserScanReading]:
-        """Return an empty list: there are no lidars."""
+        """Return an empty list, because drives have no lidars."""
         return ()
 
     @abstractmethod

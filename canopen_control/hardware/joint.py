@@ -2,7 +2,7 @@
 
 Whether the axis may move is the state of its chart (`axis_statechart`), whose triggers are fired
 here: a target reaches the drive only in FOLLOWING; in every other state the target is standstill at the actual
-position, or ramps towards it (`joint_targets`). A drive whose statusword is gone while its node lives is told to quick
+position, or ramps towards it (`joint_targets`). A drive without a statusword whose node is active gets a quick
 stop, since its motion cannot be observed.
 """
 
@@ -51,9 +51,9 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint
 
 
-# The parts of a joint and of the drive axis behind it, and what they say: state, power, homing, feedback.
+# The parts of a joint and of the drive axis behind it, and their reports: state, power, homing, feedback.
 #
-# Nothing here acts; what moves the axis is `joint`.
+# No part here acts; `joint` moves the axis.
 
 
 class JointParts:
@@ -198,7 +198,7 @@ _STANDING: Final = (
     "it is enabled and does not follow its set-points; check its brake, its power and which source its set-points come "
     "from (with a brake that lifts late give it `enable_settle_ms` in bus.yml)"
 )
-_BOOTING: Final = "; booting it again"  # what was told of the node already
+_BOOTING: Final = "; booting it again"  # reports of the node already made
 
 
 class FeedbackStatus(enum.Enum):
@@ -217,8 +217,8 @@ _LIVE: Final = FeedbackStatus.LIVE
 class JointDrive(JointParts):
     """Joint bound to one axis of one node; controllers claim its interfaces.
 
-    `power` is where it is in its statechart. `resume` is set by a stop whose cause may be cleared without a user: the
-    joint was enabled before it. `<param name="holds_load">true</param>` says that its load would fall without power.
+    `power` is its state in the statechart. `resume` is set by a stop whose cause may be cleared without a user: the
+    joint was enabled before it. `<param name="holds_load">true</param>` means that its load would fall without power.
     """
 
     def __init__(self, description: ControlJoint, node: RemoteNode, image: ProcessImage, axis: int = 0) -> None:
@@ -265,7 +265,7 @@ class JointDrive(JointParts):
         self.tracking.begin()
         self._fire(PhaseTrigger.ENABLE)
         for pdo in self.node.sent:
-            pdo.changed = True  # whatever stands in the drive, its targets are at rest before it is enabled
+            pdo.changed = True  # targets are at rest before the drive is enabled, regardless of its present ones
 
     def stop(self, now: int) -> None:
         """Ramp to zero, then disable together with the group."""

@@ -1,10 +1,10 @@
 """Events of a joint: emergencies, warning and limit bits of the statusword, wrong direction, fault codes.
 
-One table from the kind of a drive's event to its name, its level and whether it stops. What is
-seen in the statusword is told when it begins, not while it lasts. An active limit closes the direction in which the
-axis went and leaves the other open; an axis that moves with others stops with them at it, and again when it is
-commanded beyond it. An axis that turns against its command is told from one that lags by both being large for
-`WRONG_LOOKS` looks on end. A drive that has no error code (0x603F) has said what it has to say by EMCY.
+One table from the kind of a drive's event to its name, its level and whether it stops. A condition
+of the statusword is reported when it begins, not while it lasts. An active limit closes the direction in which the
+axis moved and leaves the other open; an axis that moves with others stops with them at it, and again when it is
+commanded beyond it. An axis that turns against its command is distinguished from one that lags: both values are large
+in `WRONG_LOOKS` consecutive checks. If a drive has no error code (0x603F), its EMCY is the only report.
 """
 
 from __future__ import annotations
@@ -91,8 +91,8 @@ class StatusWatch:
         self._against = self._against_from = 0
         self._last_target = 0
         self._limit_at = 0  # the position at which the limit was reached
-        self._out_of_range = math.nan  # the target that was told not to fit its object
-        self._quiet = 0  # so many looks without a target that is too fast, and the next one is told again
+        self._out_of_range = math.nan  # the target last reported as out of its object's range
+        self._quiet = 0  # checks without a target that is too fast; after enough of them the next one is reported again
         self._targets: tuple[Output | None, Output | None] = (
             axis.output(objects.TARGET_VELOCITY),
             axis.output(objects.TARGET_POSITION),
@@ -232,7 +232,7 @@ class FaultReason:
 
 STANDING_LOOKS: Final = 15  # of a tenth of a second each
 _LATE_LOOKS: Final = 2
-_WAY: Final = 0.02  # rad or m: a smaller distance to the target asks for no motion
+_WAY: Final = 0.02  # rad or m: a smaller distance to the target commands no motion
 _STEP: Final = STANDSTILL / 10  # rad or m in one look
 
 
@@ -322,10 +322,10 @@ class MotionWatch:
 
 # One homing of one axis, from the request to the return to the previous mode (CiA 402-2, mode HM).
 #
-# The method is checked against what the drive lists before anything is written. Homing may enable
-# the drive, because a user asked for a motion; afterwards the mode and the enable are what they were. Every way out
-# leaves bit 4 at 0, and only a homing that was seen to end well makes the axis homed. The joint that it is of asks for
-# `phase` in every cycle and does what that says; nothing here reaches back to it.
+# The method is checked against the list of the drive before anything is written. Homing may enable the drive, because a
+# user requested a motion; afterwards the mode and the enable are restored. Every exit leaves bit 4 at 0, and only a
+# homing that was seen to end well makes the axis homed. Its joint calls `phase` in every cycle and applies the result;
+# nothing here refers back to it.
 
 
 class HomingPhase(enum.Enum):
@@ -343,8 +343,8 @@ class JointHoming:
     """Homing in progress; `result` is None until its end, then "" or the reason of a failure.
 
     `mode_before` and `was_enabled` are restored afterwards. DriveError for a method that is not in `methods`, the list
-    of the drive (None: no list). `bound` keeps the speeds within the velocity limit, and returns "" or the reason why
-    it cannot: then there is no homing.
+    of the drive (None: no list). `bound` limits the speeds to the velocity limit, and returns "" or the reason why it
+    cannot: then homing is refused.
     """
 
     def __init__(
@@ -390,7 +390,7 @@ class JointHoming:
     def step(self, is_wanted: bool, may_home: bool, now: int) -> int:
         """Return the mode's bits of the controlword for this cycle.
 
-        `wanted`: the axis is still meant to be enabled; `may_home`: its chart permits motion.
+        `wanted`: the axis is still to be enabled; `may_home`: its chart permits motion.
         """
         machine = self._machine
         ready = may_home and machine.may_move and machine.mode == OperationMode.HM

@@ -5,12 +5,12 @@ that mode (CiA 402-2) is a `ModeTarget`: `hold` is standstill where the axis is,
 move, `follow` takes a target in SI units, nan for none, `ramp_down` is one cycle of a controlled stop and
 returns whether its target stands. A target that did not change costs one comparison.
 
-One interface of motion at a time, but for what feeds a position forward (`feed_forward`). A mode
-change of an enabled drive is preceded by a cycle in which every target is at rest, since the new mode acts upon its
-target at once; whatever is not followed is held at the actual position, without velocity and effort. CSP, IP and CSV
-have no ramp in the drive, so the master ramps, also to a stop; PP and PV leave the way to the drive. What is more than
-half a turn of the counter away, or does not fit its object, is not a target: the axis stands, and
-`out_of_range` of the axis is that target.
+One interface of motion at a time, but for what feeds a position forward (`feed_forward`). A mode change of an enabled
+drive is preceded by a cycle in which every target is at rest, since the new mode acts upon its target at once; a target
+that is not followed is held at the actual position, without velocity and effort. CSP, IP and CSV have no ramp in the
+drive, so the master ramps, also to a stop; PP and PV leave the way to the drive. What is more than half a turn of the
+counter away, or does not fit its object, is not a target: the axis stands, and `out_of_range` of the axis is that
+target.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 UINT32_MAX: Final = (1 << 32) - 1
 _NAN: Final = math.nan
 _PROFILE: Final = (objects.PROFILE_VELOCITY, objects.PROFILE_ACCELERATION)
-_DEFAULT_STOP_S: Final = 0.5  # of a ramp where the drive tells no deceleration
+_DEFAULT_STOP_S: Final = 0.5  # default of a ramp if the drive has no deceleration
 _VL_RUN: Final = 0x70  # bits 4, 5 and 6: enable ramp, unlock ramp, use the reference
 _INTERPOLATE: Final = 0x10
 _FAR: Final = 0.01  # rad (m) to a set-point that the drive cannot have reached
@@ -102,7 +102,7 @@ class JointTargets:
     def claim(self, interface: str | None, beside: Collection[str] = ()) -> None:
         """Select the claimed interface, or none, and its mode; `beside` lists its feed-forward interfaces.
 
-        A TARGET follows the mode instead, which a user asks for, or the next enable.
+        A TARGET follows the mode instead, which a user or the next enable requests.
         """
         self.claimed = interface
         self.feed_forward.claim(beside)
@@ -220,7 +220,7 @@ class JointTargets:
         fits = current is not None and self.claimed in (current.interface, TARGET)
         self._command = command = self.commands[self.claimed] if fits and self.claimed is not None else None
         if command is not None and current is not None and command.quantity != current.interface:
-            command.quantity, command.value = current.interface, _NAN  # what it was told was another quantity
+            command.quantity, command.value = current.interface, _NAN  # the earlier command was of another quantity
         self._track(command if current is not None and current.tracks else None)
         if current is not None and current.handshakes:
             self._parameters.bound_ramp()
@@ -244,8 +244,8 @@ class JointTargets:
 class ModeTarget(metaclass=ABCMeta):
     """Target of one mode: common parts of all modes.
 
-    `output` carries it, `bits` are the mode's bits of the controlword; `handshakes` says that it has events of its own,
-    `tracks` that the axis is to be where the target is, or as fast, in every cycle.
+    `output` carries it, `bits` are the mode's bits of the controlword; `handshakes` is True if it has events of its
+    own, `tracks` if the axis must reach the target's position or velocity in every cycle.
     """
 
     interface = ""

@@ -179,7 +179,7 @@ class GenericSystem(ComponentLifecycle):
         return OK
 
     def write(self, now: int, period: float) -> ReturnType:
-        """Do nothing: there is no hardware."""
+        """Do nothing, because there is no hardware."""
         del now, period
         return OK
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 
-# Enables a group again whose stop was caused by a node that is here again, where bus.yml says so.
+# Enables a group again whose stop was caused by a node that has returned, if bus.yml requests that.
 #
 # Only joints that were enabled when the stop came, only after a lost node whose `recovery` is
 # `enable`, and only when every joint of the group can go: nodes ready, parameters read, no fault, standing still. A
@@ -167,7 +167,7 @@ class CanopenSystem(ComponentLifecycle):
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Stop released joints; set the mode of claimed ones and enable them, without waiting.
 
-        What is claimed by its TARGET alone has the mode that a user asks for, and is enabled by a user's word.
+        A joint claimed by its TARGET only keeps the mode that a user requested, and only a user enables it.
         """
         starting = self._moved(start)
         self.devices.release(stop)
@@ -232,7 +232,7 @@ class CanopenSystem(ComponentLifecycle):
             joint.require_enable()
 
     def _choose_modes(self, joints: Iterable[JointDrive]) -> None:
-        """Ask for the mode of the first interface of each joint without one, and again for one that failed."""
+        """Request the mode of the first interface of each joint without one, and again for one that failed."""
         for joint in joints:
             motion = [name for name in joint.commands if name != DIGITAL_OUTPUTS]
             if joint.targets.mode is None and motion:

@@ -1,8 +1,8 @@
 """Tracking of a joint: its error, and repeated or skipped set-points.
 
-What a drive measures at a SYNC is compared with the set-point that it was to have reached then,
-not with the newest one: it takes a set-point with the SYNC after the RPDO and arrives a period later (0x60C2), so that
-the error of a drive that follows exactly is 0, whatever the bus takes. Nothing is allocated; a step is a few floats.
+A position measured at a SYNC is compared with the set-point that was due at that SYNC, not with the newest one: a drive
+takes a set-point with the SYNC after the RPDO and reaches it a period later (0x60C2), so that the error of a drive that
+follows exactly is 0, independent of the bus delay. Nothing is allocated; a step is a few floats.
 Errors are in rad or rad/s (m or m/s).
 """
 
@@ -114,12 +114,12 @@ def _span(command: CommandInterface, most: float) -> None:
 
 # Trapezoidal position profile for modes in which the drive computes none: one step per cycle.
 #
-# A set-point of a trajectory is where the axis is to be in this cycle; a place is where it is to come to in the end,
-# and a drive in CSP or IP would be asked to be there at once.
+# A set-point of a trajectory is for this cycle; a TARGET is a final position, which a drive in CSP or IP must not get
+# at once.
 #
-# A way begins with the speed that there is, ends at rest, and is never faster than `most`; the speed
-# rises by `rise` at most, also where a new place lies behind, and falls as late as that lets it. Counts, counts/s and
-# counts/s^2; nothing is allocated. Who stops on the way does not step any more, and lets it `rest`.
+# A profile begins with the present speed, ends at rest, and is never faster than `most`. The speed rises by `rise` at
+# most, also towards a new target behind the axis, and falls as late as that allows. Counts, counts/s and counts/s^2;
+# nothing is allocated. A stop during the profile ends the steps and calls `rest`.
 
 
 _LEAST: Final = 1  # count in a cycle: a slower motion is not sent to the drive

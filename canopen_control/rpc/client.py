@@ -150,7 +150,7 @@ class Client(Generic[H, P]):
         except ValueError as error:
             raise UnreadableMessage(f"{self._stream.label} sent garbage: {error}") from None
 
-    def _decoded(self, raw: wire.Raw, kind: Any) -> Any:  # noqa: ANN401 - what `kind` says
+    def _decoded(self, raw: wire.Raw, kind: Any) -> Any:  # noqa: ANN401 - the type that `kind` names
         try:
             return wire.decode(raw, kind)
         except ValueError as error:
@@ -203,7 +203,7 @@ class Client(Generic[H, P]):
         finally:
             self._changed.acquire()
             self._reading = False
-            self._changed.notify_all()  # also for those who waited for another thread to read
+            self._changed.notify_all()  # also for callers that waited for another reading thread
         self._failure = self._failure or failure
         if line is not None:
             self._sort_in(line)

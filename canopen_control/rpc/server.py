@@ -1,7 +1,7 @@
 """Server of a socket: passes requests of an `Api` to handlers, and pushes messages to subscribers.
 
-Whatever a client sends, the answer is a sentence and the owner goes on: an unknown method, a missing field or one of a
-wrong type is refused before a handler sees it.
+Each invalid request gets a sentence as its answer, and the server continues: an unknown method, a missing field or a
+field of a wrong type is refused before a handler gets it.
 """
 
 from __future__ import annotations
@@ -71,9 +71,9 @@ class ServerObserver(Protocol):
 class Server(Generic[H, P]):
     """Server of an `Api` on a Unix socket in a reactor; `hello()` returns the greeting.
 
-    `keeps(connection)` is true for those that may be silent; SocketInUse when another process serves the path
-    already; `listener` is for who listens there before he serves. `check` tells whether every method has its handler.
-    `observer` gets method and parameters of each request that was not refused at once, but of those that only read.
+    `keeps(connection)` returns whether a connection may be idle; SocketInUse if another process serves the path
+    already; `listener` is a socket that already listens. `check` returns whether every method has its handler.
+    `observer` gets method and parameters of each accepted request, except of those that only read.
     """
 
     def __init__(

@@ -61,7 +61,7 @@ def read_request(line: bytes) -> Incoming:
     return Incoming(number, method, fields.get("params", _NOTHING))
 
 
-def decode(raw: Raw | bytes, kind: Any) -> Any:  # noqa: ANN401 - what `kind` says, which may be a union
+def decode(raw: Raw | bytes, kind: Any) -> Any:  # noqa: ANN401 - the type that `kind` names, perhaps a union
     """Return decoded JSON of a type; ValueError with msgspec's sentence and the path."""
     try:
         return msgspec.json.decode(raw, type=kind)
@@ -115,7 +115,7 @@ def plain(message: object) -> Any:  # noqa: ANN401 - what JSON holds
     return msgspec.json.decode(_encode(message))
 
 
-def attributes(source: object, kind: Any) -> Any:  # noqa: ANN401 - what `kind` says
+def attributes(source: object, kind: Any) -> Any:  # noqa: ANN401 - the type that `kind` names
     """Return a document with the attributes of an object, or of each in a list, that `kind` names."""
     return msgspec.convert(source, kind, from_attributes=True)
 

@@ -333,8 +333,8 @@ def _state(act: WorldAct) -> str:
     return f"the floor has a friction of {act.friction:g}"
 
 
-MAX_KIND, MAX_TEXT = 32, 500  # characters of what a client tells
-MAX_REQUEST = 1 << 16  # bytes of a request that others are told
+MAX_KIND, MAX_TEXT = 32, 500  # characters of a client's message
+MAX_REQUEST = 1 << 16  # bytes of a request that is passed on to subscribers
 _PLANAR, _SIDEWAYS = ("linear.x", "angular.z"), "linear.y"
 Commands = TypeVar("Commands", messages.CommandController, messages.CommandByName, messages.TwistController)
 

@@ -40,10 +40,10 @@ if TYPE_CHECKING:
     from canopen_control.runtime.core import RobotCore
 
 
-# What is told of objects that clients write through a robot: who wrote what, and of many that there were more.
+# Events about objects that clients write through a robot: the client and the object, and a summary of many writes.
 #
-# The first few of one client at one node are told one by one. What follows within the time is told by one text, so that
-# the event log counts it: a restore of three hundred objects must not push everything else out of the log.
+# The first few writes of one client to one node are reported one by one. Later ones within the time have one text, so
+# that the event log counts them: a restore of three hundred objects must not push all other events out of the log.
 
 
 FEW: Final = 5
@@ -84,8 +84,8 @@ class WriteLog:
 
 # Process data for clients: what TPDOs carry, object by object as it came, and objects to send in RPDOs.
 #
-# Nothing is looked at without a watcher. A watcher first gets everything that has arrived, and
-# after each cycle what has changed since; a value that changed several times within a cycle is told once. Values are
+# Nothing is read without a subscriber. A subscriber first gets everything that has arrived, and
+# after each cycle the changes; a value that changed several times within a cycle is sent once. Values are
 # the bytes of the object (CiA 301, 7.1), little endian, as SDO gives them. What moves an axis (controlword, mode and
 # targets, CiA 402-2) belongs to the controllers, which have limits and timeouts, and is not written by others.
 

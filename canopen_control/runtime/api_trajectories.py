@@ -1,7 +1,7 @@
 """API methods about trajectories and grippers: a connection has at most one goal, which ends with it.
 
-A sender that has promised a heartbeat counts as gone when it falls silent, even if its connection remains: it may be
-blocked or stopped by a signal.
+A sender that has announced a heartbeat counts as gone when the heartbeat stops, even if its connection remains: the
+process may be blocked or stopped by a signal.
 """
 
 from __future__ import annotations
@@ -270,13 +270,13 @@ def _tolerances(messages: Sequence[TrajectoryTolerance]) -> tuple[JointTolerance
     )
 
 
-# The API's methods about grippers: a connection has one goal, which ends with it; its end is told to who asks.
+# The API's methods about grippers: a connection has one goal, which ends with it; its end can be queried.
 
 
 class GripperMethods:
     """Methods about grippers; `keep` refuses further permanent connections.
 
-    `promise` receives the heartbeat that a connection promises, None for none.
+    `promise` gets the heartbeat period that a connection announces, None for none.
     """
 
     def __init__(

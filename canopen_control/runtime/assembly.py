@@ -103,11 +103,11 @@ def _check(place: Node, joint: str, interface: str, commands: dict[str, tuple[st
         place.error(f"joint {joint} has no command interface {interface!r}; it has {has}")
 
 
-# What moves the joints of a simulation plugin: physics where that is installed, else simple motors of their own.
+# The mechanics of the joints of a simulation plugin: physics if it is installed, else simple motors.
 #
-# A description that names MuJoCo's plugin, or a user who gives a world, wants physics: what keeps it from that is an
-# error. One that names Gazebo's runs on simple motors then, which is told. The plugin's parameters `mujoco_model`, an
-# MJCF file, and `pids_config_file` are beside the description.
+# A description with MuJoCo's plugin, or a world given by the user, requires physics: the reason why it is not possible
+# is an error. A description with Gazebo's plugin then runs on simple motors, which is reported. The plugin's parameters
+# `mujoco_model`, an MJCF file, and `pids_config_file` are beside the description.
 
 
 _MODEL: Final = "mujoco_model"
@@ -119,7 +119,7 @@ def simulation_engine(
 ) -> Engine | None:
     """Return the physics of a robot's only simulated tag, None for simple motors; RobotConfigError, PhysicsError.
 
-    `report` receives the kind and the text of guesses, or of the reason why there is no physics.
+    `report` gets the kind and the text of guesses, or the reason why there is no physics.
     """
     tags = [tag for tag, kind in zip(setup.description.hardware, kinds, strict=True) if kind is PluginKind.SIMULATION]
     is_needed = setup.world is not None or any(tag.plugin == PHYSICS_PLUGIN for tag in tags)

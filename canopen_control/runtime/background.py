@@ -1,7 +1,7 @@
 """`BackgroundRobot`: a robot on a thread of this process, for the library.
 
-The robot is used only on its own thread; other code is a client of its API, as in another process. If a script dies the
-drives stop by their heartbeat consumers, as with any master that dies.
+The robot is used only on its own thread; other code is a client of its API, as in another process. If a script is
+killed, the drives stop by their heartbeat consumers, as after the loss of any master.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 START_S = 30.0
-_SETTLED = ("running", "stop_latched")  # what is latched waits for `release` with whatever it is at
+_SETTLED = ("running", "stop_latched")  # after a latched stop only `release` continues
 
 
 class _SettledObserver(RobotObserver):

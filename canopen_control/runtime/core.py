@@ -61,13 +61,13 @@ if TYPE_CHECKING:
 
 # One cycle of the robot: SYNC where it goes first, read, update, write, send, and what can wait until after that.
 #
-# Controllers live on the grid. The time that they get is that of the edge, and the period is that
-# of the grid, however late the process woke: a late cycle sends the set-point of its edge. After edges that were
-# skipped they go on with the set-point of the newest one, but for `CAUGHT_UP` skipped edges at most: for the others
-# their time stands, since a drive that has stopped meanwhile must not be told to make up for all of it in one period.
-# What is written is for one period all the same: no target moves by more than the drive's velocity makes of that. What
-# waits for frames or watches others goes by the clock. A simulated robot without buses has no frames to wait for: its
-# components read at the edges too, and where its time stands (`robot_clock`) there is no cycle.
+# Controllers run on the grid of cycle edges. Their time is that of the edge, and their period is that of the grid,
+# however late the process woke: a late cycle sends the set-point of its edge. After skipped edges they continue with
+# the set-point of the newest edge, but for at most `CAUGHT_UP` skipped edges: the time of others is dropped, since a
+# drive that has stopped meanwhile must not be commanded the whole distance in one period. Written targets are for one
+# period in each case: no target moves by more than the drive's velocity allows in it. Timeouts of frames and of
+# supervision use the clock. A simulated robot without buses has no frames to wait for: its components are read at the
+# edges too, and while its time is paused (`robot_clock`) there is no cycle.
 
 
 _LOOK_NS: Final = 100_000_000  # from one look at what buses wait for to the next
@@ -190,7 +190,7 @@ class RobotCycle:
         self._manager.deactivate_using(component, f"{component.name} reported an error on {verb}", now)
 
 
-STOP_TIMEOUT_NS: Final = 15_000_000_000  # a stop that takes longer is ended without the drives' consent, and says so
+STOP_TIMEOUT_NS: Final = 15_000_000_000  # a longer stop ends without confirmation by the drives, and reports that
 REQUEST_TIMEOUT_NS: Final = 12_000_000_000
 _NEVER: Final = 1 << 62  # boot_time 0: wait for the nodes for ever
 
@@ -328,7 +328,7 @@ class RobotCore:
             return  # it was ended before it began
         self._with_buses(RobotBus.open)
         if self.failure is not None:
-            return  # a bus was gone again, and that was told
+            return  # a bus was lost again, which has been reported
         now = self.reactor.now()
         for kind, level, text in self.setup.told:
             self.report(Event(now, kind, "", text, level))

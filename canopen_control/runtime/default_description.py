@@ -1,15 +1,15 @@
 """Description and controllers of a bus without a URDF and a ros2_controllers.yaml.
 
-Rules (ros2_canopen's device container): a node is what `driver` of bus.yml says. A CiA 402 drive
-(`ros2_canopen::Cia402Driver`, or no driver and an EDS with a controlword) is a joint with the name of the node, or of a
-node with several axes one joint for each, by `channel_names`. It has a controller of its own, which takes targets in
-the mode that the drive is in and enables nothing. Every other node is a proxy: it is booted, watched and spoken to by
-SDO, NMT and PDO, and drives nothing. All drives of the bus are one stop group, as those of any robot. A drive whose
-PDOs carry no controlword or no statusword is a proxy too; one whose RPDOs carry no target is watched, and refuses what
-needs one. Both are told once, as doubts: who only wants to look needs no other bus.yml.
+Rules (ros2_canopen's device container): `driver` in bus.yml decides what a node is. A CiA 402 drive
+(`ros2_canopen::Cia402Driver`, or no driver and an EDS with a controlword) is a joint with the name of the node, or for
+several axes one joint each, named by `channel_names`. It has its own controller, which takes targets in the present
+mode of the drive and enables nothing. Every other node is a proxy: it is booted and supervised, accessible by SDO, NMT
+and PDO, and moves nothing. All drives of the bus are one stop group, as in any robot. A drive whose PDOs contain no
+controlword or no statusword is a proxy too; one whose RPDOs contain no target is supervised, and refuses commands that
+need one. Both are reported once, as warnings: for observation alone no other bus.yml is needed.
 
-A robot may mix both: a drive that no joint of its description names, and whose `driver` says that it is one, is what it
-would be on a bus alone, beside the others and in their stop group; without that driver it is a proxy.
+A robot may mix both: a drive that no joint of its description names, and whose `driver` is that of a drive, is handled
+as on a bus without a robot, in the same stop group as the others; without that driver it is a proxy.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Enable status: which drives follow commands, with advice for the others; mandatory nodes; the STOP latch.
 
 A robot whose controllers claim disabled drives is not running but disabled; its status names the action to call. Nodes
-are named as users know them.
+have the names of bus.yml.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ class DriveEnableStatus(EnableStatus):
 
 def in_fault(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
     """Return whether a required node is missing, or a drive is in fault."""
-    for node in nodes:  # loops and no generators: each sample of the state asks
+    for node in nodes:  # loops and no generators: called for each sample of the state
         if (not node.ready or node.stale) and node.config.required:
             return True
     for joint in joints:  # noqa: SIM110 - as above
@@ -211,10 +211,10 @@ def cost_of_skipping(joints: Iterable[JointDrive]) -> str:
 
 # Nodes that move nothing and without which nothing may move: an I/O module that bus.yml calls required or mandatory.
 #
-# A drive that is lost stops its group by itself (`hardware.system`). Of the other nodes only one
-# of which bus.yml says in so many words that the robot needs it (`required: true` or `mandatory: true`) stops axes when
-# it is lost, all of them, and no axis is enabled before it is back. Any other is told, and the axes go on. What is back
-# enables nothing: that is a user's word.
+# A lost drive stops its group by itself (`hardware.system`). A lost node of another kind stops axes only if bus.yml
+# declares it necessary (`required: true` or `mandatory: true`); it then stops all of them, and no axis is enabled
+# before it has returned. The loss of any other node is reported, and the axes continue. A returned node enables
+# nothing: that needs a user's command.
 
 
 _RISING: Final = (Action.ENABLE, Action.HOME)

@@ -1,7 +1,7 @@
 """True pose of a simulated base for comparison with its odometry, read from the virtual drives.
 
-A robot on virtual drives that move a base (the `base` of a plant file, an engine of physics) knows
-by how much its odometry errs; every other one has no true pose. The world's frame and that of odometry are brought
+A robot on virtual drives that move a base (the `base` of a plant file, or a physics engine) can compute the error of
+its odometry; every other robot has no true pose. The world's frame and that of odometry are brought
 together when both poses are known first, when another base controller becomes active, and when odometry is set. While
 the base moves, odometry is about a period of the bus older than the truth; at rest the two are of one time.
 """
@@ -106,7 +106,7 @@ class TruePoseQuery:
         self._leave()
         name = next(self._drives, None)
         if name is None:
-            if self._found:  # a drive that has died may be there again
+            if self._found:  # a drive that was lost may have returned
                 self._reactor.call_later(_RETRY_NS, self.start)
             return
         try:

@@ -1,7 +1,7 @@
 """Contents of a ROS launch file, parsed without running it: arguments, nodes, files, xacro mappings.
 
 Texts are as launch files write them: `$(var NAME)` is an argument, `$(find PACKAGE)` the folder of a package. A name
-that the file computes is not known here, and told as such.
+that the file computes is unknown here, and reported as such.
 """
 
 from __future__ import annotations

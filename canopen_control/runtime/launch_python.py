@@ -1,8 +1,8 @@
 """Reader of Python launch files by syntax (`ast`), without running them: arguments, nodes, files and plugins.
 
 Nothing is imported or executed. Texts are followed through constants, names that are assigned
-once, `+`, `/`, f-strings, os.path.join and the substitutions of launch; what comes out of anything else is computed,
-which is told with its line instead of guessed.
+once, `+`, `/`, f-strings, os.path.join and the substitutions of launch; any other expression is computed at run time,
+which is reported with its line instead of guessed.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Clock of the cycle: absolute deadlines, and a count of the missed ones.
 
-The n-th edge is start + n * period, whatever happened before it. A cycle that comes more than a
+The n-th edge is start + n * period, independent of earlier cycles. A cycle that comes more than a
 period late skips the edges it missed, counts them, and goes on with the next one on the grid: SYNCs are never sent in
 a burst to catch up. Another clock of the same period may lead the grid (`SyncPhase`); without its ticks it goes on by
 itself.
@@ -119,9 +119,9 @@ class Pacer:
     """Calls `on_edge(now)` on every edge; times in ns.
 
     Meanwhile `edge` is the edge that the cycle is of, the newest one, and `skipped` how many before it were missed.
-    `phase` is where another clock's ticks want the edges, half a period after them unless it is told otherwise.
-    `told` is how many of the `missed` edges were told. `late_max` is the worst lateness, `work_max` what the longest
-    cycle took, `work` what the newest one did.
+    `phase` is the requested offset of the edges from another clock's ticks, half a period by default.
+    `told` is how many of the `missed` edges were reported. `late_max` is the worst lateness, `work_max` the longest
+    duration of a cycle, `work` that of the newest one.
     `late_counts[i]` counts the cycles that came at most `LATE_EDGES_NS[i]` late, and later than the edge before it; the
     last one counts the rest.
     """

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 
-# The <sensor> tags of a robot on virtual drives with physics: which the world measures, and what it tells of them.
+# The <sensor> tags of a robot on virtual drives with physics: those that the world measures, and their values.
 #
 # A tag that stands for a device of bus.yml is that device's, with physics and without. What is measured here is there
 # with `--physics` alone: on real drives, and without physics, such a tag has no interfaces.
@@ -116,7 +116,7 @@ def check_physics(setup: RobotSetup) -> None:
     if setup.world is not None:
         from canopen_control.physics.scene_file import read_world_description  # most robots are run without physics
 
-        read_world_description(setup.world)  # its mistakes are told before anything is started
+        read_world_description(setup.world)  # its errors are reported before anything is started
 
 
 def write_plant(

@@ -1,7 +1,7 @@
 """Real-time scheduling of the robot's thread by the options `--realtime` and `--cpu`.
 
-What was asked for is had, or the run ends before anything moves, with the command that would
-allow it; only that the processors stay awake is asked for and not insisted on: most users may not. Nothing of it
+If the kernel refuses a requested setting, the run ends before anything moves, with the command that would allow it. The
+only exception are CPU idle states, which are disabled if possible: most users may not do that. No setting
 reaches a child: the kernel resets the policy at every fork (SCHED_RESET_ON_FORK; threads made later too), locked memory
 ends with exec, the thread is pinned after its children were started, and `release` frees later ones. The timer slack is
 left alone: the cycle waits on timerfd, which has none. `close` undoes everything.
@@ -34,7 +34,7 @@ _CAP_IPC_LOCK: Final = 14
 class RealTime:
     """Scheduling of the calling thread; `priority` of SCHED_FIFO or None, `cpu` its fixed processor or None.
 
-    Raises ConfigError when the kernel refuses. `text` says what was had, "" for nothing; `pin` takes the processor.
+    Raises ConfigError when the kernel refuses. `text` names the settings, "" for none; `pin` pins it to the processor.
     """
 
     def __init__(self, priority: int | None, cpu: int | None = None) -> None:

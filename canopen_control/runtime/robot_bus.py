@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 
 # A SYNC that the kernel, or a node of the bus, sends and the cycle follows.
 #
-# The kernel's SYNC is heard like anybody's (what one socket sends comes to every other one), and the cycle's edges are
-# held behind it (`SyncPhase`): half a period, by when the drives' answers to it have come, and what the cycle writes
-# has the other half to be on the wire before the next SYNC, at which the drives act upon it; with `sync_order: first`
-# an eighth, which leaves seven eighths to a process that is late. When SYNC is not heard the cycle goes on by its own
-# clock, the task is set up again, and that is told.
+# The kernel's SYNC is received like any frame (a frame of one socket reaches all others), and the cycle's edges are
+# placed after it (`SyncPhase`): half a period, in which the drives' answers arrive; the frames of the cycle
+# have the other half to be sent before the next SYNC, at which the drives apply them. With `sync_order: first` it is
+# an eighth, which leaves seven eighths to a process that is late. Without SYNC the cycle continues by its own
+# clock, the task is set up again, and that is reported.
 #
-# The kernel counts each period from when it has sent: its SYNC is slow by its own latency, some us a period. That is
-# measured by what is heard, and taken off the period that it is told (`_Excess`).
+# The kernel measures each period from the end of its transmission: its SYNC is slow by its own latency, some us per
+# period. That is measured from the received SYNC and subtracted from the period passed to the kernel (`_Excess`).
 
 
 _MISSED = 5  # periods without SYNC until it is set up again
@@ -194,7 +194,7 @@ class ExternalSync:
 _LENGTH: Final = 4  # where a record holds its length
 _BOOT_UP: Final = bytes([NmtState.INITIALISING])
 _WINDOW_NS: Final = 1_000_000_000
-_AWAY_NS: Final = 10_000_000  # how late a cycle is before it is worth asking what came meanwhile
+_AWAY_NS: Final = 10_000_000  # lateness of a cycle from which the frames received meanwhile are read first
 _BACKLOG: Final = 100  # reads, of up to a thousand frames
 _SIMULATED_NS: Final = 250_000_000  # drives that are processes wait for a processor, as this one does
 _FAILURES: Final = (BusEventKind.BUS_OFF, BusEventKind.DOWN)
@@ -213,8 +213,8 @@ def is_simulated(channel: str) -> bool:
 class RobotBus:
     """Moves records between port and network; an error of the port ends the bus, never the cycle.
 
-    `watched`: what comes wakes the process. Else it is read at the next edge: while all nodes are ready and no answer
-    is waited for, nothing that a frame says has a consequence before that, and a wake-up costs more than the cycle.
+    `watched`: a received frame wakes the process. Otherwise it is read at the next edge: while all nodes are ready and
+    no answer is awaited, no frame has a consequence before that, and a wake-up costs more than the cycle.
     A heartbeat or event timer that stays away is found on an edge either way, on the same one if its time is whole
     periods.
     """
@@ -375,7 +375,9 @@ class RobotBus:
             network.receive(records, now, since if now - since > self._away_ns else None)
             if network.outgoing:
                 self._send(self._take())
-        for event in port.events() if self.port is port else ():  # else it was lost while sending, and that was told
+        for event in (
+            port.events() if self.port is port else ()
+        ):  # else it was lost while sending, which has been reported
             self._on_bus_event(event)
 
     def tick(self, now: int) -> None:
@@ -434,7 +436,7 @@ class RobotBus:
     def release_nodes(self) -> None:
         """Restore the nodes' stored communication parameters, so that they stop consuming this master's heartbeat."""
         for node in self.network.nodes.values():
-            if node.config.boot.reset_communication:  # a keep-alive node is left as it is
+            if node.config.boot.reset_communication:  # a node with `reset_communication: false` keeps its state
                 self.network.send_nmt(NmtCommand.RESET_COMMUNICATION, node.node_id)
         self.send_waiting()
 

@@ -2,7 +2,7 @@
 
 A simulated robot without buses lives on the grid of its cycles, each a period after the last one.
 While it is paused its time stands, nothing moves and no command runs out; `step` lets a number of cycles happen, with
-the commands that are in force. Who goes on afterwards finds no command left: the first motion has one that is newer.
+the commands that are in force. To continue afterwards clears all commands: the first motion needs a newer one.
 Real drives have a time of their own, so that a robot on buses cannot be paused. Times in ns.
 
 Stamps of commands and samples are Unix time, which may be set while the robot runs (NTP, a GPS that finds its
@@ -124,7 +124,7 @@ class RobotClock:
         """Reason why the robot does not move, with the next step, in one sentence; None while time runs."""
         return "the simulation is paused; let it go on with: canopen-control world play" if self.paused else None
 
-    # -- who says how it goes
+    # -- requests of users
 
     def pause(self) -> None:
         """Pause the clock after the present cycle; a second call does nothing."""

@@ -44,9 +44,9 @@ _YES, _NO = frozenset({"true", "1", "yes", "on"}), frozenset({"false", "0", "no"
 class AskedHardware:
     """Hardware options among the user's NAME:=VALUE, by the conventions of ros2_canopen's launch files.
 
-    `channel` is that of an argument such as can_interface_name:=can0, "" without one. `real` is what an argument such
-    as use_real_hardware:=true says, None without one. `channel_word` and `real_word` are the arguments themselves,
-    `names` all that are of this kind, those without a value included. `world` is the file of one such as
+    `channel` is that of an argument such as can_interface_name:=can0, "" without one. `real` is the value of an
+    argument such as use_real_hardware:=true, None without one. `channel_word` and `real_word` are the arguments
+    themselves, `names` all of this kind, including those without a value. `world` is the file of an argument such as
     world:=hall.sdf, which `world_word` is.
     """
 
@@ -132,8 +132,8 @@ def _requests_real(name: str, value: str) -> bool | None:
 class RobotFiles:
     """Three files of a robot and its name; `bus` may be absent; `more_buses` are its bus_NAME.yml by NAME.
 
-    `arguments` are those of its xacro, `asked` is what the user's arguments ask of the hardware, `idle` are those that
-    reach nothing of this robot. `spawned` are the controllers that its launch file starts, `variables` the values of
+    `arguments` are those of its xacro, `asked` are the hardware settings in the user's arguments, `idle` are arguments
+    without effect on this robot. `spawned` are the controllers that its launch file starts, `variables` the values of
     that file's arguments, `world` the file of what stands around the robot that an argument names. Of a bus without
     controllers the other two files are its bus.yml, which is where their mistakes stand.
     """
@@ -277,7 +277,7 @@ def _refuse_missing(
 ) -> NoReturn:
     """Raise RobotConfigError for missing files, with those named by a `launch` file that was given alone.
 
-    Where a bus is not `needed`, as by who has another of the robot's files, its absence is none of the mistakes.
+    If a bus is not `needed`, because another of the robot's files was found, its absence is not an error.
     """
     lacks = [*(no_bus if needed else ()), *missing]
     if launched is not None and launch is not None:

@@ -1,6 +1,6 @@
 """One run of a robot in this process: core, API, child processes and signals, from start to end.
 
-Whatever happens after `RunSession` was made, `close` leaves no child, no socket and no lock behind;
+In every case `close` leaves no child, no socket and no lock behind;
 the stop order is ramp, disable, clients, drives, and the hub leaves by itself.
 """
 
@@ -109,10 +109,10 @@ class DemoMotion:
         return [middle + swing for middle in self._middle]
 
 
-# Faults of this program while a robot runs: told like any other event, and the robot goes on.
+# Faults of this program while a robot runs: reported like any other event, and the robot continues.
 #
 # An unexpected exception is one sentence with its place, once for each place; its
-# traceback is for those who ask for it with CANOPEN_CONTROL_DEBUG.
+# traceback is printed with CANOPEN_CONTROL_DEBUG.
 
 
 _MOST_PLACES = 20

@@ -1,7 +1,7 @@
 """Robot as described by its files, read and checked before anything is opened.
 
-Whatever can be known to be wrong before the first frame is an error here (exit code 2), and the
-three files are held against each other.
+All errors that can be detected before the first frame are reported here (exit code 2), and the
+three files are compared with each other.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def unit_quirks(bus: BusConfig, name: str) -> list[str]:
 class RobotSetup:
     """Parts of a robot; `channels` maps bus names to channels, `to_activate` lists controllers.
 
-    `sync` is who sends SYNC by the name of the bus, `kernel_sync` whether the command line asks the kernel for it.
-    `unplaced` are the buses whose channel not named, which are embedded ones; `world` is the file of what stands
+    `sync` has the SYNC producer by the name of the bus; `kernel_sync` is True if the command line requests the kernel.
+    `unplaced` are the buses without a given channel, which are embedded ones; `world` is the file of the bodies
     around the robot, with physics.
     """
 
@@ -116,7 +116,7 @@ class RobotSetup:
 
     @property
     def on_drives(self) -> bool:
-        """Whether drives, real or virtual, move the joints, whatever the plugins of the description are."""
+        """Whether drives, real or virtual, move the joints, regardless of the plugins in the description."""
         return self.real or self.physics or self.drives
 
     @property
@@ -194,12 +194,12 @@ def read_robot(
 ) -> RobotSetup:
     """Read and check all three files; raises a ConfigError.
 
-    `mock` and `real` overrule the hardware plugins of the description; with `strict`, what is suspicious in
-    ros2_controllers.yaml is an error; `peer_merge` lets `defaults` of bus.yml win over the nodes;
-    `allow_unsupervised` accepts drives that nothing stops when the master dies; `kernel_sync` leaves SYNC to the
-    kernel; with `physics` virtual drives move the robot in a world, with `drives` drives do where simulation plugins
-    would; `simulate` lets these move it in a `world`. A `reader` has begun to read the description already. What the
-    user's NAME:=VALUE ask of the hardware (`files.asked`) counts as `can` and `real`.
+    `mock` and `real` overrule the hardware plugins of the description; with `strict`, suspicious settings of
+    ros2_controllers.yaml are errors; `peer_merge` lets `defaults` of bus.yml win over the nodes;
+    `allow_unsupervised` accepts drives that nothing stops when the master is lost; `kernel_sync` leaves SYNC to the
+    kernel; with `physics` virtual drives move the robot in a world, with `drives` drives replace simulation plugins;
+    `simulate` lets plugins move it in a `world`. A `reader` has begun to read the description already. The hardware
+    settings in the user's NAME:=VALUE arguments (`files.asked`) count as `can` and `real`.
     """
     name = name or files.name
     real = files.asked.is_real(option=real)

@@ -1,7 +1,7 @@
 """Several robots in one simulated world: one process for all drives, and one runtime per robot.
 
-Each robot is run as `run ROBOT --as NAME --no-drives` runs it, on buses of its own, so that whatever a robot alone
-can do each of them can. A runtime that dies stops its drives, as the loss of a master does, and no others. At the
+Each robot runs as by `run ROBOT --as NAME --no-drives`, on buses of its own, with all functions of a single
+robot. A runtime that ends stops its drives, as the loss of a master does, and no others. At the
 end the robots stop first, then the drives.
 """
 
@@ -145,7 +145,7 @@ class SharedRun:
 
     def _on_ready(self) -> None:
         if self._drives is None or self._drives.heard_at is None:
-            return  # it has died, which is told by its end
+            return  # its process was killed, which is reported at its end
         self._late.cancel()
         for line in self._drives.last_lines(_NOTES):
             if line.startswith(WORLD_NOTE):

@@ -1,7 +1,7 @@
 """Loading and configuration of the controllers that a run activates, before anything is opened.
 
-An unknown type, a parameter that is wrong, an interface that no joint has or that two
-controllers want is a mistake in a file, and told before the first frame is sent.
+An unknown type, a wrong parameter, an interface that no joint has or that two
+controllers claim is an error in a file, and reported before the first frame is sent.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def _conflicting(setup: RobotSetup, manager: ControllerManager, name: str) -> li
         controller.on_configure(config.params)
         owners = [manager.registry.command(interface).owner for interface in controller.command_interface_names()]
     except CanopenError:
-        return []  # what is wrong with it is told when it is switched to
+        return []  # its errors are reported when it is switched to
     return [owner for owner in dict.fromkeys(owners) if owner is not None]
 
 

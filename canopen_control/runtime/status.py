@@ -137,7 +137,7 @@ def nodes_message(robot: RobotCore) -> NodeListing:
     )
 
 
-def _texts(given: Any) -> dict[str, str]:  # noqa: ANN401 - whatever stands in bus.yml
+def _texts(given: Any) -> dict[str, str]:  # noqa: ANN401 - any value of bus.yml
     return {str(key): str(value) for key, value in given.items()} if isinstance(given, dict) else {}
 
 

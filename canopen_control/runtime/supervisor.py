@@ -1,11 +1,11 @@
 """Child processes of a robot: virtual drives, and clients such as the ROS bridge.
 
-Every child hangs on a lifeline of this process, lives in a session of its own, and is ended here
-in order: clients first, drives last, when the robot has stopped. A child that dies is told with the last lines it said;
-it never ends the robot, and the ROS bridge is started again, a few times a minute: what dies again and again has a
-reason that a restart does not cure, and its starts cost the robot's thread. What is started before the robot is waited
-for until it says that it is ready. A client that should answer and does not, while this process is on time, hangs or
-was stopped: it is killed, which is a death as any other.
+Every child has a lifeline to this process and its own session, and is ended here in order: clients first, drives last,
+after the robot has stopped. The end of a child is reported with its last lines; it never ends the robot, and the ROS
+bridge is restarted, a few times a minute: a child that fails repeatedly has a reason that a restart does not remove,
+and its starts cost the robot's thread. Children that are started before the robot must report that they are ready. A
+client that should answer and does not, while this process is on time, hangs or was stopped: it is killed, and handled
+like any other end of a child.
 """
 
 from __future__ import annotations
@@ -45,12 +45,12 @@ DELAY_NS: Final = 500_000_000  # before each restart, so that what the last one 
 _DRIVE = "drive-"
 _FLIGHT: Final = "flight"
 _NOTES = 50  # lines of a process of drives, before it is ready
-_USAGE, _COMPLAINT = 2, "canopen-control: "  # how a command ends whose files are wrong, and what it says
+_USAGE, _COMPLAINT = 2, "canopen-control: "  # exit code of a command with wrong files, and its message
 _READY_NS = 20_000_000_000  # for drives to be on the bus; a busy machine needs some
 _READY_EACH_NS = 500_000_000  # and for each of them, of a hundred
 _LISTENING_NS = 2_000_000_000  # for the recorder, which the robot can do without
 _LOOK_NS = 1_000_000_000
-_SILENCE_NS = 4_000_000_000  # of a recorder that says each second that it is there
+_SILENCE_NS = 4_000_000_000  # timeout of a recorder that reports each second
 _ANSWER_LOOK_NS = 250_000_000
 _ON_TIME_NS = 50_000_000  # later than that, this process was held up too, and its children may have been
 _ANSWER_NS = 3_000_000_000  # of silence on time, of a client that answers twice a second
@@ -92,7 +92,7 @@ class Supervisor:
         self._clients: list[Child] = []
         self._recorder: Child | None = None
         self._hosts: list[tuple[NodeHost, Port]] = []
-        self._awaited: dict[Child, Timer] = {}  # who has not said yet that he is ready, and his deadline
+        self._awaited: dict[Child, Timer] = {}  # children that are not ready yet, and their deadlines
         self._run: SupervisedRun | None = None
         self._waiting = False  # whether `_run` waits for `children_ready`
         self._recorder_silent = False
@@ -127,9 +127,9 @@ class Supervisor:
         answers: bool = False,
         restarts: Restarts | None = None,
     ) -> None:
-        """Start a client: `python -m ARGUMENTS`; with `restarts` again after its death.
+        """Start a client: `python -m ARGUMENTS`; with `restarts` again after its end.
 
-        `answers`: its `LivenessReport` says again and again that it goes on; when it does not, it is killed.
+        `answers`: its `LivenessReport` arrives repeatedly; if it stops, the client is killed.
         """
         child = self._start_module(arguments, name, ros=ros, inherit_stdout=inherit_stdout, reports=answers)
         self._clients.append(child)
@@ -178,7 +178,7 @@ class Supervisor:
     def start_recorder(self, buses: Mapping[str, str], restarts: Restarts | None = None) -> None:
         """Start the flight recorder on `buses` {name: channel}; the robot also runs without it.
 
-        With `restarts` it is started again when it dies.
+        With `restarts` it is started again when it ends.
         """
         options = ["--name", self._name, *(f"--bus={name}={channel}" for name, channel in buses.items())]
         try:

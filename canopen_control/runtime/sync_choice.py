@@ -2,9 +2,9 @@
 
 A drive in a cyclic synchronous mode times its motion by SYNC, so that a SYNC which a busy process sends late is a jerk.
 `auto` leaves it to the kernel (CAN_BCM) where all of this holds: a joint is commanded in CSP or CSV, the channel is a
-SocketCAN interface, and every such drive is watched by heartbeat or guarding, since SYNC goes on while a process hangs.
-Who wrote `sync_order: last` wants SYNC behind the RPDOs of the process's own cycle, and gets that. Sans-IO: whether the
-kernel has a broadcast manager is looked at when the robot is built.
+SocketCAN interface, and every such drive is supervised by heartbeat or guarding, since SYNC continues while a process
+hangs. `sync_order: last` requires SYNC after the RPDOs of the process's own cycle, so that the process sends it.
+Sans-IO: the runtime checks for the kernel's broadcast manager when the robot is built.
 """
 
 from __future__ import annotations

@@ -8,8 +8,8 @@
         key: str
 
 Server, clients, completion and the page of the protocol follow from these declarations. A field that a request does not
-declare is refused, one that an answer does not declare is skipped, so that an older client understands a newer server.
-A number outside the range of its type (`NodeId`, `Index`, ...) is refused where a message is decoded.
+declare is refused, one that an answer does not declare is skipped, so that an older client can read a newer server's
+answers. A number outside the range of its type (`NodeId`, `Index`, ...) is refused where a message is decoded.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import msgspec
 
 from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
 
-# What stands in the world of simulated robots, a part of what their drives and recordings tell.
+# Bodies in the world of simulated robots; virtual drives and recordings report them.
 
 
 class WorldShape(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -218,8 +218,8 @@ class WorldState(msgspec.Struct, frozen=True, omit_defaults=True):
 
     An IMU has its quaternion (w, x, y, z), the angular velocities in rad/s and the accelerations in m/s2, ten numbers;
     a range finder one in m, negative for nothing in reach; a force-torque sensor forces in N and torques in Nm, six.
-    `others` are what an engine of its own tells, by name. In one that is `changeable` payloads, pushes, blocked joints
-    and another grip may be asked for.
+    `others` are further values of an external engine, by name. In a `changeable` world payloads, pushes, blocked joints
+    and another friction can be requested.
     """
 
     base: BasePose | None = None

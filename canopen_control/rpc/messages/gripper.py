@@ -17,7 +17,7 @@ A = TypeVar("A")
 class GripperVerdict(msgspec.Struct, frozen=True, kw_only=True):
     """Acceptance of a goal, or the reason of its refusal; `feedback_rate` in Hz is the rate of feedback.
 
-    `outlives_client` is false: no gripper goes on without who sent the goal.
+    `outlives_client` is false: a gripper stops when the client of its goal disconnects.
     """
 
     accepted: bool

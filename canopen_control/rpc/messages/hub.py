@@ -1,6 +1,6 @@
 """Control socket of a ``local:`` bus: its members and the faults of its wires.
 
-A label is what a member of the bus is called, such as ``drive 3``; where it may be left out, "" is everybody. An
+A label is the name of a member of the bus, such as ``drive 3``; where it is optional, "" is all members. An
 error's kind is a class of errors.py: ConfigError for an unknown label.
 """
 
@@ -31,7 +31,7 @@ class HubHello(msgspec.Struct, frozen=True):
 HUB: Final[Api[HubHello, NoReturn]] = Api("hub", HubHello, {})  # it sends nothing unasked
 
 
-# -- who is there
+# -- members
 
 
 class Member(msgspec.Struct, frozen=True):

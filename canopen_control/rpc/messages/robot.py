@@ -3,8 +3,8 @@
 Answers may come in another order than the requests. An error's kind is a class of errors.py: UnknownName where there is
 nothing of a name that was given. SI units; times are Unix seconds.
 
-A client that reads too slowly is dropped; a client that dies changes nothing but that its commands time out. Where
-all places are taken, one that is idle and neither watches nor holds a command makes way for who comes, and is told so.
+A client that reads too slowly is disconnected; the end of a client only ends its commands. If the server has no free
+connection, an idle client without subscription and command is disconnected for a new one, with a message.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from canopen_control.rpc.messages.trajectory import (
     TRAJECTORY_METHODS,
 )
 
-# What a running robot may be asked about its nodes and their objects: where they are, NMT, SDO, PDO, touch probes.
+# Requests about the nodes of a running robot and their objects: states, NMT, SDO, PDO, touch probes.
 
 
 MAX_OBJECT: Final = 400_000  # bytes of an object that an answer can carry; as many are taken in pieces
@@ -84,8 +84,8 @@ class GetNodes(Request[NodeListing], frozen=True):
 class NmtRequest(Request[Done], frozen=True, kw_only=True):
     """NMT `command`: start, stop, preop, reset-node, reset-comm; `node` may be "all".
 
-    `boot` true: after a reset it is booted again; else that waits for `start`. `source` is by whose name the robot's
-    events tell it.
+    `boot` true: after a reset the node is booted again; else it waits for `start`. `source` is the name of the sender
+    in the robot's events.
     """
 
     command: str
@@ -182,7 +182,7 @@ NODE_METHODS: Final = (
 
 
 MAX_RATE: Final = 1000.0  # Hz, of the state stream
-STREAM_RATE: Final = 100.0  # Hz, the most that ROS and bags ask for by themselves
+STREAM_RATE: Final = 100.0  # Hz, the maximum that ROS and bags request by default
 
 Rate = Annotated[float, msgspec.Meta(gt=0, le=MAX_RATE)]
 
@@ -362,8 +362,8 @@ class AxisDone(msgspec.Struct, frozen=True, omit_defaults=True):
 class AxisRequest(Request[AxisDone], frozen=True, kw_only=True):
     """`action`: enable, disable, halt, quick-stop, fault-reset, home (`method`), mode (`mode`: a name such as CSP).
 
-    `node` may be "all"; `joint` is that one alone, of a node with several axes. The events say that `source`, or else
-    the client, asked for it.
+    `node` may be "all"; `joint` selects one axis of a node with several. The events name `source`, or else the client,
+    as the sender.
     """
 
     action: str
@@ -483,7 +483,7 @@ class GetLayout(Request[Layout], frozen=True):
 class Description(msgspec.Struct, frozen=True, omit_defaults=True):
     """Return the robot's description; `path` is its source file.
 
-    `world` is what a recording knows of the world around a simulated robot; of one that runs its drives are asked.
+    `world` is the world around a simulated robot in a recording; for a running robot it is read from its drives.
     """
 
     urdf: str

@@ -61,8 +61,8 @@ class SteeringSample(OdometrySample, frozen=True, kw_only=True, tag="steering"):
 class MecanumSample(OdometrySample, frozen=True, kw_only=True, tag="mecanum"):
     """Odometry of a base with mecanum wheels, and the wheels (control_msgs/MecanumDriveControllerState).
 
-    `wheels` are the measured speeds in rad/s, from the front left one against the clock, null is unknown; `reference`
-    is the twist that is wanted, forward, to the left (m/s) and turning (rad/s), null without one.
+    `wheels` are the measured speeds in rad/s, counter-clockwise from the front left one, null is unknown; `reference`
+    is the commanded twist, forward, to the left (m/s) and turning (rad/s), null without one.
     """
 
     wheels: list[float | None] = []
@@ -116,7 +116,7 @@ class TrajectoryPoint(msgspec.Struct, frozen=True, kw_only=True):
 class TrajectorySample(Sample, frozen=True, kw_only=True, tag="trajectory"):
     """Desired and actual state of a trajectory's joints, and the error.
 
-    `executing` says that a goal is under way, `holding` that the joints are held.
+    `executing` is true while a goal is executed, `holding` while the joints are held.
     """
 
     joints: tuple[str, ...]

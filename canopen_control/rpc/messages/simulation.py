@@ -1,8 +1,8 @@
 """Requests about the simulation of a robot by a ros2_control plugin without drives.
 
-Its time goes on by the robot's cycles; real and virtual drives have a time of their own, so that a robot on a bus
-refuses all of these, and what happens in its world is asked of its virtual drives (`drive`). Refused in a sentence,
-nothing is changed.
+Its time advances with the robot's cycles; real and virtual drives have a time of their own, so that a robot on a bus
+refuses all of these; disturbances of its world are requests to its virtual drives (`drive`). A refusal has a reason
+and changes nothing.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ MAX_STEPS: Final = 1_000_000
 class Simulation(msgspec.Struct, frozen=True, kw_only=True):
     """State of a simulation: `seconds` simulated, whether it is paused, the `period` of a cycle in s.
 
-    In one that is `changeable`, by physics, payloads, pushes, blocked joints and another grip may be asked for.
+    In a `changeable` one, with physics, payloads, pushes, blocked joints and another friction can be requested.
     """
 
     seconds: float
@@ -76,7 +76,7 @@ class ResetSimulation(Request[Simulation], frozen=True, kw_only=True):
     """Reset the simulated robot to its start, or to a key frame of its MJCF, at standstill.
 
     Its odometry restarts and every command is forgotten; the active controllers are started again, no other one. The
-    simulated time goes on, since a time that goes back breaks what listens to it.
+    simulated time continues, since a time that goes back breaks subscribers.
     """
 
     keyframe: str = ""

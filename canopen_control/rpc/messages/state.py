@@ -49,7 +49,7 @@ class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age
 
     `taken_out`: an NMT command has taken it out of the robot, which leaves it alone until another one starts it.
     `void_outputs` were commanded when it was lost, and not since: they are as the device has them.
-    `unsupervised` says why nothing stops it when the master dies, as `allow_unsupervised` accepts; "" where it stops.
+    `unsupervised` is why nothing stops it when the master is lost, as `allow_unsupervised` accepts; "" if it stops.
     `name` is empty in a recording from before protocol 2, which has it as the key alone.
     """
 
@@ -139,8 +139,8 @@ class EventDetails(msgspec.Struct, frozen=True, omit_defaults=True):
 class RobotEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Event of the robot: `time` in Unix seconds, `level` "info", "warning" or "error".
 
-    `node` is the name of the node it is about, None for the robot itself, `controller` that of the controller; `kind`
-    is one word for programs, `text` a sentence for people, which says `count` and `since` too where it stands for
+    `node` is the name of the node concerned, None for the robot itself, `controller` that of the controller; `kind`
+    is one word for programs, `text` a sentence for people, which includes `count` and `since` if it summarises
     several.
     """
 
@@ -214,8 +214,8 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     """Common part of sample and status; `controllers` are their states by name.
 
-    `hint` is what keeps the robot from moving and what to call, while it runs; `latched_by` who latched a stop;
-    `true_pose` is there where a simulation moves its base.
+    `hint` is the reason why the robot cannot move and the action to call, while it runs; `latched_by` is the client
+    that latched a stop; `true_pose` exists if a simulation moves its base.
     """
 
     state: str = ""
@@ -261,7 +261,7 @@ class StateSample(TimedSnapshot, frozen=True, kw_only=True):
 class BusTraffic(msgspec.Struct, frozen=True):
     """Traffic of a bus: frames, `unknown` ones, and its load from 0 to 1.
 
-    `sync` says in words who sends SYNC, how often, and whether before or after the RPDOs.
+    `sync` describes the SYNC producer, its rate, and whether SYNC comes before or after the RPDOs.
     """
 
     channel: str = ""
@@ -308,10 +308,10 @@ WHEEL_CALIBRATION: Final = "wheel_calibration"
 class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"claims": "claimed_interfaces"}):
     """State of a controller: "unloaded", "unconfigured", "inactive" or "active"; `claims` are its interfaces.
 
-    `topic` is where its commands come, None if it takes none, `twist_axes` what of a twist a base takes, empty if it is
-    none, `update_rate` in Hz. `tells` is the kind of its samples,
-    None if it has none, `publish_rate` how often it has a new one, in Hz. `publishes` are its topics of joint states,
-    with `frame_id` in their headers. `reference_interfaces` are what another controller may command of it,
+    `topic` is the topic of its commands, None if it takes none, `twist_axes` the axes of a twist that a base uses,
+    empty for other controllers, `update_rate` in Hz. `tells` is the kind of its samples, None if it has none,
+    `publish_rate` their rate in Hz. `publishes` are its topics of joint states, with `frame_id` in their headers.
+    `reference_interfaces` are the interfaces that another controller can command of it,
     `exported_state_interfaces` what it may read. `offers` are the words above for what it takes beside commands.
     `node_options` are arguments of its ROS node: `-r`, `FROM:=TO`.
     """

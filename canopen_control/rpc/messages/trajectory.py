@@ -1,7 +1,7 @@
 """Requests about the trajectories of a joint trajectory controller.
 
-A goal has an end that is told; a connection has one at a time, the one that it sent last. A trajectory that was set has
-none. SI units; times of points are seconds from the trajectory's start, stamps Unix seconds.
+The end of a goal is reported; a connection has one goal at a time, the one that it sent last. A trajectory that was set
+has no end. SI units; times of points are seconds from the trajectory's start, stamps Unix seconds.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ class TrajectoryTolerance(msgspec.Struct, frozen=True, kw_only=True):
 class TrajectoryVerdict(msgspec.Struct, frozen=True, kw_only=True):
     """Acceptance of a goal; for a refusal the code of FollowJointTrajectory and the reason.
 
-    `feedback_rate` in Hz and `outlives_client` are what the controller's parameters want of who passes the goal on: how
-    often the client is told where the joints are, and whether the goal goes on when he is gone.
+    `feedback_rate` in Hz and `outlives_client` come from the controller's parameters: how often the client gets the
+    positions of the joints, and whether the goal continues when the client has disconnected.
     """
 
     accepted: bool
