@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     Ends = tuple[CommandInterface, ...]
 
 
-# A copy of chosen states as of one moment: the layout of everything that a broadcaster tells.
+# A copy of selected states at one time: the content of a broadcaster's messages.
 
 
 def finite(value: float) -> float | None:
@@ -77,7 +77,7 @@ class StateCopy:
         return values_by_joint
 
 
-# The timeout of a controller's command: who gave it, when, and how long it counts.
+# The timeout of a controller's command: its sender, its time, and how long it is valid.
 #
 # A velocity or effort command that is not renewed ends, after the time-out of the YAML
 # or, where that names none, after `DEFAULT_LIFE_S`; a time-out of 0 that is written is for ever, as upstream's default.
@@ -189,10 +189,10 @@ class Controller:
     """Base of controllers: hooks without effect and no interfaces.
 
     `commands` and `states` are its interfaces while it is active, in the order it named them. `rejected` counts the
-    commands it refused. `topic` is where ROS sends commands, None if it takes none. `publishes` are the topics of joint
-    states that ROS gets of it, relative to the robot's namespace, and `frame_id` is the frame of their headers. `tells`
+    commands it refused. `topic` is where ROS sends commands, None if it takes none. `publishes` are its topics of joint
+    states for ROS, relative to the robot's namespace, and `frame_id` is the frame of their headers. `tells`
     is the kind of its `sample`, None if it has none, `stamp` the time of its last publication in ns, `publish_rate`
-    how often it publishes, in Hz, 0 for at every update. `life` is that of its command.
+    how often it publishes, in Hz, 0 for at every update. `life` is the timeout of its command.
     """
 
     title: ClassVar[str] = ""

@@ -330,10 +330,10 @@ def refuse_all(name: str, mistakes: Iterator[str]) -> None:
 
 # Broadcasters of sensors: IMU, range, force and torque, pose, over the state interfaces of a <sensor> of any hardware.
 #
-# Rules (ros2_controllers, Jazzy): the names of the interfaces are fixed (`orientation.x`, `range`,
-# `force.x` ...), and a broadcaster is not activated before all that it reads are there; a force-torque broadcaster
-# whose interfaces are named one by one tells nothing (nan) of the others. A value is what the interface is at the
-# update, nan while the hardware does not know it.
+# Rules (ros2_controllers, Jazzy): the names of the interfaces are fixed (`orientation.x`, `range`, `force.x` ...), and
+# a broadcaster is activated only if all the interfaces that it reads exist; a force-torque broadcaster whose interfaces
+# are named one by one publishes nan for the others. A value is the state of the interface at the update, nan if the
+# hardware has none.
 
 
 _IMU: Final = (

@@ -385,11 +385,10 @@ def _config(
 
 # Controllers as a spawner gives them: type, files of parameters and fallbacks, set as parameters of the manager.
 #
-# Rules (spawner of ros2_control, Jazzy): before it loads a controller it sets `NAME.params_file`, a file
-# or a list of them, `NAME.type`, `NAME.fallback_controllers` and, for --controller-ros-args, `NAME.node_options_args`.
-# What the files say wins over the robot's own file, the last file over those before it. A relative path begins at the
-# folder of the robot's ros2_controllers.yaml; one that the spawner has in its own folder comes as a whole path from the
-# bridge.
+# Rules (spawner of ros2_control, Jazzy): before it loads a controller it sets `NAME.params_file`, a file or a list of
+# them, `NAME.type`, `NAME.fallback_controllers` and, for --controller-ros-args, `NAME.node_options_args`. These files
+# take precedence over the robot's own file, a later file over those before it. A relative path begins at the folder of
+# the robot's ros2_controllers.yaml; the bridge passes a path in the spawner's own folder as an absolute one.
 
 
 _TEXTS: Final = ("string", "string_array")

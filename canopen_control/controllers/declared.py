@@ -120,7 +120,7 @@ def _rows(params: Any, prefix: str) -> Iterator[_Row]:  # noqa: ANN401 - a datac
             yield _Row(f"{prefix}{key}", annotation, value, metadata, help_text)
 
 
-def _kind(annotation: Any, value: object) -> str:  # noqa: ANN401 - a type, of which there is no common one
+def _kind(annotation: Any, value: object) -> str:  # noqa: ANN401 - types without a common base
     """Return the type of a parameter: that of its annotation if it is unique, else that of its value."""
     origin, inner = typing.get_origin(annotation), typing.get_args(annotation)
     if origin in (typing.Union, types.UnionType):

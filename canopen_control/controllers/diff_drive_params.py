@@ -1,8 +1,8 @@
 """Parameters of the diff drive controller, with the names of every ROS distribution.
 
-Jazzy's names are ours; noetic's and humble's are translated and each is named once. Limits that
-are given are applied unless `has_*_limits` is false, as jazzy does and noetic and humble did not: a limit somebody
-wrote down is kept. `min_acceleration`, which jazzy declares and never reads, is `max_acceleration_reverse`, its exact
+The names are those of Jazzy; those of noetic and humble are translated, with one warning each. Limits in the
+file are applied unless `has_*_limits` is false, as in jazzy but not in noetic and humble: a written limit
+is always kept. `min_acceleration`, which jazzy declares and never reads, is `max_acceleration_reverse`, its exact
 equivalent.
 """
 
@@ -136,7 +136,7 @@ def read_params(
 ) -> DiffDriveParams:
     """Return checked parameters; RobotConfigError with every error. Valid but unusual values are warnings.
 
-    Wheel sizes that are not given are those of the description's `geometry` (as noetic does); `report` is told of each.
+    Missing wheel sizes are taken from the description's `geometry` (as in noetic); `report` gets each of them.
     """
     settings = _completed(params.read(DiffDriveParams, RENAMES), geometry, report)
     if not math.isnan(settings.wheel_radius_multiplier):  # noetic: it overrides the sides' own

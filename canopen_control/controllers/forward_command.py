@@ -1,10 +1,10 @@
 """Forward command controllers: a list of numbers for a list of command interfaces.
 
 Rules (ros2_controllers jazzy): `~/commands` carries one number per interface, in the order of the
-parameters; before the first command nothing is written. Ours, and safer: a bad command is refused instead of stopping
-the controller, and a velocity or effort target becomes 0.0 when the last good command is older than `command_timeout`
-(s; absent 2 s, 0 never, see `command_timeout`), told once; a position target is held. The next command takes over
-again.
+parameters; before the first command nothing is written. Safer than upstream: a bad command is refused instead of
+stopping the controller, and a velocity or effort target becomes 0.0 when the last valid command is older than
+`command_timeout` (s; absent 2 s, 0 never, see `command_timeout`), reported once; a position target is held. The next
+command takes over again.
 """
 
 from __future__ import annotations
@@ -227,12 +227,11 @@ def _missing(name: str, key: str, example: str) -> str:
 
 # TargetController: one number for one joint, in whatever mode of operation its drive is.
 #
-# Rules (ros2_canopen's `target` service, made safe): what the number is follows the mode, which a user
-# asks for by `axis mode` or the services of the node: a position, a velocity or an effort, in SI units. A position is a
-# place to go to, and to stay at: it has no end, but ends with who gave it. A velocity or effort ends after
-# `command_timeout` (s; absent 2 s, 0 never, see `command_timeout`). A target is forgotten with every change of the
-# mode, since it would be another quantity then, and whenever the drive is no longer enabled; activating the controller
-# enables nothing.
+# Rules (ros2_canopen's `target` service, made safe): the quantity follows the mode, which a user selects by `axis mode`
+# or the services of the node: a position, a velocity or an effort, in SI units. A position is a final position: it has
+# no timeout, but ends with its client. A velocity or effort ends after `command_timeout` (s; absent 2 s, 0 never, see
+# `command_timeout`). A target is cleared at every change of the mode, which changes its quantity, and whenever the
+# drive is no longer enabled; activating the controller enables nothing.
 
 
 TYPE = "canopen_control/TargetController"

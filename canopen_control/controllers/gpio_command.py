@@ -1,11 +1,11 @@
 """GpioCommandController: outputs of <gpio> parts commanded by name; their inputs and outputs published.
 
-Rules (gpio_controllers, Jazzy): a command names some of the command interfaces, the others stay as they
-are; what was commanded is written again in every update, and before the first command nothing is; without command
-interfaces it only tells. Ours, and safer: a command with an unknown name or a value that is not finite is refused
-whole. When commands end (a deactivation, a stop, a commander who is gone, `command_timeout`) each output that was
-commanded goes to its safe value at once, which is the hardware's unless the parameters say another, but those that are
-to be kept stay; the next command begins from there. Outputs of a node that is lost end alone.
+Rules (gpio_controllers, Jazzy): a command sets some of the command interfaces, the others keep their values; the
+commanded values are written again in every update, nothing before the first command; without command
+interfaces it only publishes states. Safer than upstream: a command with an unknown name or a value that is not finite
+is refused as a whole. When commands end (deactivation, stop, disconnected client, `command_timeout`) each commanded
+output gets its safe value at once, that of the hardware unless the parameters give another; outputs to be kept stay.
+The next command begins from there. Outputs of a lost node end separately.
 """
 
 from __future__ import annotations

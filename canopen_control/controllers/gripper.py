@@ -1,10 +1,10 @@
 """Gripper action controllers: move to a position with limited effort, and detect success or stall.
 
 Rules (gripper_controllers and parallel_gripper_controller, Jazzy): a goal is reached within
-`goal_tolerance`, and ends as stalled where the joint has not moved for `stall_timeout`, which is a success with
-`allow_stalling`. What was reached, and what an allowed stall grips, is held with the effort of the goal. Ours, and
-safer: any other end holds the joint where it is and presses no more; a goal ends with who gave it; a joint that is not
-enabled keeps no goal for later.
+`goal_tolerance`, and ends as stalled if the joint has not moved for `stall_timeout`, which is a success with
+`allow_stalling`. After a success the position is held, or the object gripped, with the effort of the goal. Safer than
+upstream: any other end holds the joint at its position without pressing; a goal ends with its client; a joint that is
+not enabled keeps no goal for later.
 """
 
 from __future__ import annotations

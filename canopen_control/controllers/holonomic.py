@@ -100,7 +100,7 @@ class OmniKinematics(HolonomicKinematics):
         return self.update_open_loop(self.forward, self.left, self.angular, dt)
 
     def update_open_loop(self, forward: float, left: float, angular: float, dt: float) -> bool:
-        """Believe a command, in m/s and rad/s."""
+        """Integrate a command instead of measurements (open loop), in m/s and rad/s."""
         self.forward, self.left, self.angular = forward, left, angular
         self.shift(forward * dt, left * dt, angular * dt)
         return True

@@ -287,7 +287,8 @@ class ControllerManager:
         """Deactivate and activate in one step between two cycles; `now` in ns, default: the last cycle.
 
         Raises ControlError (InterfaceConflict, UnknownInterface) or DriveError and changes nothing if the request is
-        refused; if a controller fails to start, all of this request are deactivated and the ControlError says why.
+        refused; if a controller fails to start, all of this request are deactivated and the ControlError has the
+        reason.
         """
         return self._switcher.switch(activate, deactivate, self.running.now if now is None else now, strict=strict)
 
@@ -300,7 +301,7 @@ class ControllerManager:
     def deactivate_using(self, component: HardwareComponent, reason: str, now: int | None = None) -> Names:
         """Deactivate the controllers of a failed component, and those chained to them; return their names.
 
-        Broadcasters keep telling what is known of the others.
+        Broadcasters continue with the states of the other components.
         """
         owned = {interface.owner for interface in component.command_interfaces if interface.owner is not None}
         using = [self._controllers[name] for name in owned if name in self._controllers]
@@ -311,7 +312,7 @@ class ControllerManager:
     def update(self, now: int, period: float) -> None:
         """Run the controllers that are due, in the order of their chains; `now` in ns, `period` of the cycle in s.
 
-        Those that only tell are run by `broadcast`.
+        `broadcast` runs the broadcasters.
         """
         elapsed = self.running.update(now, period)
         if self.running.failed:
@@ -337,8 +338,9 @@ class ControllerManager:
     ) -> None:
         """Pass a command to a controller; ControlError if it is refused, NotEnabled for its drives. Times in ns.
 
-        `values` are all, or by the names of interfaces. `source` says who gives it; it ends with `holder`, see
-        `client_disconnected`, unless it is to stand still. A refusal is told once, until one is taken.
+        `values` are all values, or some by the names of interfaces. `source` names the sender; the command ends with
+        `holder`, see `client_disconnected`, unless it is a standstill. A refusal is reported once, until a command is
+        taken.
         """
         controller = self.get(name)
         self._hand(controller, lambda: _command(controller, values, now, stamp), source)

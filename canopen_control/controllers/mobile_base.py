@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.samples import Sample
 
 
-# A twist and its limits: what is wanted of each axis, and what the limiters leave of it against the last two steps.
+# A twist and its limits: the desired value of each axis, and its limited value, which depends on the last two steps.
 
 
 _FREE: Final = RateLimiter(VelocityLimits())
@@ -52,7 +52,7 @@ class LimitedTwist:
         self.wanted, self.limited = [math.nan] * count, [0.0] * count
         self._previous, self._before = [0.0] * count, [0.0] * count
         self._limiters = [_FREE] * count
-        self._quiet = 0  # steps in a row in which nothing was wanted and nothing was left
+        self._quiet = 0  # consecutive steps with a desired and a limited value of zero
 
     def set_limits(self, controller: str, limits: Sequence[TwistAxisLimits]) -> None:
         """Set the limits of each axis; RobotConfigError, and no change, for a minimum above its maximum."""
@@ -108,7 +108,7 @@ def fill(values: list[float], value: float) -> None:
         values[index] = value
 
 
-# What a base publishes of its odometry, and when: the copy that all who look see until the next one.
+# Published odometry of a base, and its schedule: a copy that is valid until the next one.
 
 
 NS: Final = 1_000_000_000
@@ -183,8 +183,8 @@ _REQUIRED: Final = (("compute_commands",), ("velocities",), ("advance", "follow"
 class MobileBase(Controller):
     """Controller of a vehicle by twists; `pose` is integrated from its wheels.
 
-    `publications` counts them, the last at `stamp` (ns). `wanted` is the twist of this cycle, nan
-    before the first, `limited` what the limits have left of it, both in the order of `twist_axes`, in m/s and rad/s;
+    `publications` counts its publications, the last at `stamp` (ns). `wanted` is the desired twist of this cycle, nan
+    before the first, `limited` the limited one, both in the order of `twist_axes`, in m/s and rad/s;
     `targets` are for its commands.
     """
 
@@ -224,7 +224,7 @@ class MobileBase(Controller):
             if all(getattr(kind, name) is getattr(MobileBase, name) for name in names):
                 raise TypeError(f"{kind.__name__} does not define {' or '.join(names)}; see docs/guide/bases.md")
 
-    # --------------------------------------------------------------------------------------------- what a base says
+    # --------------------------------------------------------------------------------------------- reports of a base
 
     def set_up(
         self,
@@ -321,7 +321,7 @@ class MobileBase(Controller):
         feedback = POSITION if position_feedback else VELOCITY
         return [] if self._open_loop else [f"{joint}/{feedback}" for joint in self.joints]
 
-    # ------------------------------------------------------------------------------------------------- what is told
+    # ------------------------------------------------------------------------------------------------- reports
 
     @property
     def publications(self) -> int:
@@ -478,7 +478,7 @@ class MobileBase(Controller):
         for index, reference in enumerate(self._references):
             self.wanted[index] = reference.value
         if self._writing and not self._twist.known:
-            self._brake()  # who was driven by a topic does not go on by itself
+            self._brake()  # a base driven by a topic does not continue by itself
         return True
 
     def _brake(self) -> None:

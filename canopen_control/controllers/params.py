@@ -56,11 +56,10 @@ class Params:
     ) -> T:
         """Return the parameters as a dataclass with dotted names as keys; RobotConfigError with every error.
 
-        `renames` maps the keys of other distributions to ours ("" for one without effect); each one used is warned of
-        once. Keys that the class does not know are warnings (errors if the file was read strictly), but for those of
-        `shared`. Its `INEFFECTIVE`
-        are keys that are known and change nothing, with the reason: another value than the default is a warning.
-        `judge` tells what cannot be together, by parameter; a name in front of its sentence is left out.
+        `renames` maps the keys of other distributions to those of this package ("" for one without effect), with one
+        warning each. Keys that the class does not declare are warnings (errors if the file was read strictly), except
+        those of `shared`. Its `INEFFECTIVE` keys are accepted without effect, with the reason: another value than the
+        default is a warning. `judge` returns contradictions, by parameter; a name before its sentence is left out.
         """
         with contextlib.ExitStack() as stack:
             for file in self.files:

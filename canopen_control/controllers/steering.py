@@ -1,10 +1,11 @@
 """Steering controllers: convert a twist to speeds of traction wheels and angles of steered wheels.
 
 Rules (ros2_controllers jazzy): odometry is followed and published in every update, commanded or not.
-Without a twist traction is 0 and the steered wheels stay as they are; a twist of zeros that is commanded steers them
-straight. In closed loop the wheels of a curve turn as the measured curve wants it. Ours: a `reference_timeout` of 0
-lets a twist move it for one update, no wheel turns faster than the wanted curve needs, wherever the steering still is,
-the speed of two wheels is the fit to both (`SteeringKinematics.fits`), and feedback is waited for, see `mobile_base`.
+Without a twist traction is 0 and the steered wheels stay as they are; a commanded twist of zeros steers them
+straight. In closed loop the wheels of a curve turn according to the measured curve. Different from upstream: with a
+`reference_timeout` of 0 a twist is valid for one update, no wheel turns faster than the desired curve needs, at any
+steering angle, the speed of two wheels is the fit to both (`SteeringKinematics.fits`), and the controller waits for
+feedback, see `mobile_base`.
 """
 
 from __future__ import annotations

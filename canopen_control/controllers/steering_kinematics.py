@@ -1,8 +1,8 @@
 """Kinematics of bases with steered wheels: bicycle, tricycle and Ackermann steering, and their odometry.
 
 Rules (ros2_controllers jazzy): of two wheels the right one is first. Commands are in the wheels' rad/s
-and rad; in closed loop the wheels of a curve have the speeds of the curve that is measured, not of the one that is
-wanted. Two traction wheels never turn the base on the spot: at no speed they stand. Units: m, rad, s.
+and rad; in closed loop the wheels of a curve have the speeds of the measured curve, not of the desired one.
+Two traction wheels never turn the base on the spot: at speed zero they stand still. Units: m, rad, s.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ class SteeringKinematics(PlanarPose):
     def command(self, linear: float, angular: float, open_loop: bool, reduce: bool = False) -> None:
         """Compute `traction` and `steering` commands from a twist in m/s and rad/s.
 
-        `reduce` slows the wheels down, in closed loop, until the steering is where it is wanted.
+        `reduce` slows the wheels down, in closed loop, until the steering has reached its command.
         """
         angle = math.atan(quotient(angular * self.wheelbase, linear))
         if not math.isfinite(angle):  # neither speed nor turn

@@ -195,10 +195,10 @@ def _renames(params: Params, cls: type[SteeringParams]) -> dict[str, str]:
 
 # The parameters of ROS 1's Ackermann steering controller: those of a bicycle, one rear wheel and one front steer.
 #
-# Rules (ros_controllers, noetic): that controller moves two joints under the type name that ROS 2 has for
-# four, so its keys tell which one is meant. Its names become those of the bicycle and each is named once; odometry is
-# by the wheel's position. What differs is told: a twist's `angular.z` is rad/s here and was the steering angle there,
-# so limits of it have no effect. Sizes that are not given are the description's, as there.
+# Rules (ros_controllers, noetic): that controller moves two joints under the type name that ROS 2 uses for four, so its
+# keys decide which one is meant. Its names become those of the bicycle, with one warning each; odometry is by the
+# wheel's position. Differences are reported: a twist's `angular.z` is rad/s here and was the steering angle there, so
+# its limits have no effect. Missing sizes are taken from the description, as in noetic.
 
 
 _OWN: Final = ("rear_wheel", "front_steer", "wheel_separation_h")
@@ -270,7 +270,7 @@ def read_ros1(
 ) -> Ros1AckermannParams:
     """Return the parameters of a bicycle, not yet checked for contradictions.
 
-    Sizes that are not given are those of the description's `geometry`; `report` is told of each.
+    Missing sizes are taken from the description's `geometry`; `report` gets each of them.
     """
     key = params.flat.keys().get("front_steer") or params.flat.keys()[next(key for key in _OWN if params.flat.get(key))]
     key.warning(_ANGLE)

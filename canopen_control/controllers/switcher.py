@@ -401,7 +401,7 @@ class UpdateLoop:
         for controller in self.controllers:
             try:
                 sample = controller.sample(wall_offset_ns)
-            except Exception as error:  # noqa: BLE001 - no controller ends the robot, whatever it raises
+            except Exception as error:  # noqa: BLE001 - an exception of a controller must not end the robot
                 self._fail_once(controller, f"sample raised {type(error).__name__}: {error}")
                 continue
             if sample is None:
@@ -444,7 +444,7 @@ class UpdateLoop:
                 continue
             try:
                 result = slot.controller.update(now, elapsed)
-            except Exception as error:  # noqa: BLE001 - no controller ends the cycle, whatever it raises
+            except Exception as error:  # noqa: BLE001 - an exception of a controller must not end the cycle
                 self.failed.append((slot.controller, f"update raised {type(error).__name__}: {error}"))
                 continue
             if result is not OK:
@@ -500,7 +500,7 @@ class UpdateLoop:
     def _forget(self, slot: ActiveController, now: int, interfaces: Ends | None = None, why: str = "") -> None:
         try:
             slot.forget(now, interfaces, why)
-        except Exception as error:  # noqa: BLE001 - no controller ends the cycle, whatever it raises
+        except Exception as error:  # noqa: BLE001 - an exception of a controller must not end the cycle
             self.failed.append((slot.controller, f"forget raised {type(error).__name__}: {error}"))
 
     def _fail_once(self, controller: Controller, reason: str) -> None:

@@ -336,7 +336,7 @@ class PhysicsWorld:
         """Do nothing: no other process needs the position of a shaft."""
 
     def close(self) -> None:
-        """Do nothing: there are no resources to release."""
+        """Do nothing, because there are no resources to release."""
 
 
 class WorldSide:

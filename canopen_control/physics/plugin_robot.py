@@ -325,7 +325,7 @@ class JointMotor:
         for loop in self._loops.values():
             loop.reset()
 
-    def follow(self, interface: str, target: float, seconds: float) -> None:  # noqa: ARG002 # the step of all says it
+    def follow(self, interface: str, target: float, seconds: float) -> None:  # noqa: ARG002 # the common step has the value
         """Set the target of a position, a velocity or an effort until the next cycle."""
         old = self._target
         if interface != old.interface:  # the previous target of another interface is not a position to start from

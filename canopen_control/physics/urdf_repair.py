@@ -1,7 +1,7 @@
 """Repair of a URDF for MuJoCo's reader, which would otherwise drop or refuse parts of it.
 
 The reader drops visuals, so that a link without collisions would have neither shape nor mass: its visuals become
-collisions. It does not know `package://` and reads neither COLLADA nor text, so that meshes are found by their package
+collisions. It supports neither `package://` nor COLLADA nor text, so that meshes are found by their package
 and passed as binary STL. Parts that neither reader nor contacts support are omitted and listed in the notes. A moving
 link with neither mass nor shape is a mistake of the description.
 

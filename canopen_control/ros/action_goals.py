@@ -37,12 +37,12 @@ if TYPE_CHECKING:
     Points = list[TrajectoryPoint]
 
 
-# An action server whose goals are accepted or refused elsewhere, later, and that says which client sent one.
+# Action server that accepts or refuses goals asynchronously, and passes the client that sent each goal.
 #
-# rclpy's own answers a goal when its callback returns, and waits for the end of one in a coroutine, in which its
-# EventsExecutor spins without a pause. Here what comes is handed over, and what is to be answered is called in the
-# executor's thread, by `answer`, `finish`. Besides: who asks for the result of a goal that was refused is told why,
-# where rclpy's says that it knows no such goal.
+# rclpy's own server answers a goal when its callback returns, and waits for the end of one in a coroutine, in which its
+# EventsExecutor spins without a pause. Here goals are passed on, and `answer` and `finish` are called in the
+# executor's thread. In addition a request for the result of a refused goal gets the reason, where rclpy's server
+# reports an unknown goal.
 
 
 _rclpy = importlib.import_module("rclpy.action.server")
@@ -64,8 +64,8 @@ class GoalRequest(NamedTuple):
 class ActionServerWithGoals(_ActionServer):  # type: ignore[misc] # rclpy's, without types
     """Action server; callbacks are called in the executor's thread.
 
-    `on_goal(request)` is answered by `answer`, `on_cancel(uuid)` is followed by `finish`. `on_lost(uuid)` tells of a
-    goal that was accepted whose client was gone before it could be told.
+    `on_goal(request)` is answered by `answer`, `on_cancel(uuid)` is followed by `finish`. `on_lost(uuid)` reports an
+    accepted goal whose client disconnected before the answer.
     """
 
     def __init__(
@@ -146,7 +146,7 @@ class ActionServerWithGoals(_ActionServer):  # type: ignore[misc] # rclpy's, wit
         if uuid in self._taken:
             return  # the same request once more, and it is being judged
         if uuid in self._goal_handles:
-            await super()._execute_goal_request(received)  # refused, whatever its callback would say
+            await super()._execute_goal_request(received)  # refused without its callback
             return
         self._taken[uuid] = received
         self._on_goal(GoalRequest(uuid, request.goal, client_of(header)))
@@ -375,7 +375,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
             self.send(followed.sender, request.goal, partial(self._on_verdict, followed))
         except ValueError as error:
             self._refuse(followed, None, f"{self._controller} refuses the goal: {error}")
-        except Exception as error:  # noqa: BLE001 - whatever is in it, it is answered
+        except Exception as error:  # noqa: BLE001 - every request gets an answer
             self._refuse(followed, None, f"{type(error).__name__}: {error}")
 
     def _on_verdict(self, followed: FollowedGoal[V], verdict: V | None, error: str | None) -> None:

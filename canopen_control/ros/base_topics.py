@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 # One topic on which velocities come as Twist or as TwistStamped, whichever is published.
 #
 # One context of rclpy cannot hold two types on one name, so there is one subscription at a time.
-# Its type is what was asked for, or, `auto`, that of the first publisher who is seen; it changes only when all
-# publishers of the other type have gone, and between two looks.
+# Its type is the requested one, or with `auto` that of the first publisher that is seen; it changes only when all
+# publishers of the other type have gone, and between two checks.
 
 
 AUTO: Final = "auto"
@@ -234,10 +234,10 @@ class SharedTwist(Endpoint):
         self._ros.warn(self._topic, f"{self._topic}: {text}")
 
 
-# What steering and mecanum controllers tell beside odometry: `~/tf_odometry` and `~/controller_state`.
+# Topics of steering and mecanum controllers in addition to odometry: `~/tf_odometry` and `~/controller_state`.
 #
-# Rules (ros2_controllers, Jazzy): wheels stand in the order that the message says; of the traction wheels
-# positions or velocities are told, as they are measured. What is not known is nan.
+# Rules (ros2_controllers, Jazzy): wheels are in the order that the message defines; of the traction wheels
+# measured positions or velocities are published. Unknown values are nan.
 
 
 class TfOdometry(Endpoint):

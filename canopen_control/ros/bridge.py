@@ -3,7 +3,7 @@
 One process, one context, one node. What is wrong with the environment is one sentence and exit
 code 1, before rclpy is imported. Started by `run` it ends with its lifeline or with the robot, and is killed when one
 of its threads hangs; started by hand it waits for the robot to come back, and SIGTERM or SIGINT end it within two
-seconds, whatever rclpy does.
+seconds, even if rclpy blocks.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ class Bridge:
         self._close()
 
     def _ask_ros(self) -> None:
-        """Report to `run`, through ROS's callback thread, that both threads are alive."""
+        """Report to `run`, through ROS's callback thread, that both threads are running."""
         if self._session is not None and self._has_answered:
             self._has_answered = False
             self._session.call(self._answer)

@@ -197,7 +197,7 @@ class PidReferences(Endpoint):
         dofs = _dofs_of(controller)
         order = _order(list(message.dof_names) or dofs, dofs)
         values = _sorted("values", message.values, order, dofs)
-        # one that is nan throughout says nothing, as an empty one
+        # one with nan only has no command, like an empty one
         if all(map(math.isnan, message.values_dot)):
             return values
         if len(controller.reference_interfaces) < 2 * len(dofs):

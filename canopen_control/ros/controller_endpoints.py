@@ -79,10 +79,10 @@ if TYPE_CHECKING:
 
 # `~/follow_joint_trajectory`: the action by which MoveIt and others have a joint trajectory controller follow a path.
 #
-# Rules (joint_trajectory_controller, Jazzy): a newer goal takes the place of the one that runs, feedback
-# is sent at the controller's `action_monitor_rate`; what a goal lives by, and how it ends, is in `action_goals`. Ours:
-# it outlives the client that sent it only where the controller's `continue_without_client` is true; who asks for the
-# result of a refused goal is told which rule it breaks.
+# Rules (joint_trajectory_controller, Jazzy): a newer goal replaces the running one, feedback is sent at the
+# controller's `action_monitor_rate`; the lifetime of a goal, and how it ends, is in `action_goals`. Different from
+# upstream: it outlives the client that sent it only if the controller's `continue_without_client` is true; a request
+# for the result of a refused goal gets the rule that it breaks.
 
 
 _INVALID_GOAL: Final = -1
@@ -273,7 +273,7 @@ BY_TOPIC: Final[dict[str | None, tuple[Factory, ...]]] = {
 }
 #: of a base, wherever its twists come
 OF_BASES: Final[tuple[Factory, ...]] = (TwistCommands, OdometrySetting)
-#: by the kind of its samples (`tells` of the API), beside their topics
+#: by the kind of its samples (`tells` of the API), in addition to their topics
 BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
     "steering": (TfOdometry,),
     "mecanum": (TfOdometry,),

@@ -1,8 +1,8 @@
 """`/controller_manager/*`: the services used by `ros2 control` and the spawner of a ROS installation.
 
 Rules (controller_manager_msgs, Jazzy 4.46): names and answers are upstream's; strictness 2 is strict, any
-other best effort; a request that is refused is answered with ok false, and why is logged, and said where the answer has
-room for it. The runtime decides; nothing here knows better.
+other best effort; a refused request is answered with ok false, and the reason is logged, and sent if the answer has
+a field for it. The runtime decides; this module makes no decision of its own.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     Readings = Sequence[ParameterReading]
 
 
-# Parameters as ROS 2 has them (rcl_interfaces) and as the robot's socket tells them, into each other.
+# Conversion between parameters of ROS 2 (rcl_interfaces) and those of the robot's socket.
 
 
 #: rcl_interfaces/msg/ParameterType
@@ -109,8 +109,8 @@ def matches(name: str, prefixes: Iterable[str], depth: int) -> bool:
 #
 # Rules (rcl_interfaces; rclcpp): names, order and answers are upstream's. A name that is not declared
 # leaves the answer to `get`, `get_parameter_types` and `describe` empty; of `set_parameters` each is set on its own, of
-# `set_parameters_atomically` all or none. The robot decides: what is refused is answered with its sentence. What was
-# set is told on `/parameter_events`.
+# `set_parameters_atomically` all or none. The robot decides: a refusal is answered with its sentence. Set
+# parameters are published on `/parameter_events`.
 
 
 _OF_NAMES: Final = (

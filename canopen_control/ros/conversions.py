@@ -1,7 +1,7 @@
 """Conversions from messages of the API to fields of ROS messages, without ROS.
 
-Rules (REP 103, REP 107, ros2_control): SI units on both sides; what the API does not know (None) is nan;
-the arrays of a joint state have one length; a stamp is when the sample was taken, not when it is sent.
+Rules (REP 103, REP 107, ros2_control): SI units on both sides; unknown values of the API (None) are nan;
+the arrays of a joint state have one length; a stamp is the time of the sample, not of its transmission.
 """
 
 from __future__ import annotations

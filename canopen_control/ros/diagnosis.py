@@ -40,7 +40,7 @@ def diagnose(
 ) -> list[Diagnosis]:
     """Return the diagnoses of every node and controller, of diagnostics broadcasters, and of the cycle.
 
-    `missed_before` is what was told last time.
+    `missed_before` is the number in the last report.
     """
     nodes = [_node(robot, name, node) for name, node in state.nodes.items()]
     loaded = [_controller(robot, controller) for controller in controllers.values()]

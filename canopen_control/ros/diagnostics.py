@@ -98,8 +98,8 @@ def _status(diagnosis: Diagnosis) -> DiagnosticStatus:
 #
 # Rules (rcl): the name of a message is its node's, `NAMESPACE.NODE`; the quality is that of every node's
 # log. An event of a drive is its node's, of a controller that controller's, of the robot itself the bridge's. The robot
-# tells what repeats itself once, and then in sum; what only says again why the last one of the same node was is left
-# out here, unless it is worse. Nothing of it appears on the bridge's standard error: the robot's own log has it.
+# reports repeated events once, and then as a summary; an event that only repeats the reason of the last one of the same
+# node is omitted here, unless it is worse. None of it appears on the bridge's standard error: the robot's log has it.
 
 
 _SAME_S: Final = 1.0  # within which an event follows from the one before

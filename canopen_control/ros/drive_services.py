@@ -1,9 +1,9 @@
 """`/NODE/*` services, of drives as in ros2_canopen's Cia402Driver, of others as in its ProxyDriver, and more.
 
-A Trigger that was done answers success with an empty message, as ros2_canopen does; one that was
-refused says why, and one that was done to more drives, since a base controller holds them together, says that. No
-service waits for another one: each request is on its way to the robot at once, so that `halt`, `disable` and
-`quick_stop` are never behind an `init` or `home` that takes its time. `recover` resets a fault and does not enable:
+A successful Trigger answers success with an empty message, as ros2_canopen does; a refused one has the
+reason, and one that applied to more drives, because a base controller claims them together, names them. No
+service waits for another one: each request goes to the robot at once, so that `halt`, `disable` and
+`quick_stop` are never delayed by a long `init` or `home`. `recover` resets a fault and does not enable:
 nothing moves without an enable. `target` goes through the controller that commands the drive, with its limits and its
 timeout; a drive that no controller commands has none. A node with several axes has the services of each below its
 channel; those of the node itself mean all its axes, and it has no `target`. A node that moves nothing is a proxy: it
@@ -39,7 +39,7 @@ def _axis(action: str, mode: str | None = None) -> Asking:
     return lambda node, joint: AxisRequest(node=node, joint=joint, action=action, mode=mode, source=COMMANDER)
 
 
-#: service -> what it asks of the robot, by the node and the joint of one axis (None: all its axes)
+#: service -> its request to the robot, by the node and the joint of one axis (None: all its axes)
 PROXY_TRIGGERS: Final[dict[str, Asking]] = {
     "nmt_reset_node": _nmt("reset-node", boot=True),
     "nmt_start_node": _nmt("start"),

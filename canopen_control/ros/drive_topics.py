@@ -1,9 +1,9 @@
 """`/NODE/*` topics of each drive, as in ros2_canopen's drivers, and `emcy`.
 
-`nmt_state` is what the node says of itself, told when it changes and kept for who comes later, in
+`nmt_state` is the state reported by the node, published on a change and latched for later subscribers, in
 ros2_canopen's words; `joint_states` has the stamp of its sample. `rpdo` has one message per object of the node's TPDOs
-(ros2_canopen names them from the master's side): all of them for who begins to listen, then those that changed, once
-per cycle of the robot; nothing of it is requested without a subscriber. An object of `tpdo` travels in the RPDO that
+(ros2_canopen names them from the master's side): all of them for a new subscriber, then those that changed, once
+per cycle of the robot; nothing of it is requested without a subscriber. An object of `tpdo` is sent in the RPDO that
 maps it from the next cycle on, and by SDO where none does; one that moves a drive is refused: those are the
 controllers'. A node that moves nothing has no `joint_states`. `emcy` holds the node's EMCY messages: a DiagnosticArray
 with the stamp and one status, whose message is the text and whose values are `error_code` and `error_register`
@@ -80,7 +80,7 @@ class DriveTopics(Endpoint):
             return
         for mapped in nodes.get(self._view.name, ()):
             if len(mapped.data) > 4:
-                continue  # of more than 32 bits: COData has no room
+                continue  # of more than 32 bits, the size of COData
             value = self._objects[mapped.index, mapped.subindex] = as_uint32(mapped.data)
             self._rpdo.publish(self._object(index=mapped.index, subindex=mapped.subindex, data=value))
 

@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
 A = TypeVar("A")
 S = TypeVar("S", bound=Sample)
-COMMANDER: Final = "ros"  # who commands, in the robot's status
+COMMANDER: Final = "ros"  # sender of commands, in the robot's status
 
 
 class Ros(Protocol):
     """Context of an endpoint.
 
-    `command` hands a command to the robot, `warn` says a sentence once per second at most; both from any thread.
+    `command` passes a command to the robot, `warn` logs a sentence once per second at most; both from any thread.
     """
 
     node: Node

@@ -1,9 +1,9 @@
 """`/tf` and `/tf_static`: odometry, poses, and the joints of the description as in robot_state_publisher.
 
-Both topics are absolute; static ones are kept for who comes later, moving ones are reliable and
-come once for each joint state, each odometry and each pose that a controller publishes, with its stamp. Frames get the
+Both topics are absolute; static ones are latched for later subscribers, moving ones are reliable and
+sent once for each joint state, each odometry and each pose that a controller publishes, with its stamp. Frames get the
 prefix of the namespace, here and in every other message, so that two robots fit into one graph. A frame has one parent:
-a joint that leads to one whose place odometry or a pose tells is left out.
+a joint is omitted if odometry or a pose already gives the frame of its child.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Frames(Endpoint):
         joints = read_model(urdf).joints.values()
         self._moving = [joint for joint in joints if not joint.fixed]
         self._fixed = [joint for joint in joints if joint.fixed]
-        self._based: frozenset[str] = frozenset()  # the frames whose place odometry or a pose tells
+        self._based: frozenset[str] = frozenset()  # the frames that odometry or a pose gives
         self._joint_states = NewSamples(JointStatesSample)
         self._odometry, self._poses = NewSamples(OdometrySample), NewSamples(PoseSample)
         self._publisher = ros.node.create_publisher(self._tf_message, "/tf", TF)

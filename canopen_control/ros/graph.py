@@ -1,7 +1,7 @@
 """ROS graph for the command line: topics, services, publishing and calling, with a separate node.
 
-Everything waits for a finite time, and ends at once when its thread is interrupted. A fresh node
-does not know the graph yet, so it is given a moment before it is asked.
+Every wait has a timeout, and ends at once when its thread is interrupted. A new node has not discovered the graph
+yet, so it gets some time before its first query.
 """
 
 from __future__ import annotations

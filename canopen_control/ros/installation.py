@@ -31,7 +31,7 @@ PROFILE: Final = Path(__file__).with_name("loopback.xml")
 _RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _LOCAL_ONLY: Final = "ROS_LOCALHOST_ONLY"  # deprecated, still obeyed by Jazzy
 _PROFILES: Final = "FASTRTPS_DEFAULT_PROFILES_FILE"
-#: set by a user who steers discovery or transports himself; our profile would work against him
+#: set by users with their own discovery or transport settings, which the profile of this package would contradict
 _OWN_WAYS: Final = (_PROFILES, "FASTDDS_DEFAULT_PROFILES_FILE", "ROS_DISCOVERY_SERVER", "ROS_STATIC_PEERS")
 
 

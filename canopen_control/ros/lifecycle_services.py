@@ -1,7 +1,7 @@
 """`/lifecycle_manager` and the lifecycle services of master and nodes, which start a ros2_canopen robot.
 
 Rules (lifecycle_msgs; ros2_canopen's lifecycle_manager): the runtime boots the nodes by itself, so that
-`configure` finds them there, `activate` asks whether they are ready, and `deactivate` stops and disables them; a state
+`configure` finds them, `activate` checks whether they are ready, and `deactivate` stops and disables them; a state
 that is reached already is not an error. A transition fails without effect when the robot refuses it. The manager brings
 the master and the nodes with lifecycle drivers up with itself, and down again.
 """

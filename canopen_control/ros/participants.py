@@ -1,8 +1,8 @@
 """ROS programs as DDS participants: the client of a request, and whether it is still running.
 
-Rules (DDS, Fast DDS): the first twelve bytes of a GUID are its participant's, one for a process mostly.
-A participant that ends says so; one that was killed is missed when its lease is over, after 20 s by default. Fast DDS
-makes those bytes of its vendor, the host, and the process: so of one on this host it can be seen at once.
+Rules (DDS, Fast DDS): the first twelve bytes of a GUID are its participant's, usually one per process. A participant
+that ends announces it; one that was killed is detected when its lease is over, after 20 s by default. Fast DDS composes
+these bytes of vendor, host and process: so a participant on the same host can be checked at once.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ _PIDS: Final = 1 << 22  # the most that Linux gives
 def client_of(header: RosMessage) -> bytes | None:
     """Return the participant of a request, None if it is unknown.
 
-    The header is C's rmw_request_id_t, 16 bytes of GUID and the number of the request, of which rclpy shows the number
-    alone: pybind11 keeps where it is behind the head of the Python object. The number tells whether that is so.
+    The header is C's rmw_request_id_t, 16 bytes of GUID and the number of the request. rclpy exposes only the number;
+    pybind11 stores the address after the head of the Python object. The number confirms that the address is right.
     """
     pointer = ctypes.c_size_t.from_address(id(header) + object.__basicsize__).value
     if not pointer or pointer % 8:

@@ -27,7 +27,7 @@ KEPT_DEFAULT = QoSProfile(
     reliability=ReliabilityPolicy.SYSTEM_DEFAULT,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-#: the last message is kept for who comes later: robot_description, /tf_static
+#: the last message is latched for later subscribers: robot_description, /tf_static
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 #: the newest alone: reliable, as joint_state_topic_hardware_interface publishes its commands
 LATEST = QoSProfile(depth=1)

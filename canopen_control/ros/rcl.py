@@ -38,7 +38,7 @@ def start(name: str, namespace: str, arguments: list[str]) -> tuple[Context, Nod
     """Create a context without signal handlers, and a node; may raise what rclpy raises."""
     rclpy = importlib.import_module("rclpy")
     context = importlib.import_module("rclpy.context").Context()
-    if namespace.strip("/"):  # what is wrong with it is told before a node is half made
+    if namespace.strip("/"):  # errors are reported before a node is partly created
         importlib.import_module("rclpy.validate_namespace").validate_namespace(f"/{namespace.strip('/')}")
     signals = importlib.import_module("rclpy.signals").SignalHandlerOptions
     rclpy.init(args=arguments, context=context, signal_handler_options=signals.NO)

@@ -1,9 +1,9 @@
 """SDO services of ros2_canopen, and for objects of any type with the reason of a refusal.
 
 `/NODE/sdo_read`, `/NODE/sdo_write`, `/master/sdo_read` and `/master/sdo_write` answer as
-ros2_canopen's do; they have no room for a reason, which is logged. `get_objects` and `set_objects` use messages that
+ros2_canopen's do; they have no field for a reason, which is logged. `get_objects` and `set_objects` use messages that
 every ROS has (rcl_interfaces, GetParameters and SetParameters): an object is named "0x1008:00 str", a value has the
-type of its field, and where an object cannot be read or written `string_value` or `reason` says why in words.
+type of its field, and if an object cannot be read or written `string_value` or `reason` has the reason.
 """
 
 from __future__ import annotations
@@ -235,7 +235,7 @@ def write_object(
 ) -> None:
     """Write an object and report the error or None; `make(length)` returns the bytes, or ValueError.
 
-    Nothing here knows the object's type: it is read first for its length, and where it cannot be read the usual widths
+    The type of the object is unknown here: it is read first for its length, and if it cannot be read the usual lengths
     are tried, since a node refuses a wrong one. With a `width` or a type in the address neither is needed.
     """
     if width is not None or address.kind:

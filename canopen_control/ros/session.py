@@ -1,8 +1,8 @@
 """Session of one robot in ROS, until the robot or ROS ends.
 
-Two threads. The reactor's owns the connection to the robot and publishes what comes over it; the
-spinner's takes what ROS sends and hands it over through the mailbox. Whatever is wrong with a message, a topic or a
-controller is told and the rest goes on; only the end of the connection ends the session.
+Two threads. The reactor's thread owns the connection to the robot and publishes what it receives; the spinner's thread
+takes messages from ROS and passes them on through the mailbox. An error of a message, a topic or a
+controller is reported and the rest continues; only the end of the connection ends the session.
 """
 
 from __future__ import annotations
@@ -73,9 +73,9 @@ if TYPE_CHECKING:
 
 # `/controller_manager/activity`: the lifecycle states of controllers and hardware components, whenever one changes.
 #
-# Rules (controller_manager, Jazzy): reliable and transient local, one message deep, so that who comes
-# later has the present states at once. The stream tells the states of controllers; those of the hardware are asked for
-# when something has happened, one request at a time.
+# Rules (controller_manager, Jazzy): reliable and transient local, one message deep, so that later subscribers
+# get the present states at once. The stream contains the states of controllers; those of the hardware are requested
+# after an event, one request at a time.
 
 
 _PERIOD_S: Final = 1.0  # of a look at the hardware, should a change have come without an event
@@ -187,7 +187,7 @@ class Mailbox(Generic[T]):
         return self._sent[name] + self.interval_ns if name in self._sent else 0
 
 
-# `/robot_description`, as robot_state_publisher publishes it: the URDF, kept for who comes later.
+# `/robot_description`, as robot_state_publisher publishes it: the URDF, latched for later subscribers.
 
 
 class RobotDescription(Endpoint):
@@ -203,14 +203,14 @@ class RobotDescription(Endpoint):
         self._ros.node.destroy_publisher(self._publisher)
 
 
-# The time of ROS where it is not this computer's: stamps follow somebody's `/clock` with the bridge's `use_sim_time`.
+# The time of ROS if it is not this computer's: with the bridge's `use_sim_time` stamps follow a `/clock` topic.
 #
-# What the robot tells is stamped with the time of ROS at which it came, and keeps that stamp;
-# while `/clock` stands nothing new is told, before it begins the time is 0. The stamp of a command counts by its age,
-# and one in the future by how far ahead it is. Timeouts are the robot's, in its own time: a `/clock` that stands puts
-# none off. A robot that is simulated publishes `/clock` itself: with `use_sim_time` of its controller manager, or of
-# the bridge, its stamps are the simulation's, else this computer's. The stamp of a command is of the one of the two
-# that it is nearer to.
+# Messages of the robot are stamped with the ROS time at which they arrived, and keep that stamp; while `/clock` stands
+# nothing new is published, before it begins the time is 0. The stamp of a command counts by its age, and one in the
+# future by how far ahead it is. Timeouts are the robot's, in its own time: a `/clock` that stands puts none off. A
+# robot that is simulated publishes `/clock` itself: with `use_sim_time` of its controller manager, or of the bridge,
+# its stamps are the simulation's, else this computer's. The stamp of a command is of the one of the two that it is
+# nearer to.
 
 
 _DIGITS = 6  # of seconds: what a time in Unix seconds can hold
@@ -228,8 +228,8 @@ def wants_sim_time(client: RobotClient) -> bool:
 class RosTime:
     """Conversion of times between the robot and ROS.
 
-    `clock` returns ROS's time in s, None where it is this computer's; `wall` Unix seconds. Of two threads each has its
-    own half: `state` and `event` are the reactor's, `unix` may be anybody's. `in_simulation`: the stamps of a simulated
+    `clock` returns ROS's time in s, None if it is this computer's; `wall` Unix seconds. Each of the two threads has its
+    own methods: `state` and `event` are the reactor's, `unix` is for both. `in_simulation`: the stamps of a simulated
     robot are the simulation's.
     """
 
@@ -284,7 +284,7 @@ class RosTime:
 
 # `/clock` of a simulated robot, for programs with `use_sim_time`.
 #
-# Published only while the robot says what time its simulation has; a real robot has no `/clock`,
+# Published only while the robot reports the time of its simulation; a real robot has no `/clock`,
 # and no publisher of one, since programs with simulated time would stop on it.
 
 
@@ -319,7 +319,7 @@ _LACKING_NS: Final = 1_000_000_000
 class RosSession:
     """Endpoints of one robot; `on_end(why)` is called once, on the loop, when the robot has ended.
 
-    Its endpoints know it through the node that each is on, see `node_context`.
+    Its endpoints get it through the context of their node, see `node_context`.
     """
 
     def __init__(
@@ -338,7 +338,7 @@ class RosSession:
         self._endpoints: dict[str, list[Endpoint]] = {}
         self._common: list[Endpoint] = []
         self._told: dict[str, str] = {}
-        self._lacking: dict[str, bool] = {}  # interfaces that this ROS does not have, and whether that was told
+        self._lacking: dict[str, bool] = {}  # interfaces that this ROS does not have, and whether that was reported
         self._throttle = Throttle()
         self._rate = options.rate
         self._outpaced: str | None = None
@@ -463,7 +463,7 @@ class RosSession:
     def warn_of(self, node: Node, key: str, text: str) -> None:
         """Log a warning as a node, each key at most once per second; from any thread.
 
-        Whoever runs the robot may not look at /rosout: its terminal and its status say it too.
+        The robot's terminal and status show it too, because its user may not read /rosout.
         """
         if self._throttle.allows(key, self._reactor.now()):
             node.get_logger().warning(text)
@@ -473,7 +473,7 @@ class RosSession:
         """Publish a sentence as an event of the robot; on the reactor's thread."""
         sentence = "".join(letter if letter.isprintable() else " " for letter in f"ROS: {text}")[:_LONGEST_TOLD]
         if not self._ended:
-            with contextlib.suppress(RemoteError):  # a robot that is gone tells nothing; its end is seen elsewhere
+            with contextlib.suppress(RemoteError):  # the robot has ended, which is detected elsewhere
                 self._client.notify(PublishEvent(kind="ros_warning", text=sentence, level="warning"))
 
     def _warn(self, key: str, text: str) -> None:
@@ -486,7 +486,7 @@ class RosSession:
     def watch_process_data(self, watcher: object, on: bool) -> None:
         """Subscribe to TPDO contents while they are needed; on the reactor's thread.
 
-        Whoever begins to want it has everything told that has come, which the others then get once more.
+        A new subscriber causes one publication of all values, which other subscribers get again.
         """
         watchers = self._process_data_watchers
         (watchers.add if on else watchers.discard)(watcher)
@@ -562,7 +562,7 @@ class RosSession:
                 self._endpoints[name] = self._made(controller)
             for endpoint in self._endpoints[name]:
                 endpoint.on_controller(controller)
-        # what the answer says, which is newer than the sample that made us ask: they may have been switched in between
+        # the answer is newer than the sample that caused the request: controllers may have been switched in between
         self.controllers, self._told = controllers, {name: controller.state for name, controller in controllers.items()}
         self._report_outpaced()
 

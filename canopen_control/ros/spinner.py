@@ -78,5 +78,5 @@ class Spinner:
                 self._executor.spin_until_future_complete(self._end, timeout_sec=_WAIT_S)
             except ExternalShutdownException:
                 return
-            except Exception as error:  # noqa: BLE001 - a callback's mistake is told, and the next one is served
+            except Exception as error:  # noqa: BLE001 - the error of a callback is reported, and the next one is called
                 self._on_error(error)

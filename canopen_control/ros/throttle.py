@@ -35,8 +35,8 @@ class Throttle:
 class Refusals:
     """Refusals of commands by controller: reported at the start and, with their number, at the end.
 
-    A publisher that goes on while the drives are off is refused fifty times a second for one reason; another reason is
-    told again, whatever numbers stand in it.
+    A publisher that continues while the drives are off is refused fifty times a second for one reason; another reason
+    is reported again; different numbers in a sentence are not another reason.
     """
 
     def __init__(self) -> None:

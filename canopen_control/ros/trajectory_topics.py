@@ -1,9 +1,9 @@
 """Topics and query service of a joint trajectory controller, in addition to its action.
 
-Rules (joint_trajectory_controller, Jazzy): `~/joint_trajectory` takes the place of what is followed, and
-a bad one is dropped with a sentence; `~/controller_state` comes with every update that the state stream carries;
-`~/query_state` tells what the trajectory says at a time; `~/speed_scaling_input` is there where positions alone are
-commanded. Ours: a trajectory from the topic ends with this bridge.
+Rules (joint_trajectory_controller, Jazzy): `~/joint_trajectory` replaces the running trajectory, and
+a bad one is dropped with a sentence; `~/controller_state` is published with every update in the state stream;
+`~/query_state` returns the sample of the trajectory at a time; `~/speed_scaling_input` exists only with position
+commands. Different from upstream: a trajectory from the topic ends with this bridge.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.trajectory import TrajectoryAt
 
 
-# Trajectories of ROS as the robot's socket has them, and back, as plain numbers: this file imports no ROS.
+# Conversion between trajectories of ROS and of the robot's socket, as plain numbers: this file imports no ROS.
 #
-# Rules (trajectory_msgs, control_msgs): an empty list says nothing of its quantity; a stamp of zero
+# Rules (trajectory_msgs, control_msgs): an empty list leaves its quantity open; a stamp of zero
 # begins at once; a tolerance of 0 is the controller's. Nonfinite numbers are detected here, since JSON has none: the
-# sentence is the one that the robot has for it.
+# sentence is the same as the robot's.
 
 
 _PIECE: Final = 1000

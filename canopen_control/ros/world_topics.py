@@ -99,8 +99,8 @@ def commanded(names: list[str], arrays: dict[str, list[float]]) -> dict[tuple[st
 
 # LaserScan of the lidars of a simulated robot, on the topics of their tags (`/scan`), as mujoco_ros2_control has them.
 #
-# Rays are cast when they are asked for, at the lidar's rate in simulated time; a robot without a
-# lidar is asked once. While the simulation is paused there is nothing new.
+# Rays are cast on request, at the lidar's rate in simulated time; a robot without a
+# lidar gets one request. While the simulation is paused nothing is published.
 
 
 _CLOSE_S: Final = 1e-6
@@ -156,9 +156,9 @@ class LaserScans(Endpoint):
             self._ros.node.destroy_publisher(publisher)
 
 
-# `ground_truth`: where the base of a simulated robot truly is, in the frame of its odometry (PoseStamped).
+# `ground_truth`: the true pose of the base of a simulated robot, in the frame of its odometry (PoseStamped).
 #
-# Published for each new true pose, with its stamp, once a base controller has told the name of its
+# Published for each new true pose, with its stamp, once a base controller has reported the name of its
 # odometry frame, so that RViz shows it in the same fixed frame as `odom`; a robot with an unknown true pose has no
 # publisher of it. It is not a transform: a frame has one parent, and that of the base is its odometry's.
 
@@ -204,8 +204,8 @@ def pose_message(truth: TruePose, frame: str) -> PoseStamped:
 #
 # Names and types are upstream's (mujoco_ros2_control_msgs), on the node that runs the controllers
 # there, `ros2_control_node`, and on the plugin's own, `mujoco_ros2_control_node`. A step is a cycle of the robot here,
-# which is what controllers and hardware do once; upstream it is one of the physics. They are there once the robot says
-# what time its simulation has: a real robot has none of them.
+# in which controllers and hardware run once; upstream it is one of the physics. They exist once the robot reports
+# the time of its simulation: a real robot has none of them.
 
 
 _NODES: Final = ("ros2_control_node", "mujoco_ros2_control_node")

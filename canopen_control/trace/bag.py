@@ -301,7 +301,7 @@ class BagWriter:
         try:
             self._writer.write(connection, seconds * 1_000_000_000 + nanoseconds, data)
         except OSError as error:
-            self._writer = None  # there is no space for the end of the bag either
+            self._writer = None  # the disk is too full for the end of the bag as well
             raise failed(self._path, error, _CUT) from error
         self.messages += 1
 

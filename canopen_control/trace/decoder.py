@@ -514,7 +514,7 @@ def _time(frame: CanFrame) -> _Decoded:
     time = parse_time(frame.data)
     if time is None:
         return _Decoded(f"malformed: {len(frame.data)} bytes", mark=Mark.WARNING)
-    moment = datetime.datetime(1984, 1, 1) + datetime.timedelta(days=time.days, milliseconds=time.ms)  # noqa: DTZ001 - TIME knows no zone
+    moment = datetime.datetime(1984, 1, 1) + datetime.timedelta(days=time.days, milliseconds=time.ms)  # noqa: DTZ001 - TIME has no time zone
     return _Decoded(moment.isoformat(" ", "milliseconds"))
 
 

@@ -4,9 +4,9 @@
 
 It only listens, on the buses and on the robot's API, and sends nothing on a bus. While recording it decodes nothing;
 frames remain records, with one append per read. It never delays the robot: it is a separate process, and a copy of it
-(fork) writes the file from the memory at this time while the original keeps listening. It ends with the robot: at
-SIGTERM it writes the pending file. If the robot's process has died, which is a fault too, it listens until the drives
-have reacted, writes the file, and ends. Its own end does not affect other processes.
+(fork) writes the file from the memory at this time while the original continues to record. It ends with the robot: at
+SIGTERM it writes the pending file. If the robot's process was killed, which is a fault too, it records until the
+drives have reacted, writes the file, and ends. Its own end does not affect other processes.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ class FlightRecorder:
         self._connect()
 
     def _beat(self) -> None:
-        """Report to the parent process that this process is alive."""
+        """Report to the parent process that this process is running."""
         self._liveness.beat()
         self._reactor.call_later(_PULSE_NS, self._beat)
 
@@ -329,7 +329,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         finally:
             recorder.finish()
             for sentence in recorder.said:
-                print(sentence, flush=True)  # noqa: T201 - the last lines of the log, which the robot's process tells
+                print(sentence, flush=True)  # noqa: T201 - the last lines of the log, which the robot's process reports
     return 0
 
 

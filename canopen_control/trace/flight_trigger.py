@@ -1,6 +1,6 @@
 """Trigger of a flight recorder: writes after a fault and the reaction to it, but not for every fault of a series.
 
-A fault is an event of level error, or one of the kinds that report a dead bus. The file is written `AFTER_NS` after the
+A fault is an event of level error, or one of the kinds that report a lost bus. The file is written `AFTER_NS` after the
 last fault, so that it contains the reaction, but at most `LONGEST_NS` after the first. The next file follows `GAP_NS`
 later at the earliest; while faults continue this gap doubles up to `WIDEST_GAP_NS`, so that a series of faults
 overnight does not displace the file of its first minute. A fault that is outside the window at the end of the gap is

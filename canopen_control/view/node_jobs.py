@@ -1,7 +1,7 @@
 """Jobs at one node, shared by all pages: short requests on threads, and one long job at a time. No toolkit.
 
-Each question has a connection of its own, so that STOP and the stream of the state never wait behind it. Long work goes
-on when the page that began it is closed; every page shows how far it is, and any may ask it to end.
+Each request has its own connection, so that STOP and the stream of the state never wait behind it. A long job continues
+when the page that started it is closed; every page shows its progress, and any page can end it.
 """
 
 from __future__ import annotations
@@ -219,8 +219,8 @@ T = TypeVar("T")
 class NodeJob:
     """Long job with its progress and result; written by its thread, read by the pages.
 
-    `key` says which tab it is of, `doing` which part of it goes on. `told` is the sentence at its end, `good` whether
-    it was done, None while it goes on; `lines`, `table` and `file` (name and bytes) are what came of it beside that.
+    `key` is the tab that it belongs to, `doing` its present step. `told` is the sentence at its end, `good` whether
+    it succeeded, None until then; `lines`, `table` and `file` (name and bytes) are its further results.
     """
 
     key: str
@@ -326,7 +326,7 @@ class NodeJobs(NodeObjects):
             good = True
         except CanopenError as error:
             work.told = str(error)
-        except Exception as error:  # noqa: BLE001 - the page says it, and goes on
+        except Exception as error:  # noqa: BLE001 - the page shows it and continues
             work.told = f"{work.title} ended with {type(error).__name__}: {error}"
         finally:
             work.good = good

@@ -1,9 +1,9 @@
 """Address of a page with its token, readable only by its user: a file of mode 0600 in the sockets' private folder.
 
 The view that serves a page holds the lock of its file. A view that was killed leaves the file, and the next one on the
-same host and port goes on with its token, so that an open tab survives the restart. A view that ends in order removes
-the file: a tab that stays open sends its token to whatever serves the port next, and that token must open nothing then.
-For the same reason a token belongs to one port.
+same host and port uses its token again, so that an open tab survives the restart. A normal exit removes the file:
+an open tab sends its token to the next server on that port, where it must not be valid. For the same reason a token
+belongs to one port.
 
 The token stands in no command line, no event, no recording and no log of the robot: other users may read those.
 """
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-# Which requests the page's server answers: token, Host and Origin checks, and the security headers. No socket.
+# The requests that the page's server answers: token, Host and Origin checks, and the security headers. No socket.
 #
 # A page that can move motors is for the user who started it. Every user of a computer can connect to its loopback
 # address, so every request needs a token there too: pages, files, STOP, uploads and WebSockets. The token is the first
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 _HEADERS: Final = {
     "X-Content-Type-Options": "nosniff",
-    "X-Frame-Options": "DENY",  # nobody lays an invisible frame of our buttons over his own page
+    "X-Frame-Options": "DENY",  # no other site can show the buttons in an invisible frame (clickjacking)
     "Referrer-Policy": "no-referrer",  # the address holds the token
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cross-Origin-Opener-Policy": "same-origin",
@@ -71,7 +71,7 @@ class AccessRules:
     def url(self) -> str:
         """Address of the page with its token, which permits its use.
 
-        It is for the terminal of the user who started the page, and for nothing that others read.
+        It must appear only in the terminal of the user who started the page.
         """
         return f"{self.place}{self.token}/"
 
@@ -135,7 +135,7 @@ def is_loopback(host: str) -> bool:
 _TOKEN: Final = re.compile(r"[A-Za-z0-9_-]{32}")
 _OTHER: Final = re.compile(r"[^A-Za-z0-9.]")
 _LONGEST: Final = 4096  # bytes of such a file
-_WAIT_S: Final = 0.5  # for somebody who reads it just now
+_WAIT_S: Final = 0.5  # for a process that reads it at this moment
 
 
 class PageAddress:

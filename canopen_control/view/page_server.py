@@ -1,8 +1,8 @@
 """HTTP server of the page: NiceGUI behind an access check, on a socket that is already bound.
 
-The access check is the outermost ASGI application, so that nothing of the toolkit is reached past it; and before the
-address is told, `access_problem` asks from outside as a foreign page would. A server that answers it ends with a
-sentence.
+The access check is the outermost ASGI application, so that no request reaches the toolkit without it. Before the
+address is printed, `access_problem` sends a request as a foreign page would; if the server answers it, the server ends
+with a sentence.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ if TYPE_CHECKING:
 
 # Access check of the page as ASGI middleware, in front of everything its server has, WebSockets included.
 #
-# What `AccessRules` refuse is answered here and reaches nothing behind it. The token in the path is the `root_path` of
-# what lies behind (ASGI), so that the toolkit writes it into every address of the page. HTML of the page gets a nonce
-# of its own for the scripts that are in it, and every answer the headers of `AccessRules`.
+# Requests refused by `AccessRules` are answered here and go no further. The token in the path is the `root_path` of the
+# inner application (ASGI), so that the toolkit writes it into every address of the page. HTML of the page gets a nonce
+# for the scripts in it, and every answer the headers of `AccessRules`.
 
 
 #: a proxy's word that no proxy of ours has given: the toolkit would write it into the page
@@ -219,7 +219,7 @@ class PageServer:
             tailwind=False,  # a compiler of styles in the browser: slow to start
             binding_refresh_interval=None,
             reconnect_timeout=3.0,
-            message_history_length=0,  # who was away gets what is, not what was
+            message_history_length=0,  # after a reconnection a client gets the present state only
             gzip_middleware_factory=None,
             show_welcome_message=False,
         )

@@ -1,7 +1,7 @@
 """Connection between the page and one robot.
 
-STOP goes out at once on the connection that is open, and never waits for an answer or behind a question. What takes
-time is asked on a connection of its own, by a thread that may wait.
+STOP is sent at once on the open connection, and never waits for an answer or behind a request. Slow requests have
+a connection of their own, on a thread that may wait.
 """
 
 from __future__ import annotations
@@ -113,18 +113,18 @@ def pose_of(state: StateSample) -> Pose | None:
     return None
 
 
-# Driving by a held button: who drives, and what is sent when he lets go. No browser, no socket.
+# Driving by a held button: the driving page, and the command at its release. No browser, no socket.
 #
-# Nothing moves but while a button is held, and a held button says so again and again. Silence for
-# `LET_GO_NS`, a closed page or another controller end the motion with the rest command, once and at once. One page
-# drives at a time; who comes second waits until the first has let go.
+# Nothing moves unless a button is held, and a held button is renewed repeatedly. Silence for
+# `LET_GO_NS`, a closed page or another controller ends the motion with the rest command, once and at once. One page
+# drives at a time; a second one waits until the first has released its button.
 
 
 HOLD_HZ: Final = 20.0
 LET_GO_NS: Final = 200_000_000
 SOURCE: Final = "view"
 Command = CommandController | TwistController | SendTrajectory | CancelTrajectory | TrajectoryHeartbeat
-_HEARTBEAT_S: Final = 0.5  # this process says so 20 times a second; the robot brakes where it hangs
+_HEARTBEAT_S: Final = 0.5  # this process renews it 20 times a second; the robot stops if the process hangs
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,7 +274,7 @@ class RobotConnection:
     def send(self, request: Request[Any]) -> None:
         """Send a command without waiting for its answer.
 
-        A robot that is gone is told by `messages`.
+        `messages` reports a robot that has ended.
         """
         with contextlib.suppress(RemoteError):
             self._client.notify(request)

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from canopen_control.view.robot_connection import NodeAddress, Pose, RobotInfo
 
 
-# Lets something happen in the world of a simulated robot: asks its virtual drives, by their control sockets.
+# Disturbances in the world of a simulated robot: requests to its virtual drives, by their control sockets.
 #
-# A robot without drives, which a simulation plugin moves, is asked itself. A real drive has no
+# A robot without drives, which a simulation plugin moves, gets the request itself. A real drive has no
 # such socket, and a robot that has one refuses, so that nothing here can reach one. Everything waits for an answer, a
 # second for each drive at most; it is called from threads that may.
 
@@ -89,13 +89,13 @@ def _connect(node: NodeAddress) -> DriveClient:
     return DriveClient.connect(node.channel, node.node_id, _TIMEOUT_S, label=f"the virtual drive {node.name}")
 
 
-# What stands in the world of a simulated robot, for the 3D scene: asked of its virtual drives, told where it changes.
+# Bodies in the world of a simulated robot, for the 3D scene: read from its virtual drives, reported on changes.
 #
-# The scene is drawn in the frame of odometry, the world has one of its own; where that is follows
-# from the true pose. A real drive has no socket that could be asked.
+# The scene is drawn in the frame of odometry, the world has its own frame; the true pose connects them.
+# A real drive has no socket for such a request.
 
 
-# Fault injection: asks the virtual drives of a robot for their faults and switches them, by their control sockets.
+# Fault injection: reads the faults of a robot's virtual drives and switches them, by their control sockets.
 #
 # A real drive has no such socket, so that nothing here can reach one. Everything waits for an
 # answer, a second at most; it is called from threads that may.

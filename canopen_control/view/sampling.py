@@ -170,7 +170,7 @@ class Sampler:
             by_interface = {"position": joint.position, "velocity": joint.velocity, "effort": joint.effort}
             actual = by_interface.get(interface or "velocity")
             command = joint.command if interface else None
-            if command is None:  # nobody commands it: the hardware holds
+            if command is None:  # no controller commands it: the hardware holds
                 command = actual if interface == "position" else 0.0
             values[f"{name} actual"], values[f"{name} command"] = actual, command
             values[f"{name} error"] = 0.0 if actual is None or command is None else command - actual

@@ -100,7 +100,7 @@ class ScopeRun:
                 self._resolve(session, client)
         except CanopenError as error:
             self.good, self.words = False, str(error)
-        except Exception as error:  # noqa: BLE001 - the page says it, and goes on
+        except Exception as error:  # noqa: BLE001 - the page shows it and continues
             self.good, self.words = False, f"the scope ended with {type(error).__name__}: {error}"
         finally:
             self.over = True

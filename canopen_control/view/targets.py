@@ -1,7 +1,7 @@
 """Targets of position sliders: untouched ones follow the joint and do not move it.
 
-A slider that somebody sets keeps that target until the drive that follows has ended; all others follow their joints,
-whoever moves those. While somebody drives, a joint that was not set stays where it was at first.
+A slider that a user moves keeps its target until the motion for it has ended; all others follow their joints,
+whatever moves those. During the motion, a joint that was not set keeps its start position.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Player of trajectories for pages: connections and their ends; without the toolkit.
 
-A trajectory lives as long as the page that plays it says again and again that it is there.
-Silence for `SILENT_S`, a closed page and a click on Cancel end it in a decelerated hold, told by the robot's own
-sentence; the end of this process ends it too, since the robot brakes when the connection is gone, or when nothing comes
-on it any more: `tick` says that this process is at work. One page plays at a time.
+A trajectory runs only while its page repeatedly confirms that it is open. Silence for `SILENT_S`, a closed page and a
+click on Cancel end it in a decelerated hold, reported with the robot's own sentence. The end of this process ends it
+too, since the robot stops when the connection is closed, or when nothing arrives on it: `tick` confirms that this
+process is running. One page plays at a time.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ def _number(position: float) -> str:
 
 
 HERE_HZ: Final = 4.0
-SILENT_S: Final = 1.5  # a browser lets a page that is hidden speak once a second
+SILENT_S: Final = 1.5  # browsers limit the timers of hidden pages to once a second
 _TIMEOUT_S: Final = 5.0
 _PATIENCE_S: Final = 3600.0  # beyond its own time: it may be scaled, and wait for its goal without a limit
 _GONE: Final = "the page that played it was closed"

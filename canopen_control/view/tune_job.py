@@ -1,8 +1,8 @@
 """Tuning run started from a page: excites a drive, stores results, sets gains. No toolkit; on threads.
 
-A run is a command source as any other. It dies with the page that began it: while it goes on the
-page has to say again and again that it is there, and `GONE_S` without that ends it, as a limit, a fault, STOP and the
-button do; the drive is stopped and disabled then, and nothing is concluded.
+A run is a command source like any other. It ends with the page that started it: the page has to confirm repeatedly that
+it is open, and `GONE_S` without that ends the run, as a limit, a fault, STOP and the button do; the drive is stopped
+and disabled then, and there is no result.
 """
 
 from __future__ import annotations
@@ -190,7 +190,7 @@ def tune(
         try:
             result.gains = proposed(identified(record), request)
         except ConfigError:
-            result.gains = None  # the lines say why
+            result.gains = None  # the reason is in the lines
     lost = f"; {record.lost} of {record.lost + len(record.samples)} cycles were lost" if record.lost else ""
     return f"{session.name}: {request.test.value} done, stopped and disabled{lost}"
 

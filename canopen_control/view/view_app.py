@@ -1,8 +1,8 @@
 """The process of the view: `python -m canopen_control.view.view_app`, or `canopen-control view`.
 
-One thread and one loop: connection, dead man and pages. What may take time is asked on threads of its own, so that STOP
+One thread and one loop: connection, dead man and pages. Slow requests run on threads of their own, so that STOP
 never waits. Started by `run` it ends with its lifeline or the robot; by hand it waits for the robot to come back.
-Whatever happens here, the robot does not notice.
+An error here does not affect the robot.
 """
 
 from __future__ import annotations
@@ -169,20 +169,20 @@ def _query() -> dict[str, str]:
     return dict(ui.context.client.request.query_params)
 
 
-SEEN_HZ: Final = 25.0  # samples of the state while somebody looks
+SEEN_HZ: Final = 25.0  # samples of the state while a page is open
 STILL_HZ: Final = 10.0  # while it stands
 UNSEEN_HZ: Final = 5.0
 _TICK_S: Final = 0.2  # between two updates: what is read, not watched
 _RETRY_S: Final = 0.5
 _FAULTS_S: Final = 3.0
 _WORLD_S: Final = 0.25
-_SILENT_S: Final = 1.5  # a robot that runs says something 5 times a second
+_SILENT_S: Final = 1.5  # a running robot sends at least 5 messages a second
 
 
 class ViewApp:
     """Server of the page of the robot `name` (None: the only one) until a signal or the end of its parent.
 
-    `say` prints a sentence. ConfigError when there is no such robot, or nowhere to listen.
+    `say` prints a sentence. ConfigError if there is no such robot, or no free port.
     """
 
     def __init__(
@@ -315,7 +315,7 @@ class ViewApp:
         if self._connection is not None:
             self._connection.send(command)
 
-    # ------------------------------------------------------------------------------------ who looks
+    # ------------------------------------------------------------------------------------ open pages
 
     def _build(self) -> None:
         """Build a page for a new client."""
@@ -360,7 +360,7 @@ class ViewApp:
         while True:
             try:
                 self._tick()
-            except Exception as error:  # noqa: BLE001 - as `_complain` says
+            except Exception as error:  # noqa: BLE001 - see `_complain`
                 self._complain(error)
             await asyncio.sleep(_TICK_S)
 

@@ -1,7 +1,7 @@
 """Objects in the world of a simulated robot, for the 3D scene.
 
-The scene is drawn in the frame of odometry, the world has one of its own; where that is follows
-from the true pose. A real drive has no socket that could be asked.
+The scene is drawn in the frame of odometry, the world has its own frame; the true pose connects them.
+A real drive has no socket for such a request.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
 """Active trajectory: states of its joints over time, and its progress.
 
-Rules (ros2_controllers jazzy, Trajectory): it starts at its stamp, or when it is first sampled if that is
-0; until the arrival at the first point it leads there from the point before it; what a point lacks is deduced from its
-derivatives and from then on stands in it; when it is over, its last point stays. Ours, and safer: a look into the
-future never moves the place that has been reached, and a time that lies before that place is found all the same.
-Upstream wraps only the point before the first one, so that a drive whose joint turns without end is commanded to
-another turn at once. Here what is sampled is shifted by whole turns instead: the way begins where the joint is.
-Points that come packed are made one by one, when the joints come to them. What a look ahead has found is not worked out
-again when its time has come, as it does in the next cycle.
+Rules (ros2_controllers jazzy, Trajectory): it starts at its stamp, or, for a stamp of 0, at its first sample. Until the
+arrival at the first point it leads there from the point before it. Missing quantities of a point are deduced from its
+derivatives and then kept; after the end the last point is held. Safer than upstream: sampling a future time
+never changes the progress, and earlier times can still be sampled.
+Upstream wraps only the point before the first one, so that the drive of a continuous joint is commanded to
+another turn at once. Here the samples are shifted by whole turns instead: the motion begins at the joint's position.
+Packed points are unpacked one by one, when the motion reaches them. A sample of a future time is kept for that time,
+usually the next cycle, and not computed again.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ class Segment:
         v2, v3, v4, v5 = 2.0 * s, 3.0 * s2, 4.0 * s3, 5.0 * s4
         a3, a4, a5 = 6.0 * s, 12.0 * s2, 20.0 * s3
         starts, c1s, c2s, c3s, c4s, c5s = self._start, self._c1, self._c2, self._c3, self._c4, self._c5
-        # nothing is made of joints without a position, whatever the other vectors say of them
+        # joints without a position are not used, even if other vectors have values for them
         for i in range(min(len(starts), len(c1s), len(c2s), len(c3s))):
             c1, c2, c3, c4, c5 = c1s[i], c2s[i], c3s[i], c4s[i], c5s[i]
             positions[i] = starts[i] + s * c1 + s2 * c2 + s3 * c3 + s4 * c4 + s5 * c5
@@ -173,7 +173,7 @@ class JointSetpoint(metaclass=ABCMeta):
 
     @abstractmethod
     def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
-        """Take where the joints are before the first point, at a time in ns; `wrap` says which turn without end."""
+        """Set the joint positions before the first point, at a time in ns; `wrap` marks continuous joints."""
 
     @abstractmethod
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:

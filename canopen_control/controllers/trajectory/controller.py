@@ -1,9 +1,9 @@
 """joint_trajectory_controller/JointTrajectoryController: arms that move as MoveIt expects.
 
 Rules (ros2_controllers jazzy): a trajectory is taken between two cycles and begins in the next one; the
-command is what it says one period ahead; on the way and at the end the joints are held against the tolerances of the
-goal. Ours, and safer: while a joint does not follow commands nothing is commanded to any, and its goal ends with a
-sentence that names it; once all follow again they are held where they are, never where they were going.
+command is its sample one period ahead; during the motion and at the end the joints are checked against the tolerances
+of the goal. Safer than upstream: while a joint does not follow commands nothing is commanded to any, and its goal ends
+with a sentence that names the joint; once all follow again they are held at their positions.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.samples import Sample
 
 
-# Whether the joints are within the tolerances of a trajectory, on the way and at its end, and what is said if not.
+# Check of the tolerances of a trajectory, during the motion and at its end, and the reports of violations.
 #
-# Rules (ros2_controllers jazzy): on the way, and in the first cycle, the path tolerances count, at the
-# end those of the goal; a goal that is missed is late `goal_time` after the end, and never where that is 0.
+# Rules (ros2_controllers jazzy): during the motion, and in the first cycle, the path tolerances apply, at the end those
+# of the goal. A missed goal is aborted `goal_time` after the end; with a `goal_time` of 0 it waits without limit.
 
 
 _NOBODY = -1
@@ -206,7 +206,7 @@ class UpsampledPoints(SurveyedPoints):
     def __init__(self, source: Sequence[Point] | Points, times: Sequence[int], survey: TrajectorySummary) -> None:
         self.times, self.survey = times, survey
         self._source = source
-        self._blocks: dict[int, Block] = {}  # the two that were asked for last, by their first points
+        self._blocks: dict[int, Block] = {}  # the last two results, by their first points
 
     def __getitem__(self, index: int) -> Point:
         """Return a new point."""
@@ -267,7 +267,7 @@ NS = 1_000_000_000
 class JointTrajectoryController(Controller):
     """Controller of trajectories of positions, velocities, accelerations or efforts of several joints.
 
-    `holding` says that it stays where it is; `goal` is the one that is being executed, `tolerances` those that count.
+    `holding` is True while it holds the position; `goal` is the executed goal, `tolerances` are the applied ones.
     `desired`, `output`, `actual` and `error` are those of the last cycle.
     """
 

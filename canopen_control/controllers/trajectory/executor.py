@@ -1,7 +1,7 @@
 """Command of the joints from cycle to cycle: a trajectory, a hold, or a ramp to standstill.
 
-Rules (ros2_controllers jazzy): what is queued begins in the next cycle; the command is what it says one
-period ahead. Ours, and safer: a stop is computed as it is sampled, and a hold is one point.
+Rules (ros2_controllers jazzy): a queued trajectory begins in the next cycle; the command is its sample one
+period ahead. Safer than upstream: a stop is computed as it is sampled, and a hold is one point.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 # A new trajectory that takes over from the one that is followed: blended in at its start, for the joints it names.
 #
-# Rules (ros2_controllers rolling, allow_trajectory_replacement): until the start of the new trajectory
-# the joints follow the old one; there it goes on from what the old one says, with its velocity and acceleration; joints
-# that it does not name follow the old one to its end. Ours: they follow its own points, where upstream takes samples of
-# it.
+# Rules (ros2_controllers rolling, allow_trajectory_replacement): until the start of the new trajectory the joints
+# follow the old one; the new one then continues from the sample of the old one, with its velocity and acceleration;
+# joints that it does not name follow the old one to its end. Different from upstream: they follow its own points, where
+# upstream takes samples of it.
 
 
 MOST_WAITING: Final = 8
@@ -223,10 +223,10 @@ class StopMotion(JointSetpoint):
         return True
 
 
-# Speed scaling: how fast the time of trajectories runs, told by a user or by a state interface.
+# Speed scaling: rate of the time of trajectories, set by a user or by a state interface.
 #
-# Rules (ros2_controllers jazzy): what a user says goes to the command interface too, what a state
-# interface says counts. Ours, and safer: time stands while its speed is unknown.
+# Rules (ros2_controllers jazzy): a value of a user also goes to the command interface, the value of a state
+# interface is used. Safer than upstream: time stands while its speed is unknown.
 
 
 def scaled(time: int, factor: float) -> int:
@@ -243,8 +243,8 @@ def scaled(time: int, factor: float) -> int:
 class SpeedScaling:
     """Factor of the time of trajectories: 1 is nominal, 0 stops it.
 
-    `allowed` says that users may set it: where positions alone are commanded, since the velocities of a trajectory that
-    runs slower would have to be scaled too.
+    `allowed` is True if users may set it: only with position commands, since the velocities of a slower trajectory
+    would have to be scaled too.
     """
 
     def __init__(self, factor: float = 1.0, *, allowed: bool = False) -> None:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class JointGroup:
     """Joints and their interfaces by quantity, in the order in which joint_trajectory_controller claims them.
 
-    `actual` is what was read last, `error` what was asked for last less that.
+    `actual` are the values read last, `error` is the last command minus these.
     """
 
     def __init__(

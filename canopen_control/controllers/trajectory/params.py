@@ -90,11 +90,11 @@ def _wrong_list(key: str, names: Sequence[str], allowed: Sequence[str]) -> str |
     return None
 
 
-# How far a joint may be from its trajectory, on the way and at the end, and what a goal says of it.
+# Tolerances of a joint from its trajectory, during the motion and at the end, and their values in a goal.
 #
-# Rules (ros2_controllers jazzy): of a goal's number above 0 is a tolerance, 0 is the parameters', -1 is
-# none at all. A number or a joint that cannot be makes the whole set that of the parameters; the goal is taken all the
-# same.
+# Rules (ros2_controllers jazzy): a number of a goal above 0 is a tolerance, 0 means that of the parameters, -1 means
+# none. If a number or a joint of a goal is invalid, all its tolerances are those of the parameters; the goal is
+# accepted.
 
 
 _FLOAT_EPSILON: Final = 2.0**-23

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from canopen_control.urdf.joint_element import Joint
 
 
-# What the points of a trajectory come to, gathered piece by piece: all that the rules of taking it ask for.
+# Summary of the points of a trajectory, gathered piece by piece, for the rules that accept or refuse it.
 #
 # A piece costs a time that is bounded by its size, and then the whole is judged at once: where its
 # times do not increase, where sizes change, where a number is none, and the extremes of each joint.
@@ -622,7 +622,7 @@ class Acceptance:
     def take_limits(self) -> None:
         """Store the limits of the hardware interfaces, in addition to those of the description.
 
-        A joint whose positions are bounded by its interface does not turn without end, whatever its type.
+        A joint whose positions are bounded by its interface is not continuous, even if its type is.
         """
         for index, command in enumerate(self._group.commands.get(POSITION, ())):
             joint = self._params.joints[self._group.places[index]]

@@ -1,8 +1,8 @@
 """Interfaces missing in the installed ROS (tf2_msgs, controller_manager_msgs ...), created at run time.
 
-A package that is installed is used, never replaced. What is made here has upstream's type hashes,
-so that it talks to upstream's own; before the first one is used, a message that ROS's compiled code knows as well is
-sent through both (`provide`), and what differs in a single byte is refused. A class is made when it is first asked for.
+An installed package is used, never replaced. Generated types have upstream's type hashes, so that they are compatible
+with upstream's own; before first use, a message that ROS's compiled code also has is serialised by both (`provide`),
+and any difference is refused. A class is created on its first use.
 """
 
 from __future__ import annotations

@@ -141,7 +141,7 @@ def _decode_string(body: memoryview, at: int) -> tuple[str, int]:
 def _numbers(code: str, kind: FieldType) -> Codec:
     size = struct.calcsize(f"<{code}")
 
-    def encode(values: Any, body: bytearray) -> None:  # noqa: ANN401 - whatever is a sequence of numbers
+    def encode(values: Any, body: bytearray) -> None:  # noqa: ANN401 - any sequence of numbers
         numbers = values if isinstance(values, array) and values.typecode == code else array(code, list(values))
         _put_count(len(numbers), kind, body)
         if numbers:
@@ -163,7 +163,7 @@ def _numbers(code: str, kind: FieldType) -> Codec:
 def _elements(codec: Codec, kind: FieldType) -> Codec:
     encode_one, decode_one = codec
 
-    def encode(values: Any, body: bytearray) -> None:  # noqa: ANN401 - whatever is a sequence
+    def encode(values: Any, body: bytearray) -> None:  # noqa: ANN401 - any sequence
         _put_count(len(values), kind, body)
         for value in values:
             encode_one(value, body)

@@ -1,6 +1,6 @@
 """Python classes of messages, services and actions, as rclpy expects them from rosidl_generator_py.
 
-The metaclass holds the type support, made when rclpy first asks for it; a message has its fields
+The metaclass holds the type support, created when rclpy first requests it; a message has its fields
 as attributes, None in the constructor is the default; its slots are the fields with an underscore before the name, in
 their order, and `SLOT_TYPES` their types in rosidl_parser's words, by which rosidl_runtime_py prints and fills
 messages; a service cannot be made, only its Request and Response; of an action Goal, Result and Feedback, and what
@@ -138,7 +138,7 @@ def action_class(
     }
 
     def load(metaclass: Any) -> None:  # noqa: ANN401 - the metaclass below
-        for part in carriers.values():  # rclpy asks for the action's alone
+        for part in carriers.values():  # rclpy requests only that of the action
             if getattr(type(part), _SUPPORT) is None:
                 load_support = getattr(type(part), _IMPORT)
                 load_support()
@@ -208,7 +208,7 @@ def _rosidl_type(kind: FieldType) -> object:
     return parser.UnboundedString() if text == "string" else parser.BasicType(text)
 
 
-def _same(first: Any, second: Any) -> bool:  # noqa: ANN401 - whatever a field holds
+def _same(first: Any, second: Any) -> bool:  # noqa: ANN401 - any value of a field
     if isinstance(first, array | list | tuple) and isinstance(second, array | list | tuple):
         return list(first) == list(second)
     return bool(first == second)

@@ -1,6 +1,6 @@
 """Type supports created at run time: what rclpy and rmw_fastrtps need for an interface, without a compiler.
 
-rmw_fastrtps asks each type for two supports, fastrtps_c to serialise and introspection_c for its
+rmw_fastrtps requests two supports of each type, fastrtps_c to serialise and introspection_c for its
 type object; both carry the same hash and description. Fast DDS calls their functions while it holds its mutexes, so
 that no Python runs there: the functions are those of `callbacks.c`, here are the constants that they need. Bytes of
 another layout are dropped there, as compiled code does it: were they refused later, rclpy would raise out of `spin`,
@@ -175,7 +175,7 @@ def _find_end(cdr: ctypes.CDLL, position: Any) -> int:  # noqa: ANN401 - as abov
 # Type descriptions and their hashes: what two ROS programs compare before they talk.
 #
 # Rules (REP 2011, rosidl's RIHS01): the hash is the SHA-256 of the description as JSON with ", " and ": "
-# as separators, without default values, the referenced types sorted by name, all of them, whatever refers to them.
+# as separators, without default values, all referenced types sorted by name, including indirect references.
 # Descriptions of installed packages come from the JSON files that they install.
 
 
@@ -225,7 +225,7 @@ class Registry:
                 del self._structures[structure_name]
 
     def get(self, name: str) -> Structure:
-        """Return a structure; LookupError if there is no definition and no installed package.
+        """Return a structure; LookupError without a definition and an installed package.
 
         ValueError names a bad line of a definition.
         """
@@ -349,7 +349,7 @@ class Supports:
         def from_py(message: object, into: int) -> bool:
             try:
                 return libraries.set_body(into, codecs.encode(name, message))
-            except Exception as error:  # noqa: BLE001 - the module says why
+            except Exception as error:  # noqa: BLE001 - see the module's docstring
                 _complain(name, error)
                 return False
 
@@ -357,7 +357,7 @@ class Supports:
             self._report_dropped()
             try:
                 codec = codecs.decode(name, libraries.body_of(message))
-            except Exception as error:  # noqa: BLE001 - the module says why
+            except Exception as error:  # noqa: BLE001 - see the module's docstring
                 _complain(name, error)
                 return None
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(codec))  # the caller takes the reference over
@@ -517,7 +517,7 @@ class Supports:
                         setattr(event, part.lower(), [codecs.decode(f"{name}_{part}", body)])
                 message = int(create())
                 libraries.set_body(message, codecs.encode(f"{name}_Event", event))
-            except Exception as error:  # noqa: BLE001 - the module says why
+            except Exception as error:  # noqa: BLE001 - see the module's docstring
                 _complain(f"{name}_Event", error)
                 return None
             return message

@@ -4,8 +4,8 @@ How to add a tab: a file NAME_tab.py in this folder with a class that is a `driv
 `drive_tabs.TABS`. A tab is made when it is opened first, for one node, in the place that is current; what it is given
 is a `DriveTabContext`:
 
-- `context.panel` is what every panel of the page has: `ask(request)` asks the robot, `hold` and `release` drive while
-  a button is held, `teleop` says whether this page may write and move at all.
+- `context.panel` is common to all panels of the page: `ask(request)` sends a request to the robot, `hold` and `release`
+  drive while a button is held, `teleop` is True if this page may write and move at all.
 - `context.desk` is the node, shared by all pages: `await desk.ask(work)` runs `work(session)` on a thread, with a
   `service.NodeSession` whose SDO goes through the robot; `desk.begin(title, work)` begins what takes long, one at a
   time on a node, and goes on where the page is closed meanwhile. No tab waits in the loop: STOP would wait behind it.

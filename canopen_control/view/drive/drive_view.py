@@ -85,7 +85,7 @@ class ObjectsTab:
             with self._place:
                 self._tree = ObjectTree(rows, _product(od), self, writes=self._context.panel.teleop)
 
-    # ------------------------------------------------------------------------------------ what the frame asks of it
+    # ------------------------------------------------------------------------------------ calls of the frame
 
     def show(self, content: PageContent) -> None:
         """Show the values read since, and whether an edit can be undone."""
@@ -110,7 +110,7 @@ class ObjectsTab:
         self._is_left = True
         self._reader.watch(self._page, self._context.desk, ())
 
-    # ------------------------------------------------------------------------------------ what the tree tells
+    # ------------------------------------------------------------------------------------ events of the tree
 
     def seen(self, addresses: list[str]) -> None:
         """Read the visible objects."""
@@ -139,7 +139,7 @@ class ObjectsTab:
     async def _write(self, address: str, text: str) -> None:
         entry = self._list.entry(address) if self._list is not None else None
         if entry is None or self._tree is None or not self._context.panel.teleop:
-            return  # no page of ours asks for it
+            return  # not requested by this page
         try:
             edit = await self._context.desk.write(entry, text)
         except CanopenError as error:
@@ -307,7 +307,7 @@ _LOST: Final = "<p class='cc-line cc-bad'>No connection: the state of the drive 
 
 
 class DriveView:
-    """Drive view in the page's `main`; its switch is the second in `side`. `asked` is the page's query."""
+    """Drive view in the page's `main`; its switch is the second in `side`. `asked` is the query of the address."""
 
     def __init__(self, context: PanelContext, main: Element, side: Element, query: dict[str, str]) -> None:
         self._context, self._main, self._client = context, main, ui.context.client
@@ -342,7 +342,7 @@ class DriveView:
             tabs.on_value_change(lambda event: self._turn(str(event.value)))
             tabs.props("dense no-caps inline-label outside-arrows mobile-arrows align=left").classes("cc-drive-tabs")
 
-    # ------------------------------------------------------------------------------------ what the page asks of it
+    # ------------------------------------------------------------------------------------ calls of the page
 
     def show(self, content: PageContent) -> None:
         """Show the current data in the visible tab."""

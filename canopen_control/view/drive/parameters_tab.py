@@ -95,7 +95,7 @@ def release_words(reading: NodeReading | None, robot: Banner) -> tuple[str, str]
     return "It is taken out of the robot, which leaves it alone until it is given back.", GOOD
 
 
-# The Firmware tab: choose a program, load it with a progress that tells rate and remaining time, and its verdict.
+# The Firmware tab: choose a program, load it with its rate and remaining time, and show the result.
 
 
 _FIRMWARE_KEY: Final = "firmware"
@@ -251,7 +251,7 @@ class ParametersTab:
             clone = ui.button("Clone into this node", color="orange-9", on_click=self._begin_clone)
             self._writers.append(clone.props("unelevated dense"))
 
-    # ------------------------------------------------------------------------------------ what the frame asks of it
+    # ------------------------------------------------------------------------------------ calls of the frame
 
     def show(self, content: PageContent) -> None:
         """Show the node and the job."""

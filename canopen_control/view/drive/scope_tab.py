@@ -143,7 +143,7 @@ class ScopeTab:
         self._place.visible = self._level.visible = has_level
         self._before.visible = self._trigger.value != _NONE
 
-    # ------------------------------------------------------------------------------------ what the frame asks of it
+    # ------------------------------------------------------------------------------------ calls of the frame
 
     def show(self, content: PageContent) -> None:
         """Show the scope of the node, started from any page."""

@@ -130,7 +130,7 @@ class TuneTab:
             widget.visible = test is TuneTest.IDENTIFY
         self._seconds.value = test.seconds
 
-    # ------------------------------------------------------------------------------------ what the frame asks of it
+    # ------------------------------------------------------------------------------------ calls of the frame
 
     def show(self, content: PageContent) -> None:
         """Show the run, started from any page, and its result."""
@@ -155,7 +155,7 @@ class TuneTab:
     def _why_not(self, content: PageContent) -> str:
         """Return why no run may start, "" if a run may start."""
         if content.lost:
-            return ""  # the page says that
+            return ""  # the page shows that
         if content.state.latched:
             return "STOP is latched: release it before a drive is moved."
         return jobs.refusal(content.controllers, self._context.place, int(self._axis.value), self._desk.robot)

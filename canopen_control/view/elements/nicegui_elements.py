@@ -68,7 +68,7 @@ class Feed(Element, component="feed.js"):
     """Invisible element: every key of the data becomes the event `cc-KEY` of the page's window."""
 
     def send(self, data: FeedMessage) -> None:
-        """Send changed data; a message without data signals that the view is alive."""
+        """Send changed data; a message without data signals that the view is running."""
         self.run_method("take", data)
 
 
@@ -124,8 +124,8 @@ _THREE = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"
 class RobotScene(Element, component="robot_scene.js", esm={"nicegui-scene": str(_THREE)}):
     """3D scene; it receives from the feed: `scene` {"pose", "truth", "angles", "tint"}, `ghost`, a preview, and trails.
 
-    `trail` is that of odometry, `truth` that of the base itself, where a simulation knows it.
-    Where the browser has no WebGL it says so in its place.
+    `trail` is that of odometry, `truth` the true one of the base, if a simulation gives it.
+    In a browser without WebGL a sentence appears in its place.
     """
 
     def __init__(self, tree: SceneDocument) -> None:
@@ -152,7 +152,7 @@ class StripCharts(Element, component="strip_charts.js"):
 class TreeRow(TypedDict):
     """Object in the tree: `a` is its address as text, `object` the record to which it belongs.
 
-    `fixed` says why it cannot be written by hand, "" where it can.
+    `fixed` is the reason why it cannot be written by hand, else "".
     """
 
     a: str

@@ -61,7 +61,7 @@ class EventsPanel:
         self._log.show(event_log(content.events))
 
 
-#: what is to be done next, by the banner's word for it: button, colour, what the robot is asked
+#: next action, by the state in the banner: button, colour, request to the robot
 _ACTIONS: Final[dict[str, tuple[str, str, Request[Any]]]] = {
     "release": ("Release STOP", "orange-9", Release(source=SOURCE)),
     "enable": ("Enable", "green-8", AxisRequest(action="enable", node="all", source=SOURCE)),

@@ -86,7 +86,7 @@ def show_notice(title: str, text: str) -> None:
 
 # Widgets of panels that drive: a slider with its value, and buttons that drive while they are held.
 #
-# What a held button sends is the panel's to say; that it ends, the page's dead man's.
+# The panel decides what a held button sends; the page's dead man ends it.
 
 
 LARGEST: Final = {"velocity": 10.0, "position": 3.14, "effort": 1.0}

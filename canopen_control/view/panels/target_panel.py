@@ -1,8 +1,8 @@
 """Drives of a bus without controllers, driven by targets: enable, mode, target while a button is held, stop.
 
-Only with `--teleop`. A target is given as long as the button is held; a browser that leaves, or loses its connection,
-ends it. A velocity or an effort ends at zero, a position where the drive is then. What a slider may be set to has an
-end that is chosen beside it, since a bus tells no limits.
+Only with `--teleop`. A target is sent while the button is held; a browser that leaves, or loses its connection,
+ends it. A velocity or an effort ends at zero, a position at the present position of the drive. The range of a slider is
+chosen next to it, because the bus does not provide limits.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 # Enable, disable and reset: all drives, and each of them.
 
 
-#: what the button says, what the runtime calls it, and its colour
+#: label of the button, name of the action in the runtime, colour
 _POWER_ACTIONS: Final = (
     ("Enable", "enable", "green-8"),
     ("Disable", "disable", "blue-grey-6"),
@@ -41,7 +41,7 @@ _LATCHED: Final = "STOP is latched: release it first, then enable."
 class PowerPanel:
     """Enable and stop buttons of each drive and of all; `node` restricts them to one.
 
-    Enable is grey while STOP is latched, and says so: the robot would refuse.
+    Enable is disabled while STOP is latched, with the reason: the robot would refuse.
     """
 
     def __init__(self, context: PanelContext, node: str = "") -> None:
@@ -96,7 +96,7 @@ class EnableButton:
             self._why.visible = latched
 
 
-#: what the button says, what the runtime calls it, and its colour
+#: label of the button, name of the action in the runtime, colour
 _ACTIONS: Final = (("Enable", "enable", "green-8"), ("Stop", "disable", "red-8"))
 _NO_MODE: Final = "<p class='cc-note'>It is in no mode that takes a target: choose one.</p>"
 _MOST: Final = 1e6  # of the end of a slider
@@ -193,7 +193,7 @@ class _Row:
             return None
         resting = self._position if drive.quantity == "position" else 0.0
         if resting is None:
-            return None  # nobody knows where it is, nor where it would have to stay
+            return None  # its position is unknown
         return joint_motion(drive.controller, [float(slider.value)], [resting], drive.quantity)
 
     async def _act(self, label: str, action: str) -> None:

@@ -122,7 +122,7 @@ class TeleopPanel:
         refused = await self._context.ask(SwitchControllers(activate=(name,), deactivate=names))
         if refused is not None:
             show_notice(f"{name} is not active", refused)
-            self._shown = None  # shows again who is
+            self._shown = None  # shows the driving page again
 
     def _pad(self, controller: ControllerReading) -> None:
         """Create four direction buttons, two more for a base that drives sideways, and speed sliders."""

@@ -1,6 +1,6 @@
 """Trajectories from the user's files: choose one, preview its points, play it.
 
-What is previewed moves nothing: it is drawn transparent beside the robot and told in numbers. To play takes `--teleop`.
+A preview moves nothing: it is drawn as a transparent robot, with its figures. Playing requires `--teleop`.
 """
 
 from __future__ import annotations

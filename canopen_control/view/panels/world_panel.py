@@ -1,6 +1,6 @@
 """Disturbances of a robot in physics: payloads, pushes, blocked joints and friction of the floor.
 
-Nothing is there where no drive is in such a world. What was asked for stands in the robot's events.
+It is empty if no drive is in such a world. The robot's events show the requests.
 """
 
 from __future__ import annotations
