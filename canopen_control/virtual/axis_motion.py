@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 
 # Objects of one axis, and its user units in counts of the plant (CiA 402-2, 6.3, 7).
 #
-# Without a feed constant (0x6092), or with one of 1/1, the user's unit is the count; with another counts = user *
-# encoder resolution (0x608F) * gear ratio (0x6091) / feed constant, as each of them is there. 0x6096 and 0x6097 scale
-# velocities and accelerations on top, whose unit is rpm where 0x60A9 says so. Bits 7 and 6 of 0x607E turn positions and
-# velocities round. A zero is taken for one: no object may divide by it. Positions inside are the plant's; the user's
-# are smaller by `zero`, which homing moves.
+# Without a feed constant (0x6092), or with one of 1/1, the user's unit is the count; otherwise counts = user * encoder
+# resolution (0x608F) * gear ratio (0x6091) / feed constant, without the factors whose object is missing. 0x6096 and
+# 0x6097 scale velocities and accelerations in addition; with 0x60A9 the unit can be rpm. Bits 7 and 6 of 0x607E invert
+# positions and velocities. A zero counts as one: no object may cause a division by zero. Internal positions are the
+# plant's; those of the user are smaller by `zero`, which homing changes.
 
 
 # What bounds the motion of an axis: software limits, limit switches, velocities, torques, the following error.
@@ -221,9 +221,9 @@ class Switches:
 
 # The loops of a virtual servo with gains of its own: position P and feed-forward over velocity PI, on any plant.
 #
-# The torque is computed at each point of a fixed grid and held until the next, so what happens does not depend on when
-# somebody looks. In modes of operation that command a velocity there is no position loop, as in servo drives.
-# Units: counts, counts/s, per mille of the rated torque.
+# The torque is computed at each point of a fixed grid and held until the next one, so that the result does not depend
+# on when it is read. In velocity modes the position loop is off, as in servo drives. Units: counts, counts/s, per mille
+# of the rated torque.
 
 
 PERIOD_NS: Final = 500_000

@@ -1,6 +1,6 @@
 """Virtual drives on several buses in one process and one world: a robot with several buses, or several robots.
 
-The file says which nodes are on which bus, and what of the world each robot is, by plant files of one engine:
+The file lists the nodes of each bus, and the plant file of each robot; all plant files use one engine:
 
     engine: mujoco
     world: hall.yml                    # of several robots: where each begins; a robot alone has it in its plant file
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 MAIN: Final = "can"
 """The name of the main bus of a robot."""
-_ENGINES: Final = {"mujoco": "canopen_control.physics.engine"}  # imported only when a file asks for it
+_ENGINES: Final = {"mujoco": "canopen_control.physics.engine"}  # imported only for a file that needs it
 
 # ruff: noqa: RUF009 - `position` makes a field
 

@@ -42,17 +42,16 @@ if TYPE_CHECKING:
 
 
 # Program area and boot-loader of a virtual device: program download of CiA 302-3 (0x1F50, 51, 52, 56, 57).
-#
 # A device whose EDS has 0x1F51 can be given a new program:
 #
-# - 0x1F51 is written in PRE-OPERATIONAL alone: 0 stop, 1 start, 3 clear; what the state does not allow is 0x08000022.
-# - Data are taken after a clear, and each download needs a fresh one, or is refused with its first frame. A program
-#   ends in the CRC-32 of what is before it (little-endian); one whose sum is wrong, or that is not whole, never runs.
-# - While the program does not run, the boot-loader does: another 0x1000 and product code, no object but its own, no
-#   PDO. It takes over, and hands over, with a reset after the answer has left; at power-on a whole program starts by
-#   itself.
-# - 0x1F57 bit 0 is set while the flash is busy; then bits 1 to 7 say what went wrong. 0x1F56 is that CRC-32, 0 for
-#   none.
+# - 0x1F51 is writable in PRE-OPERATIONAL only: 0 stop, 1 start, 3 clear; a command that the state does not allow is
+#   aborted with 0x08000022.
+# - A download requires a fresh clear, otherwise its first frame is refused. A program ends with the CRC-32 of the
+#   preceding bytes (little-endian); an incomplete program, or one with a wrong sum, never runs.
+# - While no program runs, the boot-loader does: another 0x1000 and product code, only its own objects, no PDO. Every
+#   change between program and boot-loader is a reset after the answer was sent; at power-on a complete program starts
+#   by itself.
+# - 0x1F57 bit 0 is set while the flash is busy; then bits 1 to 7 are the result. 0x1F56 is that CRC-32, 0 for none.
 # - 0x1F52 is the date of the program, where it has one: before the CRC "1F52", days since 1984, ms after midnight.
 
 
@@ -245,8 +244,8 @@ def _loader_od(od: ObjectDictionary) -> ObjectDictionary:
 
 # Error control of a node: the heartbeats it watches (0x1016), life guarding, and its CAN controller.
 #
-# A lost communication, whichever way (0x1016, guarding, bus-off, a channel that is down), is one thing: the axes do
-# what 0x6007 says, the node what 0x1029:01 says (CiA 301, 7.5.2.29).
+# Every kind of lost communication (0x1016, guarding, bus-off, a channel that is down) has the same reaction: of the
+# axes that of 0x6007, of the node that of 0x1029:01 (CiA 301, 7.5.2.29).
 
 
 OVERRUN, ERROR_PASSIVE, RECOVERED = 0x8110, 0x8120, 0x8140

@@ -53,17 +53,18 @@ if TYPE_CHECKING:
 #      "nodes": {"3": {"device": [646, 1270], "node_id": 3, "bitrate": null, "values": {"6083:00": "10270000"}}}}
 #
 # Values are the object's bytes as on the wire. It is replaced as a whole, never written in part; several processes may
-# share it. What does not fit the dictionary (any more) is ignored and told; another device's entry is refused.
+# share it. Values that do not fit the dictionary (any more) are ignored and reported; another device's entry is
+# refused.
 
 
 FORMAT = "canopen_control store 1"
-_Record = dict[str, Any]  # what is kept of a node; anybody may have edited it
+_Record = dict[str, Any]  # the stored entry of a node; it may have been edited
 
 
 class ParameterFile:
     """Parameter file at `path`, which need not exist; ConfigError for any other file.
 
-    `say` takes sentences: what the file holds and no node took, and why a writing did not work.
+    `say` gets sentences: ignored values of the file, and the reason of a failed write.
     """
 
     def __init__(self, path: Path, report: Callable[[str], None]) -> None:
@@ -162,14 +163,14 @@ def _address(name: str) -> Address:
 
 # The device model of the TMCM-1270 (PD42-x-1270), a stepper drive of Trinamic for CANopen.
 #
-# It does what its EDS and the public manuals of its family say, and nothing else. Positions are microsteps, velocities
-# pps (microsteps per second), accelerations pps per second. Velocity, accelerations and the quick-stop ramp have no
-# usable default: until they are written, nothing moves. In profile velocity 0x6083 decelerates too. Bits 5 and 9 of the
-# controlword do nothing in profile position, where bit 12 shows a set-point under way. In CSP it goes to the target
-# within 0x60C2 and stands there until the next one comes. Bit 14 of the statusword is set while it moves, bit 15 is the
-# direction. Homing method 35 needs no power. There is no 0x6007: what a lost heartbeat does is 0x1029:01, whose default
-# goes to PRE-OPERATIONAL and lets the motor turn on; NMT STOPPED in operation is a fault. Bit 30 of its TPDOs' COB-IDs
-# is set by default and may be cleared: `cob_id: auto` of ros2_canopen does that to real drives.
+# It has the behaviour in its EDS and the public manuals of its family, and no other. Positions are microsteps,
+# velocities pps (microsteps per second), accelerations pps per second. Velocity, accelerations and the quick-stop ramp
+# have no usable default: until they are written, nothing moves. In profile velocity 0x6083 decelerates too. Bits 5 and
+# 9 of the controlword do nothing in profile position, where bit 12 shows a set-point in process. In CSP it moves to the
+# target within 0x60C2 and stops there until the next one arrives. Bit 14 of the statusword is set while it moves, bit
+# 15 is the direction. Homing method 35 needs no power. It has no 0x6007: the reaction to a lost heartbeat is 0x1029:01,
+# whose default enters PRE-OPERATIONAL and lets the motor turn on; NMT STOPPED in operation is a fault. Bit 30 of its
+# TPDOs' COB-IDs is set by default and may be cleared: `cob_id: auto` of ros2_canopen does that to real drives.
 
 
 IDENTITY = (0x286, 0x4F6)  # 0x1018:01 and :02
@@ -309,9 +310,9 @@ def make_devices(
 ) -> Devices:
     """Create all devices of a process; errors in files are raised before one runs.
 
-    Raises EdsError and ConfigError, `say` takes warnings and what the world had to guess. `serial` is the first
-    node's, see `launch.Options`; `others` are the EDS files of nodes that have another one, `world` is a world that is
-    there already. A node that LSS gave another id, in an earlier process with the same store, starts with that one.
+    Raises EdsError and ConfigError; `say` gets warnings and the assumptions of the world. `serial` is the first
+    node's, see `launch.Options`; `others` are the EDS files of nodes that have another one, `world` is an existing
+    world. A node that got another id by LSS, in an earlier process with the same store, starts with that one.
     """
     files = {node_id: eds if eds_files is None else eds_files.get(node_id, eds) for node_id in node_ids}
     ods = {file: read_eds(file, node_ids[0]).od for file in files.values()}

@@ -1,7 +1,7 @@
 """Effects of faults on the device, through the injection points of its services.
 
-A function is called when the fault is switched, and does with `on` False exactly what makes the device healthy again.
-None of them knows its name or its row: those are in `fault_table`.
+A function is called when the fault is switched; with `on` False it exactly reverts its effect. None of them has the
+name or the row of its fault: those are in `fault_table`.
 """
 
 from __future__ import annotations

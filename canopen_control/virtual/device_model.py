@@ -1,8 +1,8 @@
 """Device models: differences between models of drives, as data.
 
-The profile's behaviour is the code's, a device's own way is a field here. `GENERIC` is a drive that takes whatever its
-EDS offers; devices we know have a file of their own that makes another instance. `VENDOR_MODELS` are drives of which
-only their way with set-points is known, from the vendor's objects and public manuals.
+The code implements the profile; each difference of a device is a field here. `GENERIC` is a drive that supports all
+that its EDS lists; supported devices have a module with their own instance. `VENDOR_MODELS` are drives of which only
+the handling of set-points is known, from the vendor's objects and public manuals.
 """
 
 from __future__ import annotations
@@ -129,8 +129,8 @@ class DeviceModel:
     """The differences. Ramps in counts/s^2, velocities in counts/s, times in ns.
 
     `unset_ramp` is the ramp of an object that is absent or 0. `delays` gives, by transition number, the object of axis
-    0 that holds its delay in ms. `single_set_point`: PP knows no buffered and no immediate set-points, bit 12 shows
-    that one is in process, and a new one replaces it. `homing_methods` None: all that `homing` knows.
+    0 that holds its delay in ms. `single_set_point`: PP has neither buffered nor immediate set-points, bit 12 shows
+    that one is in process, and a new one replaces it. `homing_methods` None: all methods of `homing`.
     """
 
     name: str = ""  # empty: the file's product name
@@ -144,7 +144,7 @@ class DeviceModel:
     homing_halts: bool = True
     homes_without_power: bool = False  # methods 35 and 37, in every state of the power state machine
     max_velocity: float = math.inf
-    counts_per_revolution: int = 4096  # where 0x608F does not say
+    counts_per_revolution: int = 4096  # without 0x608F
     delays: Mapping[int, int] = field(default_factory=dict)
     communication_data: bytes = b""  # the manufacturer's bytes of EMCY 0x8130
     rtr_supported: bool = True  # else the COB-IDs of its TPDOs must keep bit 30

@@ -1,6 +1,6 @@
-"""SDO's side of a device with several motors in one object set: its objects, out of the store of its axes.
+"""SDO access to a device with several motors in one object set: maps its objects to the store of its axes.
 
-The store has the objects as CiA 402 has them for several axes (`cia402.motors`); what SDO asks for is the device's.
+The store has the objects of several axes as defined by CiA 402 (`cia402.motors`); SDO uses those of the device.
 """
 
 from __future__ import annotations

@@ -40,24 +40,24 @@ if TYPE_CHECKING:
 
 # Cyclic synchronous modes and torque modes (CiA 402-2, clauses 9 and 12 to 15).
 #
-# Set-points are user units, demands are the plant's counts. A set-point makes a new demand where it, or a limit that
-# matters to it, changed, and where it comes while the drive goes on without one. A drive whose clock is not the
-# master's looks at the set-point in its own rhythm instead of when it comes, unless it follows the SYNC.
+# Set-points are user units, demands are the plant's counts. A set-point causes a new demand if it, or a relevant limit,
+# has changed, or if it arrives while the drive extrapolates. A drive whose clock is not the master's
+# reads the set-point in its own period instead of at its arrival, unless it follows the SYNC.
 #
-# A position is gone to with constant velocity within the interpolation time 0x60C2 from where the demand is; 0 takes it
-# at once. An interpolated demand ends when the next set-point is due, or goes on for as long as the device model
-# extrapolates. A drive that recovers the rhythm of SYNC is to be there when the next SYNC is due and not
-# one interpolation time after this one came, and goes on to where a SYNC as late as those before would find it.
+# The demand moves to a position with constant velocity within the interpolation time 0x60C2; 0 sets it
+# at once. An interpolated demand ends when the next set-point is due, or continues for as long as the device model
+# extrapolates. A drive that recovers the SYNC period reaches the position when the next SYNC is due, not
+# one interpolation time after this one, and then continues until a SYNC as late as those before would arrive.
 #
-# A SYNC that is some microseconds late finds the motor at its end, standing, which says nothing of the motion: from the
-# end on, the velocity is measured as an encoder does, as the way over the last interpolation time.
+# At a SYNC that is some microseconds late the motor has reached its position and stands, which is not its velocity:
+# from then on, the velocity is measured like that of an encoder, as the distance in the last interpolation time.
 
 
 # A mode whose set-points come in a stream of RPDOs: what it counts of them, and what it does when one is missing.
 #
-# The stream begins with the second RPDO after the mode began; what is written by SDO is followed and makes no stream,
-# so that a drive tried by hand does not trip its supervision. When a set-point is due is given by the
-# interpolation time 0x60C2, as a drive reckons that does not know its master's period.
+# The stream begins with the second RPDO after the start of the mode. Values written by SDO are followed without
+# supervision, so that a drive that is tried by hand does not trip it. A set-point is due after the
+# interpolation time 0x60C2, because a drive does not know its master's period.
 
 
 _MS = 1_000_000
@@ -333,7 +333,7 @@ class Torque(StreamMode):
 
 
 MAXIMUM, SIZE, ORGANISATION, POSITION, _RECORD_SIZE, CLEAR = range(1, 7)  # subindices of 0x60C4
-_MOST: Final = 1024  # records, whatever a file says
+_MOST: Final = 1024  # records, even if a file declares another type
 _FIFO, _LINEAR = 0, 0
 
 

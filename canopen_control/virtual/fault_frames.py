@@ -1,7 +1,7 @@
 """Effects of faults and quirks on the frames that a node sends and receives.
 
-A function returns what goes on, and changes nothing else. None of them knows its name or its row: those are in
-`fault_table` and in the modules of quirks.
+A function returns the resulting frames, and changes nothing else. None of them has the name or the row of its fault:
+those are in `fault_table` and in the modules of quirks.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Table of the faults of virtual nodes.
 
-A row has the number in the catalogue of real drives' behaviour, the name, the place (wire, node or axis), the effect, and
-how a correct master reacts. A fault acts by one or more of three hooks: on frames that leave the node, on frames that
-reach it, or on the node itself when it is switched. A fault with `once` is cleared when it has acted. Clearing makes the
-drive healthy; the master must recover from the consequences (a FAULT state, a reset).
+A row has the number in the catalogue of real drives' behaviour, the name, the place (wire, node or axis), the effect,
+and how a correct master reacts. A fault acts by one or more of three hooks: on frames that leave the node, on frames
+that reach it, or on the node itself when it is switched. A fault with `once` is cleared when it has acted. Clearing
+makes the drive healthy; the master must recover from the consequences (a FAULT state, a reset).
 """
 
 from __future__ import annotations
@@ -313,7 +313,7 @@ class FaultSwitches:
         """Return the frames that leave the node now."""
         leaving, self._due = self._due, []
         if self._second is not None:
-            self._second.events()  # nobody is told what happens to it
+            self._second.events()  # without a notification
             leaving += self._second.frames()
         for frame in frames:
             for delay, changed in self._changed(frame, now):

@@ -1,10 +1,10 @@
 """Virtual devices other than drives (CiA 401 to 419): lines set from outside, outputs with error values.
 
-Digital inputs are an event where the masks 0x6006 (any change), 0x6007 (rising) and 0x6008 (falling) say so and 0x6005
-allows it; analogue ones once 0x6423 is set, by what 0x6421 chooses: above the upper limit (0x6424), below the lower one
-(0x6425), changed by 0x6426, fallen by 0x6427, risen by 0x6428 since the last event; 0x6422 tells which, until it is
-read. 0x6002 and 0x6202 turn the polarity of lines. A lost master and NMT stop put each output whose error mode says so
-to its error value, in the object too, so that it stays there until somebody writes another one.
+A digital input causes an event according to the masks 0x6006 (any change), 0x6007 (rising) and 0x6008 (falling) if
+0x6005 allows it; an analogue input once 0x6423 is set, as selected in 0x6421: above the upper limit (0x6424), below the
+lower one (0x6425), changed by 0x6426, fallen by 0x6427, risen by 0x6428 since the last event; 0x6422 holds the source
+until it is read. 0x6002 and 0x6202 invert the polarity of lines. A lost master and NMT stop set each output whose error
+mode is active to its error value, in the object too, where it stays until another one is written.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class InputFaults:
 _IN_POLARITY, _OUT_POLARITY = 0x6002, 0x6202
 _DIGITAL_ENABLE, _ANY, _RISING, _FALLING = 0x6005, 0x6006, 0x6007, 0x6008
 _TRIGGER, _SOURCE, _UPPER, _LOWER, _FALL, _RISE = 0x6421, 0x6422, 0x6424, 0x6425, 0x6427, 0x6428
-_TRIGGERS: Final = 0x07  # upper, lower, delta: where there is no 0x6421
+_TRIGGERS: Final = 0x07  # upper, lower, delta: without 0x6421
 _CHANNELS = 32  # of one subindex of 0x6422
 
 
@@ -521,11 +521,11 @@ class Charger(SensorDevice):
 
 # Virtual encoders (CiA 406) and inclinometers (CiA 410): a position or two angles from outside, shown as set up.
 #
-# An encoder counts `position` (rad, of a linear one m) in its steps (0x6001 with scaling on, else 0x6501), turned by
-# the code sequence, moved by the preset (0x6003) and begun again at the total range (0x6002); `velocity` lets the
-# position go on by itself, or the shaft of a virtual drive leads it (see `shaft`). 0x6200 is the event timer of its
+# An encoder counts `position` (rad, of a linear one m) in its steps (0x6001 with scaling on, else 0x6501), inverted by
+# the code sequence, shifted by the preset (0x6003) and wrapped at the total range (0x6002); `velocity` moves the
+# position by itself, or the shaft of a virtual drive does (see `shaft`). 0x6200 is the event timer of its
 # first TPDO, and while one is set changes are not events. An inclinometer shows its angles with the resolution 0x6000,
-# which re-scales at once, inverted and moved as 0x6x11 to 0x6x14 say.
+# which re-scales at once, inverted and shifted according to 0x6x11 to 0x6x14.
 
 
 _OPERATION, _STEPS, _RANGE, _PRESET, _POSITION = 0x6000, 0x6001, 0x6002, 0x6003, 0x6004

@@ -127,7 +127,7 @@ def run_drives(
 def reopen(channel: str, label: str) -> Port | None:
     """Reopen a lost channel, None if it is still missing. A local bus is not started for it.
 
-    It joins, for a hub that dies is still there to who looks whether it is, and gone to who then opens.
+    It joins without a check, because a hub that ends may pass the check and then be gone at the opening.
     """
     if parse_channel(channel).kind.in_process:
         return None

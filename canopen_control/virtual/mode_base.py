@@ -28,9 +28,10 @@ if TYPE_CHECKING:
 # Set-point quality of one axis: acceleration ripple, missed and doubled set-points, phase of RPDOs against SYNC.
 #
 # What a drive's own monitoring would show of a cyclic mode. The demand is looked at on a grid of 0.5 ms, as a position
-# loop does: its first differences are the velocity, its second ones the acceleration. It is walked when something
-# happens to the demand, never in between, and what is kept are sums: measuring allocates nothing and needs no timer. An
-# axis that rests says nothing of its set-points: a standstill counts only where the motion goes on within 100 ms.
+# The values of a drive's own monitoring of a cyclic mode. The demand is sampled on a grid of 0.5 ms, like in a position
+# loop: its first differences are the velocity, its second ones the acceleration. It is evaluated when the demand
+# changes, never in between, and only sums are kept: measuring allocates nothing and needs no timer. An
+# axis at rest gives no information on its set-points: a standstill counts only if the motion continues within 100 ms.
 # Positions are the plant's counts, set-points user units, times monotonic nanoseconds.
 
 

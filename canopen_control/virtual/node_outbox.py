@@ -1,7 +1,7 @@
 """Clock and outbox of one node: frames, events and errors of its services.
 
-An error goes to the EMCY producer and to the events. `changed` says that values changed which nobody wrote; the node
-lets the event-driven PDOs look at them when the event under way is over.
+An error goes to the EMCY producer and to the events. `changed` means that values changed without being written; the
+node lets the event-driven PDOs compare them at the end of the current event.
 """
 
 from __future__ import annotations
@@ -248,7 +248,7 @@ class NodeClock:
 class NodeOutbox:
     """Collects frames and events of a node's services, bounded in size.
 
-    `happened` are the events that wait, for whoever only asks whether there are any.
+    `happened` are the waiting events, for a check without taking them.
     """
 
     def __init__(self, emcy: EmcyProducer, clock: NodeClock) -> None:

@@ -1,10 +1,10 @@
 """Process data of a node: its RPDOs and TPDOs, created from the records 0x1400 to 0x1BFF.
 
-The records are the truth; a write to one that the rules accept rebuilds its PDO at once. An RPDO is applied whole
-before anybody looks at its values, and of an axis the controlword last. At SYNC the TPDOs are sampled before the held
+The records are authoritative; an accepted write to one rebuilds its PDO at once. An RPDO is applied as a whole
+before its values are read, and of an axis the controlword last. At SYNC the TPDOs are sampled before the held
 RPDOs are applied, so that the reaction to a set-point shows at the next SYNC. A value that a limit or a guard refuses
-leaves its object as it was and is told. What is wrong with an RPDO is an error of the node until that RPDO comes as it
-should.
+leaves its object unchanged and is reported. An invalid RPDO is an error of the node until that RPDO arrives
+correctly.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     Receive = Callable[[CanFrame, int], None]
 
 
-# One PDO of a node as its records map it: what an RPDO brings to whom, and where the values of a TPDO come from.
+# One PDO of a node as mapped by its records: the targets of an RPDO's values, and the sources of a TPDO's values.
 
 
 class AxisPorts(Protocol):
@@ -97,7 +97,7 @@ class MappedRpdo:
         self.wrong: set[RpdoEventKind] = set()  # of what came last
         self.set_points: tuple[tuple[int, int], ...] = ()  # axis, and object of axis 0
         self.cyclic = False  # expected at every SYNC
-        self.concerns: tuple[Concern, ...] = ()  # the axes, where nobody else looks at its objects
+        self.concerns: tuple[Concern, ...] = ()  # the axes, if no other service reads their objects
         self.by_values = False  # whether the values alone decide what is taken
         self.applied = b""  # what was taken last as a whole, and the version of the values since
         self.version = -1
@@ -144,12 +144,11 @@ def concerns_of(entries: Iterable[Entry | None], axes: Mapping[int, AxisPorts]) 
     return tuple(Concern(axes[axis], o.CONTROLWORD in base, frozenset(base)) for axis, base in bases.items())
 
 
-# The PDO records of a node, 0x1400 to 0x1BFF: the rules of writing them, and what they say.
+# The PDO records of a node, 0x1400 to 0x1BFF: the rules for writing them, and their meaning.
 #
-# What the rules forbid is an abort code (CiA 301, 7.5.2.35 to 7.5.2.38); a record that names what does not exist, or
-# cannot be, maps nothing. A CAN identifier has one user in the node: the services come first, then the RPDOs and the
-# TPDOs by their number; a record with an identifier that another one has, or with none that a PDO may have, is off.
-
+# A forbidden write is an abort code (CiA 301, 7.5.2.35 to 7.5.2.38); a record that names a missing object, or an
+# impossible mapping, maps nothing. A CAN identifier has one user in the node: the services come first, then the RPDOs
+# and the TPDOs by their number; a record with an identifier in use, or with one that a PDO must not have, is off.
 
 RPDO, TPDO = 0x1400, 0x1800
 _SYNC, _EMCY = 0x1005, 0x1014
@@ -359,7 +358,7 @@ class PdoExchange:
     """PDOs of a node; `refused` counts refused RPDO values.
 
     `rebuilt` is called when a record was written: identifiers may be others. `input` is what faults do to RPDOs.
-    `outgoing` are the TPDOs that wait to be sent, those of each for whoever sends them to take.
+    `outgoing` are the TPDOs to be sent; the sender takes them.
     """
 
     def __init__(

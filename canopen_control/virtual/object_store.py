@@ -1,6 +1,6 @@
 """Values of a node's object dictionary, and rules for reading and writing them (CiA 301, 7.2.4 and 7.4).
 
-The dictionary says what exists, which access it allows, how long a value is and between which limits; every breach is
+The dictionary gives the objects, their access, the length of a value and its limits; every violation is
 an abort code and changes nothing. What the device itself does with an object is hooked on:
 
 - a source gives the value at the moment of reading (a statusword, a position);
@@ -63,7 +63,7 @@ class VirtualStore:
         self.values: dict[Address, Value] = self._initial.copy()
         self.power_on: dict[Address, Value] = {}
         self.ceilings: InjectionPoint[dict[int, int]] = InjectionPoint({})
-        self.beyond_limits: set[tuple[int, Value]] = set()  # taken by a quirk although the file says otherwise
+        self.beyond_limits: set[tuple[int, Value]] = set()  # accepted by a quirk against the EDS
         self.version = 0
         self._presets: dict[Address, Value] = {}
         self._indices = frozenset(entry.index for entry in od)
@@ -222,7 +222,7 @@ class VirtualStore:
     def size_of(self, index: int, subindex: int) -> int | None:
         """Return the required length of a download to an entry in bytes, None if it is variable.
 
-        SdoServerAbort where there is no entry, it cannot be written or a gate is closed: the initiation is refused then
+        SdoServerAbort if the entry is missing, it cannot be written or a gate is closed: the initiation is refused then
         (CiA 301, 7.2.4.3.3).
         """
         entry = self._entry(index, subindex)

@@ -1,10 +1,10 @@
 """Mechanics of the drives: motor and load of each axis (`Plant`), and their common simulation (`World`).
 
-Both are Protocols, so that another engine can replace ours: it is asked for the plant of each axis once, and then
-follows what the drives do to it. A plant is moved from one time to another along the demand that the drive made, in
-closed form where its equation has one, otherwise in fixed steps that do not depend on when somebody looks. It knows
-counts, seconds and per mille of the rated torque, and nothing of CANopen. The position is the motor's own, never offset
-by a homing.
+Both are Protocols, so that another engine can replace the built-in one: it returns the plant of each axis once, and
+then follows the commands of the drives. A plant moves from one time to another along the demand of the drive, in closed
+form if its equation has one, otherwise in fixed steps, so that the result does not depend on when it is read. Its
+quantities are counts, seconds and per mille of the rated torque; it does not depend on CANopen. The position is that of
+the motor, never offset by a homing.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Plant(Protocol):
     position: float  # counts
     velocity: float  # counts/s
     torque: float  # per mille of the rated torque
-    stiff: bool  # whether it is always where the demand is, so that nobody needs to look in between
+    stiff: bool  # whether its position always equals the demand, so that it need not be read in between
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:
         """Move by the position and velocity loops of a drive."""
@@ -116,7 +116,7 @@ class IdealPlant:
     torque_time_constant: float = 0.05  # s
     stiff: bool = True
 
-    def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # the end tells it all
+    def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # the end is enough
         """Set the position to the demand."""
         self.position, self.velocity = demand.at(end_ns)
         self.torque = 0.0

@@ -10,8 +10,8 @@ An engine is a `plant.World`; ours is `OwnWorld`, another one is named in the fi
     base:                          # a diff-drive base on a floor
       left: 3
       right: 2
-      wheel_radius: 0.1            # m, the true one, whatever ros2_controllers.yaml says
-      left_wheel_radius: 0.1005    # m, where this wheel's is another one; likewise right_wheel_radius
+      wheel_radius: 0.1            # m, the true one, independent of ros2_controllers.yaml
+      left_wheel_radius: 0.1005    # m, if this wheel has another one; likewise right_wheel_radius
       wheel_separation: 0.4        # m
       counts_per_revolution: 51200
       reversed: [right]            # wheels whose positive direction is backwards
@@ -67,7 +67,7 @@ if TYPE_CHECKING:
 
 
 _SHAFT_NS = 5_000_000
-_ENGINES = {"mujoco": "canopen_control.physics.engine:make"}  # imported only when a file asks for it
+_ENGINES = {"mujoco": "canopen_control.physics.engine:make"}  # imported only for a file that needs it
 _KINDS: dict[str, Callable[..., Plant]] = {"ideal": IdealPlant, "lag": LagPlant, "loaded": LoadedPlant}
 _STATE = frozenset(
     ("position", "velocity", "torque", "stiff", "load_position", "fed_velocity", "fed_torque")

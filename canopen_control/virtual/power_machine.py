@@ -1,7 +1,7 @@
 """Power state machine of one axis: states, transitions, and stops of the motor (CiA 402-2, 6.3).
 
-A command is what the table of `cia402.state` makes of the controlword in the present state. What a transition does is a
-case of `_act`; how a stop is made is what the option code says. The motor has power in OPERATION_ENABLED,
+The table of `cia402.state` gives the command of the controlword in the present state. `_act` has a case for each
+transition; the option codes decide how a stop is done. The motor has power in OPERATION_ENABLED,
 QUICK_STOP_ACTIVE and FAULT_REACTION_ACTIVE only, and the first begins only while the node is OPERATIONAL.
 """
 
@@ -94,7 +94,7 @@ class PowerMachine:
         self.delays_ns: dict[int, int] = {}
         self.ends: dict[State, State | None] = {}
         self.unsupplied = State.SWITCH_ON_DISABLED
-        self._ignored: tuple[int, str] | None = None  # the controlword that was told last, until another one does more
+        self._ignored: tuple[int, str] | None = None  # the controlword reported last, until another one has more effect
         self.acts: dict[int, Callable[[Transition, int], None]] = {}
 
     @property

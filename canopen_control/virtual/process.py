@@ -1,9 +1,9 @@
 """Process of virtual drives, independent of any master.
 
-It prints a line for each bus when its nodes are on it, then what happens to them, in words. SIGTERM and SIGINT end it
-with exit code 0. When its parent dies (the lifeline breaks) it serves on until its drives stand still by their own
-reaction to the missing master, five seconds at most. A channel that is only down is waited for; one that is gone is
-opened again when it is back within three seconds, else BusClosed ends the process when it was the last one.
+It prints a line for each bus when its nodes are on it, then their events as sentences. SIGTERM and SIGINT end it with
+exit code 0. When its parent ends (the lifeline breaks) it runs until its drives stand still by their own reaction to
+the missing master, for five seconds at most. It waits for a channel that is only down; a channel that is gone is opened
+again if it is back within three seconds, else BusClosed ends the process if it was the last one.
 """
 
 from __future__ import annotations
@@ -246,7 +246,7 @@ class DriveProcess:
     def _serve(self) -> None:
         if self._lifeline is not None:
             self._reactor.add_reader(self._lifeline, self._on_orphaned)
-        self._reactor.run_for(0)  # the boot-up messages are out before anybody reads the line
+        self._reactor.run_for(0)  # the boot-up messages are sent before the line is printed
         for bus in self._buses:
             self._say(bus.ready_line)
         report_ready()

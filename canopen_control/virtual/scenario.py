@@ -1,8 +1,8 @@
 """Scenarios: timed faults of drives in a YAML file, and their player.
 
-Times count from the drives' ready line, and every mistake in the file is told at once, with its line, before anything
-runs. A step goes through the node's control, as if somebody had asked for it there; one that cannot be done is told,
-and the others go on.
+Times count from the drives' ready line, and every error in the file is reported at once, with its line, before anything
+runs. A step goes through the node's control, like a request of a client; a step that fails is reported,
+and the others continue.
 
     steps:
       - {at: 5s, node: 3, fault: heartbeat_lost}              # on, and it stays
@@ -13,7 +13,7 @@ and the others go on.
       - {at: 14s, payload: {mass: 12}}                        # with physics only
       - {at: 16s, block: left_wheel_joint, for: 2s}
 
-`node` may be left out where the process has one node; `axis` says which axis's plant (default 0). Times are 1h, 5min,
+`node` may be left out if the process has one node; `axis` selects the plant of an axis (default 0). Times are 1h, 5min,
 5s, 500ms, or a number of seconds. The format is that of `simulate --scenario`, whose further keys need a robot; `for`
 and `seed` of the file are not used here.
 """
@@ -265,7 +265,7 @@ def _world_switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switc
 class Timeline:
     """Player of events on the nodes of one process through their control; it starts at its creation.
 
-    `controls` is looked at when a step is due; `say` takes what could not be done, in a sentence.
+    `controls` is read when a step is due; `say` gets a sentence about a step that failed.
     """
 
     def __init__(

@@ -31,12 +31,12 @@ if TYPE_CHECKING:
     from canopen_control.virtual.trajectory import DemandCurve
 
 
-# A diff-drive base on a floor: its pose, made from the way its two wheels have gone.
+# A diff-drive base on a floor: its pose, computed from the distances of its two wheels.
 #
-# Wheels report points (time, way in metres) of their motion on a grid of their own, in whatever order and from whatever
-# process; the pose is integrated exactly along the arc between neighbouring points, as far as both wheels are known. So
-# the result depends on the motion alone, not on who reported when. A wheel that was not heard for ten seconds stands.
-# Slip is noise on each wheel's steps, made from the seed and the number of the step.
+# Wheels report points (time, distance in metres) of their motion on a grid of their own, in any order and from any
+# process; the pose is integrated exactly along the arc between neighbouring points, up to the last time known of both
+# wheels. So the result depends on the motion only, not on the order of the reports. A wheel without a report for ten
+# seconds counts as standing. Slip is noise on each wheel's steps, computed from the seed and the number of the step.
 
 
 LEFT, RIGHT = 0, 1
@@ -144,7 +144,7 @@ class DiffBase:
 class SharedBase:
     """`DiffBase` shared by several processes in the file at `path`, each under its lock.
 
-    The file holds the pose as JSON for whoever wants to know it. ConfigError where it cannot be opened.
+    The file holds the pose as JSON for any reader. ConfigError if it cannot be opened.
     """
 
     def __init__(self, separation: float, path: Path) -> None:
@@ -206,8 +206,8 @@ def shared_path(text: str) -> Path:
 def open_shared(path: Path) -> int:
     """Open a file shared by several processes, created if missing; ConfigError on failure.
 
-    A link, another user's file and one that others may write to are refused: in a folder of everybody, such as /tmp,
-    somebody else may have put it there.
+    A link, another user's file and a file that others may write to are refused: in a shared folder such as /tmp
+    another user may have created it.
     """
     try:
         fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
@@ -242,8 +242,8 @@ def slipped(way: float, slip: float, seed: int, wheel: int, step: int) -> float:
 
 # A wheel on a floor: a plant that reports the way it goes to the base it belongs to.
 #
-# The motion is the inner plant's; this one only cuts it at the points of a fixed grid, so that what is reported does
-# not depend on when somebody looks. Points are handed over in bundles.
+# The motion is that of the inner plant; this one only divides it at the points of a fixed grid, so that the reports do
+# not depend on when it is read. Points are passed on in bundles.
 
 
 GRID_NS = 5_000_000

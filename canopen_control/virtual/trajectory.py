@@ -1,12 +1,12 @@
 """Motion as a function of time: trajectories of pieces with constant acceleration.
 
-A trajectory is made once, at an event, and evaluated in closed form at any time after it. There is no tick, so the
-result does not depend on how often anybody looks, and the position is the exact integral of the velocity. Positions are
+A trajectory is created once, at an event, and evaluated in closed form at any time after it. There is no tick, so the
+result does not depend on how often it is read, and the position is the exact integral of the velocity. Positions are
 in counts, velocities in counts/s, accelerations in counts/s^2; all are floats, whose error at the ends of a 32-bit
 range is below a millionth of a count. Times are monotonic nanoseconds.
 
-An acceleration of 0 starts nothing, an infinite one is a step. What slows down never fails for want of a ramp: a
-deceleration of 0 stops at once.
+An acceleration of 0 starts no motion, an infinite one is a step. A deceleration needs no ramp: a deceleration of 0
+stops at once.
 """
 
 from __future__ import annotations

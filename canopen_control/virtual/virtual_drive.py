@@ -296,7 +296,7 @@ _OPTIONS = (o.QUICK_STOP_OPTION, o.SHUTDOWN_OPTION, o.DISABLE_OPERATION_OPTION, 
 class VirtualDrive:
     """Axis `axis` of a node; attaches itself to the objects of `store`.
 
-    `shows_motion` says whether an event-driven TPDO waits for values that change with a motion. It is the `Motor` of
+    `shows_motion` returns whether an event-driven TPDO contains values that change with a motion. It is the `Motor` of
     its power state machine and takes the `Reactions` of its mover.
     """
 
@@ -362,7 +362,7 @@ class VirtualDrive:
         for (index, subindex), shown in self.objects.model.display.items():
             self._show(index + shift, subindex, partial(shown, store))
         modes = store.od.get(o.SUPPORTED_DRIVE_MODES + shift)
-        if modes is not None and not modes.value:  # a real drive knows what its maker did not write down
+        if modes is not None and not modes.value:  # real drives have undocumented values too
             store.preset(*modes.address, possible_modes(self.objects) & modes.data_type.maximum)
         store.guard([o.MODES_OF_OPERATION + shift], self._check_mode, by_values=True)
         store.guard([index + shift for index in _OPTIONS], self._check_option, by_values=True)

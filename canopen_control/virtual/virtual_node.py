@@ -1,10 +1,10 @@
 """Device side of CiA 301 for one object dictionary: a virtual node for any master.
 
-A node is services on an object store, each of which knows what it needs: the store, the outbox for what it says, the
-clock. This file makes them, hands frames to them and carries out NMT state changes and resets. It
-boots with the boot-up message into PRE-OPERATIONAL and goes on only when commanded, or by itself where its dictionary
-says so (0x1F80). Reset node restores all power-on values, reset communication those of 0x1000 to 0x1FFF. What happens
-between two events costs nothing.
+A node consists of services on an object store; each service gets only what it needs: the store, the outbox, the
+clock. This module creates them, passes frames to them and executes NMT state changes and resets. It boots with the
+boot-up message into PRE-OPERATIONAL and starts only on a command, or by itself if its dictionary defines that (0x1F80).
+Reset node restores all power-on values, reset communication those of 0x1000 to 0x1FFF. Between two events it costs no
+CPU time.
 """
 
 from __future__ import annotations
@@ -174,11 +174,11 @@ def _both(first: Receiver, second: Receiver) -> Receiver:
     return receive
 
 
-# A virtual node's layer setting services: where its file says LSS_Supported, the node has an LSS slave (CiA 305).
+# Layer setting services of a virtual node: with LSS_Supported in its file it has an LSS slave (CiA 305).
 #
-# The slave's node id is the pending one until a reset of communication takes it, and is gone with the power unless it
-# was stored. A node without an id (255) does nothing but LSS until it has one. A virtual bus has no bit rate: a new one
-# is told, kept and stored, nothing else.
+# The slave's node id is the pending one until a reset of communication activates it, and is lost at power-off unless it
+# was stored. A node without an id (255) supports LSS only until it has one. A virtual bus has no bit rate: a new one
+# is reported, kept and stored, nothing else.
 
 
 class NodeLss:
@@ -269,10 +269,9 @@ def _with_device_type(od: ObjectDictionary) -> ObjectDictionary:
 class VirtualNode:
     """Virtual node; `serial` (default: the node id) fills an empty 0x1018:04, `plant` creates the plant of an axis.
 
-    `filter` is the injected faults while one is on, `switches` those that can be; `quirks` switches
-    those. Seam `starts_itself`: OPERATIONAL
-    without a command, whatever the dictionary says. `routing` is who takes which frames; its `version` grows when
-    `routes` changes.
+    `filter` is the injected faults while one is on, `switches` are all faults, `quirks` all quirks. With the injection
+    point `starts_itself` it enters OPERATIONAL without a command, regardless of the dictionary. `routing` has the
+    receivers of frames; its `version` grows when `routes` changes.
     """
 
     def __init__(
@@ -474,7 +473,7 @@ class VirtualNode:
         """Return the identifiers that the node receives, with linux/can.h's flags."""
         return self.routing.table.keys()
 
-    # -- what others ask
+    # -- queries
 
     @property
     def name(self) -> str:
@@ -602,7 +601,7 @@ class VirtualNode:
         self.outbox.values_changed()
 
     def _reset(self, command: NmtCommand, now: int) -> None:
-        """Restore power-on values as `command` says and boot again; the power-on itself is a reset node."""
+        """Restore power-on values for `command` and boot again; the power-on itself is a reset node."""
         everything = command is NmtCommand.RESET_NODE
         if self.lss is not None:
             self._assign(self.lss.reset(power=False))
