@@ -278,6 +278,7 @@ class RobotLink:
         self._events: deque[RobotEvent] = deque(maxlen=_KEPT_EVENTS)
         self._told: deque[RobotEvent] = deque(maxlen=_REPEATED)
         self._heard = 0.0
+        self._connection: RobotClient | None = None  # open, also while the first requests are on their way
         self._robot: RobotClient | None = None
         self._closed = threading.Event()
         self._thread: threading.Thread | None = None
@@ -288,13 +289,13 @@ class RobotLink:
         self._thread.start()
 
     def close(self) -> None:
-        """Close the connection."""
+        """Close the connection, also one that is being made."""
         self._closed.set()
-        robot = self._robot
-        if robot is not None:
-            robot.close()
+        connection = self._connection
+        if connection is not None:
+            connection.close()
         if self._thread is not None and self._thread.is_alive():
-            self._thread.join(AGAIN_S)
+            self._thread.join(_TIMEOUT_S)
 
     @property
     def connected(self) -> bool:
@@ -319,11 +320,14 @@ class RobotLink:
         while not self._closed.is_set():
             try:
                 with RobotClient.connect(self.name, timeout=_TIMEOUT_S) as robot:
+                    self._connection = robot
+                    if self._closed.is_set():  # before `close` could see the connection
+                        return
                     self._begin(robot)
                     self._follow(robot, on_sample)
             except CanopenError as error:
                 self.why = str(error)
-            self._robot, self.state = None, None
+            self._connection, self._robot, self.state = None, None, None
             self._closed.wait(AGAIN_S)
 
     def _begin(self, robot: RobotClient) -> None:

@@ -301,30 +301,47 @@ class RobotConnection:
 T = TypeVar("T")
 
 
-async def in_thread(function: Callable[[], T]) -> T:
+async def in_thread(function: Callable[[], T], discard: Callable[[T], object] | None = None) -> T:
     """Return the result of `function`, run on a thread; raises its errors.
 
+    `discard` takes the result if the caller was cancelled meanwhile: a connection, which has to be closed.
     The loop's own executor is waited for when a program ends; a robot or a drive that hangs would hold that up.
     """
     loop = asyncio.get_running_loop()
-    future: asyncio.Future[T] = loop.create_future()
+    arrival: asyncio.Future[None] = loop.create_future()
+    results: list[T] = []  # one at most; whoever pops it has it
+    abandoned = threading.Event()
 
-    def deliver(result: T | None, error: BaseException | None) -> None:
-        if future.done():
+    def drop() -> None:
+        with contextlib.suppress(IndexError):
+            result = results.pop()
+            if discard is not None:
+                discard(result)
+
+    def arrive(error: Exception | None) -> None:
+        if arrival.done():
             return
         if error is not None:
-            future.set_exception(error)
+            arrival.set_exception(error)
         else:
-            future.set_result(result)  # type: ignore[arg-type] # a T where there was no error
+            arrival.set_result(None)
 
     def work() -> None:
-        result, error = None, None
+        failure = None
         try:
-            result = function()
-        except Exception as raised:  # noqa: BLE001 - handed on
-            error = raised
+            results.append(function())
+        except Exception as error:  # noqa: BLE001 - handed on
+            failure = error
+        if abandoned.is_set():
+            drop()
         with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
-            loop.call_soon_threadsafe(deliver, result, error)
+            loop.call_soon_threadsafe(arrive, failure)
 
     threading.Thread(target=work, name="page", daemon=True).start()
-    return await future
+    try:
+        await arrival
+    except asyncio.CancelledError:
+        abandoned.set()
+        drop()
+        raise
+    return results.pop()

@@ -458,7 +458,7 @@ class ViewApp:
 
     async def _meet(self) -> tuple[RobotConnection, RobotInfo] | None:
         try:
-            return await in_thread(partial(_meet, self.name))
+            return await in_thread(partial(_meet, self.name), discard=lambda met: met[0].close())
         except CanopenError as error:
             self._lost = str(error)
             return None

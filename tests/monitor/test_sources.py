@@ -1,3 +1,4 @@
+import threading
 import time
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ from support.samples import event_of, sample_of
 
 from canopen_control.bus.channel import open_port
 from canopen_control.cia301.pdo import MappedObject
+from canopen_control.client import RobotClient
 from canopen_control.data_files import data_path
 from canopen_control.errors import RemoteError
 from canopen_control.frame import CanFrame, pack_records
@@ -134,12 +136,30 @@ def test_it_finds_the_robot_loses_it_and_finds_it_again(link):
     assert link.state is None
     for _ in range(2):
         with running(real_time=True):
-            assert eventually(lambda: link.connected)
+            assert eventually(lambda: link.connected and link.state.state == "running")  # at first perhaps "starting"
             assert link.name == "mock"
-            assert link.state.state == "running"
             assert link.why == ""
         assert eventually(lambda: link.state is None)
         assert "mock" in link.why
+
+
+def test_a_link_that_is_closed_while_it_connects_leaves_no_connection(private_folders, monkeypatch):
+    asked, connections = threading.Event(), []
+
+    class Silent(RobotClient):
+        def ask(self, request, timeout=None):
+            connections.append(self)
+            asked.set()
+            next(self.messages(60), None)  # until it is closed
+
+    monkeypatch.setattr(module, "RobotClient", Silent)
+    with running(real_time=True):
+        link = RobotLink()
+        link.start()
+        assert asked.wait(10)
+        link.close()
+        assert not link._thread.is_alive()
+    assert [connection.fileno() for connection in connections] == [-1]
 
 
 def test_each_event_is_told_once_also_those_from_before(link):

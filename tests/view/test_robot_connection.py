@@ -237,3 +237,31 @@ def test_what_hangs_does_not_hold_up_the_end():
     asyncio.run(play())
     release.set()
     assert time.monotonic() - begin < 5
+
+
+@pytest.mark.parametrize("before", [True, False], ids=["before_it_came", "when_it_has_come"])
+def test_what_a_cancelled_caller_no_longer_takes_is_discarded(before):
+    """The end of the page while it connected left an open socket behind."""
+    release, came, discarded = threading.Event(), threading.Event(), []
+
+    def connect():
+        came.set()
+        release.wait(30)
+        return "connection"
+
+    async def play():
+        task = asyncio.ensure_future(in_thread(connect, discard=discarded.append))
+        await asyncio.sleep(0)
+        if not before:
+            release.set()
+            assert eventually(lambda: not pages())  # the loop stands still: it has come, and nobody has taken it
+        task.cancel()
+
+    asyncio.run(play())
+    assert came.wait(10)
+    release.set()
+    assert eventually(lambda: discarded == ["connection"])
+
+
+def pages():
+    return [thread for thread in threading.enumerate() if thread.name == "page"]
