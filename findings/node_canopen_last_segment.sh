@@ -30,7 +30,7 @@ device.on('message', ({ id, data }) => {
     setImmediate(() => device.receive({ id: 0x605, data: request }));
 });
 device.start();
-device.nmt.startNode(5);
+device.receive({ id: 0, data: Buffer.from([1, 5]) }); // NMT start
 setTimeout(() => device.receive({ id: 0x605, data: Buffer.from('4000200000000000', 'hex') }), 50);
 setTimeout(() => {
     console.log(`canopen ${require('canopen/package.json').version} (npm), upload of 9 bytes: ${answers.join(', ')}`);

@@ -112,7 +112,7 @@ def matches(write: PlannedWrite, current: bytes | None) -> bool:
 
 
 def needed(group: Sequence[PlannedWrite], current: Mapping[tuple[int, int], bytes | None]) -> list[PlannedWrite]:
-    """Return the required writes of a group for a node with the values `held`, in order; none without a difference."""
+    """Return the required writes of a group, in order, given the `current` values; none if nothing differs."""
     final = final_values(group)
     different = {
         address for address, write in final.items() if not write.compare or not matches(write, current.get(address))

@@ -164,7 +164,7 @@ def entry_name(od: ObjectDictionary | None, index: int, subindex: int) -> str:
 def network_of_layout(layout: BusLayout, paths: Mapping[str, Path] = MappingProxyType({})) -> NetworkDescription:
     """Return the description of one bus of a layout; a missing or invalid EDS becomes a note.
 
-    `kept` are files that replace those with the same name, as in a recording.
+    `paths` are files that replace those with the same name, as in a recording.
     """
     notes: list[str] = []
     nodes = {}

@@ -47,6 +47,13 @@ def test_a_doubled_segment_is_taken_once():
     assert request.data == b"TMCM-1270"
 
 
+def test_an_upload_may_end_with_an_empty_segment():  # node-canopen 6.2.1 ends every segmented upload so
+    client, request = reading(
+        "583#4108100009000000", "583#00544D434D2D3132", "583#1A37300000000000", "583#0F00000000000000"
+    )
+    assert (request.data, commands(client)) == (b"TMCM-1270", [])
+
+
 def test_a_segment_doubled_before_the_next_request_has_left_is_ignored():
     client, request = reading("583#4108100009000000")
     client.frames()
