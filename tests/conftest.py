@@ -7,7 +7,8 @@ the others by their own mark. A run without them (-m "not process", tools/test -
 process and has no mark, so that the mark stays true.
 
 `rest` is every test that tools/test leaves to tools/test --rest: what measures time (`alone`, `timed`), what needs a
-wheel, a kernel with CAN or a card, and the tests that say so themselves because they take long.
+wheel, a kernel with CAN or a card, and what takes long: the tests that say so themselves, and whole files
+(tools/run_tests.py).
 
 `robot` is every test with a whole robot, a device on a bus, or a screen in it, even if all is in this process and in
 simulated time: known by the benches of tests/support that its file takes. `tools/test --fast` leaves them out.
@@ -25,6 +26,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from run_tests import REST_FILES, REST_KINDS
 from support.properties import load_profile
 
 load_profile()
@@ -89,59 +91,7 @@ FOLDERS = itertools.count()
 #: Where tests are about whole processes.
 WHOLE = ("bench", "integration", "socketcan", "hardware_can", "tools")
 #: Kinds whose files tools/test finds by the mark in them. `process` has many: MORE.
-FOUND_BY_MARK = ("alone", "timed")
-#: Kinds that ./tools/test leaves to ./tools/test --rest.
-REST_KINDS = ("alone", "timed", "wheel", "socketcan", "hardware")
-#: Files whose tests take long, below tests/: what they are about has quicker tests in the default run as well.
-REST_FILES = frozenset(
-    {
-        "cli/test_clone.py",
-        "cli/test_jog.py",
-        "cli/test_ros.py",
-        "docs/test_adapter_howto.py",
-        "docs/test_examples.py",
-        "docs/test_firmware_page.py",
-        "faults/test_together.py",
-        "integration/test_configs.py",
-        "integration/test_drive_page.py",
-        "integration/test_examples.py",
-        "integration/test_flight.py",
-        "integration/test_interop_services.py",
-        "integration/test_kill_sweep.py",
-        "integration/test_latched_restart.py",
-        "integration/test_listeners.py",
-        "integration/test_peer_files.py",
-        "integration/test_recorded_scenario.py",
-        "integration/test_report_browser.py",
-        "integration/test_ros_axes.py",
-        "integration/test_ros_bases.py",
-        "integration/test_ros_compiled.py",
-        "integration/test_ros_network.py",
-        "integration/test_ros_services.py",
-        "integration/test_ros_simulation.py",
-        "integration/test_ros_trajectories.py",
-        "integration/test_same_motion.py",
-        "integration/test_set_points.py",
-        "integration/test_square.py",
-        "integration/test_starting.py",
-        "integration/test_trajectories.py",
-        "integration/test_trajectory_shapes.py",
-        "integration/test_true_pose_of_a_run.py",
-        "integration/test_tutorials.py",
-        "integration/test_virtual_drive_and_canopen.py",
-        "physics/test_ground_contact_mecanum_contact.py",
-        "ros/test_bridge.py",
-        "runtime/test_setpoints_properties.py",
-        "runtime/test_shared_world.py",
-        "simulation/test_cluster.py",
-        "tools/test_campaign.py",
-        "tools/test_campaign_health.py",
-        "tools/test_campaign_nightly.py",
-        "tools/test_campaign_observer.py",
-        "tools/test_campaign_script.py",
-        "tools/test_guests.py",
-    }
-)
+FOUND_BY_MARK = ("alone", "timed", "rest")
 #: Subpackages of screens, and of what becomes of whole robots.
 ROBOT_SUBPACKAGES = ("faults", "monitor", "view")
 #: The benches of tests/support with a bus or the sockets of a robot in them.

@@ -43,6 +43,7 @@ _TURN_S: Final = 0.02  # adopted processes are reaped this often: tests look whe
 _PROGRESS_TURNS: Final = 50
 _OF_CHECKS: Final = 450_000  # ruff and mypy take about as long as the tests in so many bytes
 _GIVING_WAY: Final = 3  # niceness of parts that only compute, beside tests that wait for other processes
+_LEAVING_ALL: Final = 19  # of parts that only compute, beside robots whose reactions have a limit in time
 _COMPILE: Final = "compile"
 _KEPT_OUT: Final = "not socketcan and not hardware"  # these need a kernel with CAN: the guests have one
 
@@ -50,11 +51,63 @@ _KEPT_OUT: Final = "not socketcan and not hardware"  # these need a kernel with 
 PROCESS_MARKS: Final = ("process", "ros", "wheel", "browser", "socketcan", "tmux", "hardware")
 #: Folders about whole processes.
 PROCESS_FOLDERS: Final = ("bench", "integration", "socketcan", "hardware_can", "tools")
-#: The subpackages with compiled modules, and the tests of whole robots that run on the compiled package as well.
-COMPILED_FOLDERS: Final = (
-    "bus", "cia301", "cia402", "host", "master", "hardware", "controllers", "runtime", "virtual", "simulation"
-)  # fmt: skip
+#: Kinds of tests that ./tools/test leaves to ./tools/test --rest, besides `rest` itself.
+REST_KINDS: Final = ("alone", "timed", "wheel", "socketcan", "hardware")
+#: Files whose tests take long, below tests/: what they are about has quicker tests in the default run as well.
+REST_FILES: Final = frozenset(
+    {
+        "cli/test_clone.py",
+        "cli/test_jog.py",
+        "cli/test_ros.py",
+        "docs/test_adapter_howto.py",
+        "docs/test_examples.py",
+        "docs/test_firmware_page.py",
+        "faults/test_together.py",
+        "integration/test_configs.py",
+        "integration/test_drive_page.py",
+        "integration/test_examples.py",
+        "integration/test_flight.py",
+        "integration/test_interop_services.py",
+        "integration/test_kill_sweep.py",
+        "integration/test_latched_restart.py",
+        "integration/test_listeners.py",
+        "integration/test_peer_files.py",
+        "integration/test_recorded_scenario.py",
+        "integration/test_report_browser.py",
+        "integration/test_ros_axes.py",
+        "integration/test_ros_bases.py",
+        "integration/test_ros_compiled.py",
+        "integration/test_ros_network.py",
+        "integration/test_ros_services.py",
+        "integration/test_ros_simulation.py",
+        "integration/test_ros_trajectories.py",
+        "integration/test_same_motion.py",
+        "integration/test_set_points.py",
+        "integration/test_square.py",
+        "integration/test_starting.py",
+        "integration/test_trajectories.py",
+        "integration/test_trajectory_shapes.py",
+        "integration/test_true_pose_of_a_run.py",
+        "integration/test_tutorials.py",
+        "integration/test_virtual_drive_and_canopen.py",
+        "physics/test_ground_contact_mecanum_contact.py",
+        "ros/test_bridge.py",
+        "runtime/test_setpoints_properties.py",
+        "runtime/test_shared_world.py",
+        "simulation/test_cluster.py",
+        "tools/test_campaign.py",
+        "tools/test_campaign_health.py",
+        "tools/test_campaign_nightly.py",
+        "tools/test_campaign_observer.py",
+        "tools/test_campaign_script.py",
+        "tools/test_guests.py",
+    }
+)
+#: The tests of simulated and of whole robots that run on the compiled package as well.
+COMPILED_SIMULATIONS: Final = ("simulation/test_campaign.py", "simulation/test_simulation_run.py")
 COMPILED_ROBOTS: Final = ("integration/test_run.py", "integration/test_recovery.py", "integration/test_same_motion.py")
+#: Loops in which ROS programs once froze: CANOPEN_CONTROL_LOOP_S is how long each runs.
+ROS_LOOPS: Final = "tests/integration/test_ros_freezes.py"
 ROBOTS_ON_KERNEL_CAN: Final = tuple(
     f"integration/test_{name}.py"
     for name in ("run", "recovery", "same_motion", "interop_sdo", "virtual_drive_and_canopen")
@@ -126,16 +179,15 @@ def _in_one_process(command: Sequence[str]) -> tuple[str, ...]:
     return (*command, "-n", "0")
 
 
-def files_with(*marks: str, folders: Sequence[str] = ()) -> list[str]:
-    """Return the test files that name one of the marks, in sorted order: of `folders` in tests/, or of all of them.
+def files_with(*marks: str) -> list[str]:
+    """Return the test files that name one of the marks, in sorted order.
 
-    Without folders, the files of PROCESS_FOLDERS belong to the mark `process` without naming it.
+    The files of PROCESS_FOLDERS belong to the mark `process` without naming it.
     """
     named = re.compile(rf"mark\.({'|'.join(marks)})\b")
-    roots = [Path("tests", folder) for folder in folders] or [Path("tests")]
     found = []
-    for path in sorted({path for root in roots for path in root.rglob("test_*.py")}):
-        whole = "process" in marks and not folders and path.parts[1] in PROCESS_FOLDERS
+    for path in sorted(Path("tests").rglob("test_*.py")):
+        whole = "process" in marks and path.parts[1] in PROCESS_FOLDERS
         if whole or named.search(path.read_text(encoding="utf-8")):
             found.append(str(path))
     return found
@@ -153,6 +205,7 @@ def checks() -> list[Part]:
 
 DEALT: Final = ("-n", "2", "--dist", "worksteal")  # tests that start nothing: no processor idles while a long file ends
 SHARED: Final = ("-n", "2", "--dist", "loadfile")  # the tests of a file share its fixtures: robots that run, browsers
+MANY: Final = ("-n", "4", "--dist", "load")  # tests that wait for answers most of their time
 
 
 def default_lanes(*, again: bool = False) -> list[list[Part]]:
@@ -196,28 +249,40 @@ def rest_steps() -> list[list[list[Part]]]:
     """Return the steps of ./tools/test --rest, each a list of lanes: what the default run leaves out.
 
     Whole robots whose reactions have a limit in time (`timed`) run two at a time, what measures (`alone`) runs alone.
+    What only computes has the lowest priority, and takes what they leave. The loops of ROS programs are a step of their
+    own where they run for longer.
     """
     compiled = Path("build/compiled").absolute()
+    rest = rest_files()
+    with_processes = set(files_with(*PROCESS_MARKS))
     long = pytest("long tests with processes", "process and rest and not alone and not timed", *SHARED,
-                  *files_with(*PROCESS_MARKS), again=True)  # fmt: skip
+                  *(path for path in rest if path in with_processes), again=True)  # fmt: skip
     long_fast = pytest("long tests without a process", "not process and rest and not alone and not timed", *DEALT,
-                       again=True)  # fmt: skip
-    compiled_fast = pytest("compiled, tests without a process", "not sources and not process and not rest", *DEALT,
-                           *files_of_compiled_modules(), compiled=compiled, again=True)  # fmt: skip
-    compiled_slow = pytest("compiled, tests with processes", "not sources and not browser and process and not rest",
-                           *SHARED, *files_with(*PROCESS_MARKS, folders=COMPILED_FOLDERS),
-                           compiled=compiled, again=True)  # fmt: skip
+                       *rest, again=True)  # fmt: skip
+    compiled_modules = pytest("compiled, tests of its modules", "not sources and not rest", *DEALT,
+                              *files_of_compiled_modules(), *(f"tests/{name}" for name in COMPILED_SIMULATIONS),
+                              compiled=compiled, again=True)  # fmt: skip
     compiled_robots = pytest("compiled, whole robots", "not sources", *SHARED,
                              *(f"tests/{name}" for name in COMPILED_ROBOTS), compiled=compiled, again=True)  # fmt: skip
-    timed = pytest("timed tests", "timed and not alone", *SHARED, *files_with("timed"), again=True)
+    loops = [ROS_LOOPS] if os.environ.get("CANOPEN_CONTROL_LOOP_S") else []
+    timed = pytest("timed tests", "timed and not alone", *SHARED,
+                   *(path for path in files_with("timed") if path not in loops), again=True)  # fmt: skip
+    long_loops = pytest("loops of ROS programs", "timed", *MANY, *loops, again=True)
     alone = pytest("tests that measure", "alone", *files_with("alone"), again=True)
-    compile_package = Part(_COMPILE, ("tools/compile",), nice=_GIVING_WAY)
+    computing = [Part(_COMPILE, ("tools/compile",)), compiled_modules, long_fast]
     return [
-        [[compile_package, compiled_fast, compiled_slow, long_fast], [long]],
+        [[replace(part, nice=_LEAVING_ALL) for part in computing], [long, timed]],
         guests(),  # a guest's time goes slower than ours: nothing runs beside them
-        [[timed, compiled_robots]],
+        [[compiled_robots]],
+        *([[[long_loops]]] if loops else []),
         [[alone]],
     ]
+
+
+def rest_files() -> list[str]:
+    """Return the test files with tests that the default run leaves out, in sorted order."""
+    whole = [f"tests/{name}" for name in REST_FILES]
+    return sorted({*whole, *files_with("rest", *REST_KINDS), *map(str, Path("tests/bench").glob("test_*.py"))})
 
 
 def files_of_compiled_modules() -> list[str]:
@@ -238,10 +303,10 @@ def files_of_compiled_modules() -> list[str]:
 
 
 def guests() -> list[list[Part]]:
-    """Return the lanes with guests: robots on a kernel's CAN, the subpackage for it, emulated CAN cards.
+    """Return the lanes with guests: emulated CAN cards, the subpackage for a kernel's CAN, robots on it.
 
-    An emulated machine computes all the time, a kernel in user mode half of it: the second machine starts when the
-    robots have ended.
+    Each is a kernel with one processor. An emulated machine computes all the time, a kernel in user mode half of it:
+    two of those share a processor.
     """
 
     def guest(name: str, kind: str, program: str, environment: dict[str, str], *paths: str) -> Part:
@@ -251,12 +316,9 @@ def guests() -> list[list[Part]]:
     on_vcan = {"CANOPEN_CONTROL_TEST_CHANNEL": "vcan0"}
     emulated = ("hardware", "tools/can_hardware_guest", {"CANOPEN_CONTROL_TIME_SCALE": "10"})
     return [
-        [guest("guest: emulated CAN cards", *emulated, "hardware_can/test_cards.py")],
+        [guest("guest: emulated CAN cards", *emulated, "hardware_can")],
         [guest("guest: kernel CAN", "socketcan", "tools/socketcan_guest", on_vcan, "socketcan")],
-        [
-            guest("guest: robots on kernel CAN", "socketcan", "tools/socketcan_guest", on_vcan, *ROBOTS_ON_KERNEL_CAN),
-            guest("guest: from laptop to robot", *emulated, "hardware_can/test_laptop_to_robot.py"),
-        ],
+        [guest("guest: robots on kernel CAN", "socketcan", "tools/socketcan_guest", on_vcan, *ROBOTS_ON_KERNEL_CAN)],
     ]
 
 

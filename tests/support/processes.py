@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from support.channel import channel_of, robby_of
+from support.fork_server import fork_server
+from support.guest import GUEST
 from support.host import eventually
 from support.localbus import end_hubs
 
@@ -36,19 +38,26 @@ def go_first(pid: int) -> None:
 
 
 class Program:
-    """One process of the command line; `out` and `err` are what it has printed so far."""
+    """One process of the command line; `out` and `err` are what it has printed so far.
+
+    In a guest it is a fork of a process that has imported the package: there, an interpreter takes seconds to start.
+    """
 
     def __init__(self, arguments: list[str], folder: Path, number: int, environment: dict[str, str]) -> None:
         self.arguments = arguments
         self._paths = [folder / f"{number}-{arguments[0]}.{kind}" for kind in ("out", "err")]
         with self._paths[0].open("wb") as out, self._paths[1].open("wb") as err:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "canopen_control", *arguments],
-                cwd=folder,
-                env={**os.environ, **environment},
-                stdin=subprocess.DEVNULL,
-                stdout=out,
-                stderr=err,
+            self._process = (
+                fork_server().start(arguments, folder, {**os.environ, **environment}, *self._paths)
+                if GUEST
+                else subprocess.Popen(
+                    [sys.executable, "-m", "canopen_control", *arguments],
+                    cwd=folder,
+                    env={**os.environ, **environment},
+                    stdin=subprocess.DEVNULL,
+                    stdout=out,
+                    stderr=err,
+                )
             )
         self.pid = self._process.pid
         go_first(self.pid)

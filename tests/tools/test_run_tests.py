@@ -57,7 +57,8 @@ def possible(marks):
     return "rest" in marks or not {"alone", "timed"} & marks  # tests/conftest.py adds the mark `rest`
 
 
-def test_every_test_belongs_to_one_part_of_one_run(in_checkout):
+def test_every_test_belongs_to_one_part_of_one_run(in_checkout, monkeypatch):
+    monkeypatch.delenv("CANOPEN_CONTROL_LOOP_S", raising=False)
     default = [each for lane in run_tests.default_lanes() for each in lane]
     rest = [each for lanes in run_tests.rest_steps() for lane in lanes for each in lane]
     for marks in (set(each) for n in range(len(KINDS) + 1) for each in itertools.combinations(KINDS, n)):
@@ -83,7 +84,32 @@ def test_files_of_tests_with_processes_are_found_by_their_mark_or_their_folder(i
     assert "tests/integration/test_run.py" in files
     assert "tests/host/test_spawn.py" in files
     assert "tests/cia402/test_drive.py" not in files
-    assert all(name.startswith("tests/host/") for name in run_tests.files_with("process", folders=["host"]))
+
+
+def test_files_of_the_rest_are_found_by_their_mark_their_kind_their_folder_or_the_table(in_checkout):
+    files = run_tests.rest_files()
+    for path in ("bus/test_hub.py", "integration/test_run.py", "bench/test_against.py", "simulation/test_cluster.py"):
+        assert f"tests/{path}" in files
+    assert "tests/cia301/test_pdo.py" not in files
+    assert all(Path(path).exists() for path in files)
+    assert files == sorted(set(files))
+
+
+@pytest.mark.parametrize(("seconds", "part_name"), [("", "timed tests"), ("60", "loops of ROS programs")])
+def test_long_loops_of_ros_programs_are_a_part_of_their_own(in_checkout, monkeypatch, seconds, part_name):
+    monkeypatch.setenv("CANOPEN_CONTROL_LOOP_S", seconds)
+    parts = [each for lanes in run_tests.rest_steps() for lane in lanes for each in lane]
+    with_loops = [each.name for each in parts if run_tests.ROS_LOOPS in each.command]
+    assert [name for name in with_loops if not name.startswith("long tests")] == [
+        part_name
+    ]  # those take no `timed` one
+
+
+def test_every_file_of_a_part_exists(in_checkout):
+    parts = [each for lanes in run_tests.rest_steps() for lane in lanes for each in lane]
+    named = [word for each in parts for word in each.command if word.startswith("tests/")]
+    assert named
+    assert [path for path in named if not Path(path).exists()] == []
 
 
 def test_the_compiled_package_is_tested_by_the_tests_of_its_compiled_modules(in_checkout):
