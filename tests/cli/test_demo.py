@@ -26,11 +26,11 @@ def test_it_runs_robby_unless_another_robot_or_its_launch_file_is_named(monkeypa
 
 
 @pytest.mark.process
-def test_it_plays_its_motion_and_ends_with_0(capfd):
-    assert main(["demo", "--can", "memory:demo", "--for", "4"]) == 0
-    said = capfd.readouterr().out
-    assert "OPERATION ENABLED" in said
-    assert " 10.000 " in said
+def test_it_plays_its_motion_and_ends_with_0(stage):
+    demo = stage.start("demo", "--can", "local:demo")
+    demo.until(" 10.000 ", 60)  # however busy the machine is
+    assert "OPERATION ENABLED" in demo.out
+    assert demo.end() == 0, demo
 
 
 @pytest.mark.parametrize(
