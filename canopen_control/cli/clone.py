@@ -10,16 +10,13 @@ Exit codes: 0 both are equal; 1 the new drive refused a value, or one did not an
 
 from __future__ import annotations
 
+import contextlib
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.open_session import (
-    add_restore_arguments,
-    add_session_arguments,
-    like_file,
-    open_session,
-    read_all,
-    restore_into,
-)
+from canopen_control.cli.support.job_verb import add_job_options, job_options, print_restored, verb_run
+from canopen_control.cli.support.open_session import add_session_arguments, open_sessions, reached
+from canopen_control.commissioning.jobs import CLONE
+from canopen_control.commissioning.parameter_jobs import run_clone
 from canopen_control.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -34,14 +31,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("a", metavar="A", help="the drive that is read")
     parser.add_argument("b", metavar="B", help="the drive that is written")
     add_session_arguments(parser, node=False)
-    add_restore_arguments(parser)
+    add_job_options(parser, CLONE)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     if args.a == args.b:
         raise ConfigError(f"{args.a} and {args.b} are one node; name the old drive, then the new one")
-    with open_session(args, args.a) as session:
-        source = read_all(session).parameters
-    with open_session(args, args.b) as session:
-        return restore_into(like_file(session, source), source, args)
+    options = job_options(args, CLONE, reached=reached(args))
+    with open_sessions(args, [args.a, args.b]) as (sessions, _), verb_run(CLONE) as run:
+        sentence = run_clone(sessions[args.b], run, contextlib.nullcontext(sessions[args.a]), options)
+    return print_restored(args, run, sentence)

@@ -17,15 +17,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.open_session import (
-    add_restore_arguments,
-    add_session_arguments,
-    backup_file,
-    like_file,
-    open_session,
-    restore_into,
-)
-from canopen_control.commissioning.restore import refuse_other_drive
+from canopen_control.cli.support.job_verb import add_job_options, job_options, print_restored, verb_run
+from canopen_control.cli.support.open_session import add_session_arguments, backup_file, open_session, reached
+from canopen_control.commissioning.jobs import RESTORE
+from canopen_control.commissioning.parameter_jobs import run_restore
 
 if TYPE_CHECKING:
     import argparse
@@ -39,14 +34,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("file", metavar="FILE", help="a DCF of `backup` or another tool")
     add_session_arguments(parser)
-    parser.add_argument("--any-node", action="store_true", help="accept a drive with another node id and serial number")
-    add_restore_arguments(parser)
+    add_job_options(parser, RESTORE)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    file = backup_file(args.file)
-    with open_session(args) as session:
-        if not args.any_node:
-            refuse_other_drive(file, like_file(session, file))
-        return restore_into(like_file(session, file), file, args)
+    file, options = backup_file(args.file), job_options(args, RESTORE, reached=reached(args))
+    with open_session(args) as session, verb_run(RESTORE) as run:
+        sentence = run_restore(session, run, file, options)
+    return print_restored(args, run, sentence)

@@ -8,8 +8,10 @@ restarts with a fresh clear, from the first byte: no known device can resume.
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import enum
+import threading
 import time
 import zlib
 from collections.abc import Generator
@@ -18,14 +20,17 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.commissioning.identity import FIELDS
+from canopen_control.commissioning.jobs import ProgramDate
 from canopen_control.commissioning.node_session import is_abort
 from canopen_control.commissioning.parameter_set import reason_of
+from canopen_control.commissioning.restore import quiet_node
 from canopen_control.errors import CanopenError, ConfigError, DriveError, RemoteError, SdoRestarted, SdoTimeout
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from canopen_control.commissioning.identity import DeviceIdentity
+    from canopen_control.commissioning.jobs import JobRun, ProgramOptions
     from canopen_control.commissioning.node_session import NodeSession
 
 
@@ -46,6 +51,7 @@ _TEXT: Final = (b"[", b";")  # what they begin with
 _EPOCH: Final = datetime.date(1984, 1, 1)  # of 0x1F52, as of 0x1020
 _MOST_DAYS: Final = 0xFFFF
 _DAY_MS: Final = 86_400_000
+_LOOK_S: Final = 0.2  # between two looks at the progress
 _SILENT: Final = -1  # instead of a number; as 0x1F57 it is busy
 _ERRORS: Final = {
     1: "no valid program",
@@ -101,41 +107,6 @@ class DownloadAnswer:
 
     data: bytes = b""
     error: CanopenError | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class ProgramDate:
-    """Date of a program in 0x1F52: `day` and milliseconds after midnight (None: only the day)."""
-
-    day: datetime.date
-    milliseconds: int | None = None
-
-    def __str__(self) -> str:
-        if self.milliseconds is None:
-            return self.day.isoformat()
-        midnight = datetime.datetime.combine(self.day, datetime.time())
-        return (midnight + datetime.timedelta(milliseconds=self.milliseconds)).isoformat(" ", "seconds")
-
-    def fits(self, other: ProgramDate | None) -> bool:
-        """Whether another date equals this one as far as this one is known."""
-        if other is None or other.day != self.day:
-            return False
-        return self.milliseconds is None or self.milliseconds == other.milliseconds
-
-
-@dataclass(frozen=True, slots=True)
-class ProgramOptions:
-    """Options of a download: `number` of the program, `expected` value of 0x1F56, retry time.
-
-    `expected_date` is the required value of 0x1F52; a day without a time is allowed.
-    """
-
-    number: int = 1
-    expected: int | None = None
-    expected_date: ProgramDate | None = None
-    tries: int = 2
-    start_s: float = 30.0
-    confirm: bool = False
 
 
 @dataclass(slots=True)
@@ -379,6 +350,80 @@ def download(
         except StopIteration:
             return
         outcome = _carry_out(session, order, pause)
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramReport:
+    """Result of a download: 0x1F56 and, as dates, 0x1F52 before and after; None where the node has none."""
+
+    node_id: int
+    program: int
+    bytes: int
+    old: int | None
+    new: int | None
+    old_date: str | None
+    new_date: str | None
+    tries: int
+    notes: list[str]
+
+
+def load_program(session: NodeSession, run: JobRun, image: bytes, options: ProgramOptions) -> str:
+    """Load a program, start it and check that it runs; DriveError with the state of the node if that failed."""
+    identity = session.identity()
+    refuse_other_product(session, identity)
+    if is_loader(identity):
+        run.note(f"{session} is in its boot-loader")
+    progress = DownloadProgress()
+    try:
+        with quiet_node(session, starts_again=False), _watched(session, run, progress, len(image)):
+            download(session, image, options, progress)
+    except (CanopenError, KeyboardInterrupt) as error:
+        if progress.untouched:
+            raise
+        raise DriveError(interrupted_words(session, progress, error)) from error
+    boot_check(session, identity)
+    run.lines += [f"{session}: {note}" for note in progress.notes]
+    old_date, new_date = (None if date is None else str(date) for date in (progress.old_date, progress.new_date))
+    run.document = ProgramReport(
+        session.node_id,
+        options.number,
+        len(image),
+        progress.old,
+        progress.new,
+        old_date,
+        new_date,
+        progress.tries,
+        progress.notes,
+    )
+    old, new = _program_text(progress.old, old_date), _program_text(progress.new, new_date)
+    return f"{session}: program {options.number} of {len(image)} bytes runs: {old} -> {new}"
+
+
+def _program_text(number: int | None, date: str | None) -> str:
+    value = "unknown" if number is None else f"0x{number:08X}"
+    return value if date is None else f"{value} of {date}"
+
+
+@contextlib.contextmanager
+def _watched(session: NodeSession, run: JobRun, progress: DownloadProgress, size: int) -> Iterator[None]:
+    """Report step and bytes from a separate thread while this one waits for the transfer."""
+    over = threading.Event()
+
+    def watch() -> None:
+        while not over.wait(_LOOK_S):
+            if run.doing != progress.step.value:
+                run.part(progress.step.value, "bytes")
+            if progress.step is DownloadStep.SENDING:
+                done, total = session.transfers.progress()
+                run.show(done, total or size)
+
+    thread = threading.Thread(target=watch, name="firmware progress", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
 
 
 def interrupted_words(session: NodeSession, progress: DownloadProgress, error: BaseException) -> str:

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from canopen_control.commissioning.identity import DeviceIdentity
+    from canopen_control.commissioning.jobs import Reached, RestoreOptions
     from canopen_control.commissioning.node_session import NodeSession
     from canopen_control.od.model import Address, Entry, ObjectDictionary, Value
 
@@ -398,15 +399,6 @@ class KeptParameters:
 _FOLDER: Final = "restores"
 
 
-@dataclass(frozen=True, slots=True)
-class Reached:
-    """Access of a verb to a node: channel of its bus or name of the robot, and whether a backup was complete."""
-
-    channel: str = ""
-    robot: str = ""
-    include_protected: bool = False
-
-
 class RestoreJournal:
     """Journal of the node of `session`; `reached` is the verb's access to the node."""
 
@@ -473,17 +465,6 @@ _SHOWN: Final = 8  # of what was written, where a restore was interrupted, and o
 
 
 @dataclass(frozen=True, slots=True)
-class RestoreOptions:
-    """Options of a restore: `protect` lists globs, `keep` keeps accepted values if some were refused."""
-
-    protect: Sequence[str] = ()
-    include_protected: bool = False
-    keep: bool = False
-    store: bool = False
-    reached: Reached = field(default_factory=Reached)
-
-
-@dataclass(frozen=True, slots=True)
 class RestoreReport:
     """Result of a restore; `refused` and `protected` name objects with the reason.
 
@@ -491,6 +472,7 @@ class RestoreReport:
     """
 
     source: str
+    node_id: int
     written: int
     verified: int
     protected: list[str]
@@ -612,7 +594,9 @@ def guarded_restore(
     written = len(restore.written)
     foreign = [entry_label(od[address]) for address in source.foreign]
     refused, undone = restore.refused, restore.undone
-    return RestoreReport(source.where, written, restore.verified, lines, foreign, refused, undone, stored)
+    return RestoreReport(
+        source.where, session.node_id, written, restore.verified, lines, foreign, refused, undone, stored
+    )
 
 
 @contextlib.contextmanager

@@ -12,8 +12,9 @@ import subprocess
 import sys
 import threading
 from collections import deque
-from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
+from canopen_control.commissioning.jobs import JOBS
 from canopen_control.commissioning.live_reader import LiveReader, NodeObjects
 from canopen_control.commissioning.object_rows import EditHistory, LiveObject, rows_of, select_objects
 from canopen_control.errors import CanopenError, ConfigError
@@ -44,14 +45,6 @@ Words: TypeAlias = "Callable[[str, Sequence[str]], list[str]]"
 """Of a node and the parts of a line, the words of a verb."""
 
 
-class NodeVerb(NamedTuple):
-    """Verb that the monitor runs on a node: inputs of its line, separated by commas, and its arguments."""
-
-    does: str
-    asks: str
-    words: Words
-
-
 def _jog(node: str, parts: Sequence[str]) -> list[str]:
     how = "--velocity" if parts[0].endswith(("rpm", "rad/s", "pps")) else "--position"
     lasts = [f"--for={parts[1].removesuffix('s')}"] if len(parts) > 1 and not parts[1].startswith("-") else []
@@ -76,25 +69,19 @@ def _with_node(verb: str) -> Words:
     return lambda node, parts: [verb, parts[0], node, *parts[1:]]
 
 
-WORKS: Final = {
-    "jog": NodeVerb(
-        "turn it, slowly", "20rpm,3s or 90deg; options of the verb after it: 90deg,--max-current=300", _jog
-    ),
-    "scope": NodeVerb("objects over time", "0x6064,0x606C; also --for=5, --trigger=fault, --output=step.csv", _scope),
-    "tune": NodeVerb(
-        "step, Bode, identification, gains",
-        "step=30rpm, bode, identify=150 or revert; --yes agrees to the limits that it tells without",
-        _tune,
-    ),
-    "backup": NodeVerb("its parameters as a DCF", "FILE.dcf", lambda node, parts: ["backup", node, "-o", *parts]),
-    "diff": NodeVerb("compare with a file or another node", "FILE.dcf or NODE", _with_node("diff")),
-    "restore": NodeVerb("write the parameters of a DCF", "FILE.dcf; also --store, --keep", _with_node("restore")),
-    "clone": NodeVerb("give it the parameters of another", "NODE; also --store, --keep", _with_node("clone")),
-    "firmware": NodeVerb("load a program", "FILE; also --confirm", _on_node("firmware")),
-    "dump": NodeVerb("all that it holds", "table or csv", lambda node, parts: ["dump", node, "--format", *parts]),
-    "nmt": NodeVerb("take it out, or start it", "preop, start, reset-node", _with_node("nmt")),
+_WORDS: Final[dict[str, Words]] = {
+    "jog": _jog,
+    "scope": _scope,
+    "tune": _tune,
+    "backup": lambda node, parts: ["backup", node, "-o", *parts],
+    "diff": _with_node("diff"),
+    "restore": _with_node("restore"),
+    "clone": _with_node("clone"),
+    "firmware": _on_node("firmware"),
+    "dump": lambda node, parts: ["dump", node, "--format", *parts],
+    "nmt": _with_node("nmt"),
 }
-"""By what is chosen."""
+"""By the verb of a job."""
 
 
 def work_words(name: str, text: str, node: str, robot: str) -> list[str]:
@@ -103,8 +90,8 @@ def work_words(name: str, text: str, node: str, robot: str) -> list[str]:
     if not node:
         raise ConfigError(f"{name}: no drive is selected")
     if not parts:
-        raise ConfigError(f"{name}: fill in {WORKS[name].asks}")
-    return [*WORKS[name].words(node, parts), f"--name={robot}"]
+        raise ConfigError(f"{name}: fill in {JOBS[name].asks}")
+    return [*_WORDS[name](node, parts), f"--name={robot}"]
 
 
 class WorkRun:

@@ -28,8 +28,9 @@ from textual.widgets import DataTable, Footer, Input, OptionList, RichLog, Stati
 from textual.widgets.data_table import ColumnKey
 from textual.widgets.option_list import Option
 
+from canopen_control.commissioning.jobs import JOBS
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.monitor.drive_objects import OBJECT_COLUMNS, WORKS
+from canopen_control.monitor.drive_objects import OBJECT_COLUMNS
 from canopen_control.monitor.frame_tables import parse_filter
 from canopen_control.monitor.monitor_content import DRIVE_COLUMNS, JOINT_COLUMNS, Cell, Tone, plain
 from canopen_control.monitor.sources import SOURCE
@@ -190,7 +191,7 @@ class WorkChoice(OptionList):
 
     def __init__(self) -> None:
         own = [Option(f"{SET:9} write the object with the cursor", id=SET)]
-        super().__init__(*own, *(Option(f"{name:9} {work.does}", id=name) for name, work in WORKS.items()), id="works")
+        super().__init__(*own, *(Option(f"{name:9} {job.does}", id=name) for name, job in JOBS.items()), id="works")
 
 
 class DrivePane(Vertical):
@@ -547,7 +548,7 @@ class MonitorApp(App[None]):
             row = self._drive.objects.selected
             self._ask_for(_SET_WORDS, f"{row}=" if row else "")
         else:
-            self._ask_for(WORKS[self._chosen].asks)
+            self._ask_for(JOBS[self._chosen].asks)
 
     def _begin(self, chosen: str, text: str) -> None:
         """Start the chosen verb; ConfigError, CanopenError if it cannot be started."""

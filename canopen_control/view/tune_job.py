@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.commissioning.driven_axis import drive_of_robot, takes_targets
 from canopen_control.commissioning.jog_motion import JogKind, JogLimits, JogScale, parse_quantity
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from canopen_control.client import RobotClient
     from canopen_control.commissioning.frequency_response import Bode
+    from canopen_control.commissioning.jobs import JobRun
     from canopen_control.commissioning.node_session import NodeSession
     from canopen_control.commissioning.tune_gains import CascadeGains
     from canopen_control.commissioning.tune_run import TuneRecord
@@ -106,15 +107,6 @@ class TuneFound:
     lines: list[str] = field(default_factory=list)
 
 
-class JobProgress(Protocol):
-    """Job as seen by pages: its progress, end request and result."""
-
-    lines: list[str]
-
-    def at(self, done: int, total: int | None = None) -> None:
-        """Report progress."""
-
-
 def refusal(controllers: Sequence[ControllerReading], place: NodePlace, axis: int, robot: str) -> str:
     """Return the reason why `drive_of_robot` would refuse a run of this axis, "" if it would accept it."""
     if not axis < len(place.joints):
@@ -153,7 +145,7 @@ class PagePresence:
 
 def tune(
     session: NodeSession,
-    work: JobProgress,
+    work: JobRun,
     client: RobotClient,
     result: TuneFound,
     presence: PagePresence,
@@ -208,14 +200,14 @@ def curves_of(record: TuneRecord, request: TuneRequest) -> NamedShot:
 
 
 def apply_gains(
-    session: NodeSession, work: JobProgress, gains: CascadeGains, counts: float, *, axis: int = 0, stores: bool
+    session: NodeSession, work: JobRun, gains: CascadeGains, counts: float, *, axis: int = 0, stores: bool
 ) -> str:
     """Set proposed gains of an axis and verify them; `counts` are the user units of 0x6064 per revolution."""
     work.lines += applied(session, gains, counts / math.tau, GainPlace(axis, stores=stores))
     return f"{session.name}: gains set and proven; Revert takes them back"
 
 
-def revert(session: NodeSession, work: JobProgress, *, axis: int = 0, stores: bool) -> str:
+def revert(session: NodeSession, work: JobRun, *, axis: int = 0, stores: bool) -> str:
     """Restore the gains of an axis from before the first change."""
     work.lines += reverted(session, GainPlace(axis, stores=stores))
     return f"{session.name}: gains are those from before"

@@ -16,14 +16,13 @@ from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.commissioning.identity import DeviceIdentity
+from canopen_control.commissioning.jobs import ProgramDate, ProgramOptions
 from canopen_control.commissioning.node_session import NodeSession
 from canopen_control.commissioning.program_download import (
     DownloadAct,
     DownloadAnswer,
     DownloadProgress,
     DownloadStep,
-    ProgramDate,
-    ProgramOptions,
     boot_check,
     download,
     flash_text,

@@ -4,14 +4,9 @@ import pytest
 from support.parameter_node import session_with
 
 from canopen_control.cia301.nmt import NmtCommand, NmtState
+from canopen_control.commissioning.jobs import RestoreOptions
 from canopen_control.commissioning.parameter_set import read_parameters
-from canopen_control.commissioning.restore import (
-    RestoreOptions,
-    guarded_restore,
-    protected,
-    quiet_node,
-    refuse_other_drive,
-)
+from canopen_control.commissioning.restore import guarded_restore, protected, quiet_node, refuse_other_drive
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, DriveError, SdoTimeout
 from canopen_control.od.eds import read_eds

@@ -7,13 +7,13 @@ from dataclasses import replace
 import pytest
 from support.onbus import TMCM as TMCM_NAME
 from support.onbus import OnBus
-from support.parameter_node import session_with
+from support.parameter_node import restored, session_with
 
 from canopen_control.cli.main import main
-from canopen_control.cli.support.open_session import restore_into
 from canopen_control.commissioning.identity import DeviceIdentity
+from canopen_control.commissioning.jobs import Reached
 from canopen_control.commissioning.parameter_set import read_backup, read_parameters
-from canopen_control.commissioning.restore import Reached, RestoreJournal, unfinished_words
+from canopen_control.commissioning.restore import RestoreJournal, unfinished_words
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.host.files import state_dir
@@ -29,7 +29,8 @@ def _folders(private_folders):
 
 
 def arguments(**changes):
-    plain = {"protect": [], "include_protected": False, "keep": False, "store": False, "json": False, "can": "can0"}
+    plain = {"protect": [], "include_protected": False, "keep": False, "store": False}
+    plain |= {"any_node": True, "json": False, "can": "can0"}
     return argparse.Namespace(**{**plain, **changes})
 
 
@@ -52,7 +53,7 @@ def interrupted(after=1, values=WANTED):
     before = held(session)
     session.transfers.silent_from = after
     with pytest.raises(DriveError) as error:
-        restore_into(session, backup(values), arguments())
+        restored(session, backup(values), arguments())
     session.transfers.silent_from = None
     return session, before, str(error.value)
 
@@ -62,7 +63,7 @@ def test_an_interrupted_restore_is_undone_by_its_journal(after):
     session, before, _ = interrupted(after)
     (journal,) = journals()
     assert held(session) != before
-    assert restore_into(session, read_backup(journal), arguments()) == 0
+    assert restored(session, read_backup(journal), arguments()) == 0
     assert held(session) == before
     assert journals() == []
 
@@ -72,7 +73,7 @@ def test_the_same_command_goes_on_and_says_what_it_found(capsys):
     (journal,) = journals()
     undo = f"`canopen-control restore {journal} 5 --can can0` puts back what the node held"
     assert said.endswith(undo)
-    assert restore_into(session, backup(), arguments()) == 0
+    assert restored(session, backup(), arguments()) == 0
     assert f"ended half-way: the same command again goes on; {undo} before it" in capsys.readouterr().err
     assert held(session) == WANTED
     assert journals() == []
@@ -82,26 +83,26 @@ def test_what_an_earlier_journal_knows_is_older_and_stays():
     session, before, _ = interrupted()
     session.transfers.silent_from = len(session.transfers.written) + 1
     with pytest.raises(DriveError):
-        restore_into(session, backup(), arguments())
+        restored(session, backup(), arguments())
     session.transfers.silent_from = None
-    assert restore_into(session, read_backup(journals()[0]), arguments()) == 0
+    assert restored(session, read_backup(journals()[0]), arguments()) == 0
     assert held(session) == before
 
 
 def test_a_refusal_that_is_undone_leaves_the_journal_of_before_alone():
     session, before, _ = interrupted()
     session.transfers.device.store.ceilings.inject({0x6083: 1})
-    assert restore_into(session, backup(), arguments()) == 1
+    assert restored(session, backup(), arguments()) == 1
     (journal,) = journals()
     session.transfers.device.store.ceilings.clear()
-    assert restore_into(session, read_backup(journal), arguments()) == 0
+    assert restored(session, read_backup(journal), arguments()) == 0
     assert held(session) == before
 
 
 def test_a_refusal_alone_leaves_no_journal():
     session = session_with(TMCM, serial=7)
     session.transfers.device.store.ceilings.inject({0x6083: 1})
-    assert restore_into(session, backup(), arguments()) == 1
+    assert restored(session, backup(), arguments()) == 1
     assert journals() == []
 
 
@@ -109,7 +110,7 @@ def test_what_another_file_does_not_hold_is_kept():
     session, before, _ = interrupted()
     other = backup()
     other = replace(other, values={address: value for address, value in other.values.items() if address != (0x6081, 0)})
-    assert restore_into(session, other, arguments()) == 0
+    assert restored(session, other, arguments()) == 0
     (journal,) = journals()
     assert read_backup(journal).values == {(0x6081, 0): before[0x6081, 0]}
 
@@ -124,7 +125,7 @@ def test_it_is_there_before_the_first_value_is_written_and_holds_what_was():
         write(index, subindex, data)
 
     session.transfers.write = look
-    assert restore_into(session, backup(), arguments()) == 0
+    assert restored(session, backup(), arguments()) == 0
     assert seen == [before] * 3
 
 
@@ -134,7 +135,7 @@ def test_nothing_is_written_where_it_cannot_be_kept():
     state_dir().mkdir(exist_ok=True)
     (state_dir() / "restores").write_text("a file where the folder belongs")
     with pytest.raises(ConfigError, match=r"so nothing was written into it: .*set XDG_STATE_HOME"):
-        restore_into(session, backup(), arguments())
+        restored(session, backup(), arguments())
     assert session.transfers.written == []
 
 
@@ -149,7 +150,7 @@ def test_a_node_without_a_serial_number_is_known_by_its_channel():
 def test_others_are_told_of_it_and_a_node_without_one_is_not_asked():
     session, _, _ = interrupted()
     assert "ended half-way" in unfinished_words(session, Reached("can0"))
-    restore_into(session, backup(), arguments())
+    restored(session, backup(), arguments())
     session.transfers.silent_from = 0
     assert unfinished_words(session, Reached("can0")) == ""
 

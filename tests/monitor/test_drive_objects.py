@@ -10,11 +10,12 @@ from support.host import eventually
 from support.parameter_node import session_with
 
 from canopen_control.cli.support.parsers import parser_of
+from canopen_control.commissioning.jobs import JOBS
 from canopen_control.commissioning.object_rows import LiveObject
 from canopen_control.data_files import data_path
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.monitor import drive_objects
-from canopen_control.monitor.drive_objects import OBJECT_COLUMNS, WORKS, DriveObjects, WorkRun, work_words
+from canopen_control.monitor.drive_objects import OBJECT_COLUMNS, DriveObjects, WorkRun, work_words
 from canopen_control.monitor.monitor_content import Cell, Tone
 from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.robot import NodePlace
@@ -34,10 +35,10 @@ LINES = {
 
 
 def test_every_work_has_its_line_here():
-    assert LINES.keys() == WORKS.keys()
+    assert LINES.keys() == JOBS.keys()
 
 
-@pytest.mark.parametrize("name", WORKS)
+@pytest.mark.parametrize("name", JOBS)
 def test_a_line_becomes_the_words_of_its_verb_which_knows_them(name):
     text, words = LINES[name]
     made = work_words(name, text, "left", "robby")

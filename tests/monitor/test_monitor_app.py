@@ -9,9 +9,10 @@ from textual.app import App
 
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import State
+from canopen_control.commissioning.jobs import JOBS
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.frame import CanFrame
-from canopen_control.monitor.drive_objects import OBJECT_COLUMNS, WORKS
+from canopen_control.monitor.drive_objects import OBJECT_COLUMNS
 from canopen_control.monitor.frame_tables import FrameTable, TraceLog
 from canopen_control.monitor.monitor_app import (
     FRAME_COLUMNS,
@@ -130,7 +131,7 @@ def test_it_offers_the_write_of_an_object_and_every_verb():
             app.pane.choose()
             await pilot.pause()
             offered = [app.pane.choice.get_option_at_index(at) for at in range(app.pane.choice.option_count)]
-            assert [each.id for each in offered] == [SET, *WORKS]
+            assert [each.id for each in offered] == [SET, *JOBS]
             assert all(str(each.prompt).startswith(each.id) for each in offered)
             app.pane.choice.highlighted = 3
             app.pane.choose()

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from canopen_control.cia301.abort import abort_text
 from canopen_control.cia301.sdo_server import SdoServerAbort
+from canopen_control.cli.support.job_verb import job_options, print_restored, verb_run
+from canopen_control.cli.support.open_session import reached
+from canopen_control.commissioning.jobs import RESTORE
 from canopen_control.commissioning.node_session import NodeSession
+from canopen_control.commissioning.parameter_jobs import run_restore
 from canopen_control.errors import SdoAbort, SdoTimeout
 from canopen_control.virtual.device import make_device
 
@@ -62,3 +66,11 @@ def session_with(od, node_id=5, *, robot="", serial=None):
     """Return a session with a virtual device of a dictionary."""
     device = make_device(od, node_id, serial=serial)
     return NodeSession(DeviceTransfers(device), node_id, device.od, robot=robot)
+
+
+def restored(session, file, args):
+    """Restore a file into a node as the verb does with these arguments; return the exit code."""
+    options = job_options(args, RESTORE, reached=reached(args))
+    with verb_run(RESTORE) as run:
+        sentence = run_restore(session, run, file, options)
+    return print_restored(args, run, sentence)

@@ -6,10 +6,10 @@ from support.host import eventually
 from support.pages import StubDesk
 from support.service_node import NodeStub
 
+from canopen_control.commissioning.jobs import FIRMWARE, RESTORE, JobRun
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, DriveError, SdoTimeout
 from canopen_control.od.eds import read_eds
-from canopen_control.view.node_jobs import NodeJob
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
 
@@ -35,7 +35,7 @@ def test_what_the_node_says_is_raised_where_it_was_asked():
 
 def test_long_work_tells_how_far_it_is_and_what_came_of_it():
     node, go = desk(), threading.Event()
-    work = NodeJob("parameters", "reading left_drive", "objects")
+    work = JobRun(RESTORE, "reading left_drive", "objects")
 
     def read(_session, told):
         told.at(3, 10)
@@ -45,11 +45,11 @@ def test_long_work_tells_how_far_it_is_and_what_came_of_it():
     assert node.begin(work, read) is None
     assert eventually(lambda: (work.done, work.total) == (3, 10))
     assert (node.busy, work.over) == (True, False)
-    second = node.begin(NodeJob("firmware", "loading left_drive"), read)
+    second = node.begin(JobRun(FIRMWARE, "loading left_drive"), read)
     assert second == "left_drive is busy: reading left_drive; wait for its end"
     go.set()
     assert eventually(lambda: work.over)
-    assert (work.told, work.good, node.busy) == ("10 parameters", True, False)
+    assert (work.sentence, work.good, node.busy) == ("10 parameters", True, False)
 
 
 def test_long_work_that_fails_says_why():
@@ -60,15 +60,15 @@ def test_long_work_that_fails_says_why():
         raise ZeroDivisionError("a mistake")
 
     for function, words in ((refuse, "is enabled; nothing"), (break_down, "restoring ended with ZeroDivisionError")):
-        node, work = desk(), NodeJob("parameters", "restoring")
+        node, work = desk(), JobRun(RESTORE, "restoring")
         assert node.begin(work, function) is None
         assert eventually(lambda work=work: work.over)
-        assert words in work.told
+        assert words in work.sentence
         assert work.good is False
 
 
 def test_work_that_is_asked_to_end_ends_at_its_next_step():
-    work = NodeJob("parameters", "restoring")
+    work = JobRun(RESTORE, "restoring")
     work.at(1, 2)
     work.end()
     with pytest.raises(DriveError, match="a page asked for its end"):
@@ -87,7 +87,7 @@ def test_an_object_is_written_and_undone_for_all_pages():
 
 def test_nothing_is_written_beside_long_work():
     node, go = desk({(0x6081, 0): bytes(4)}), threading.Event()
-    node.begin(NodeJob("parameters", "restoring a.dcf"), lambda _session, _work: str(go.wait(5)))
+    node.begin(JobRun(RESTORE, "restoring a.dcf"), lambda _session, _work: str(go.wait(5)))
     with pytest.raises(DriveError, match=r"left_drive is busy: restoring a\.dcf; nothing was written"):
         asyncio.run(node.write(OD[0x6081, 0], "1234"))
     go.set()

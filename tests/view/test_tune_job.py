@@ -14,6 +14,7 @@ from canopen_control.cli.support.jog_robot import own_robot
 from canopen_control.cli.support.target import find_eds
 from canopen_control.cli.support.tune_choice import choose_tuned
 from canopen_control.client import RobotClient
+from canopen_control.commissioning.jobs import TUNE, JobRun
 from canopen_control.commissioning.jog_motion import JogKind
 from canopen_control.commissioning.tune_run import TuneTest
 from canopen_control.errors import CanopenError, ConfigError, DriveError
@@ -21,7 +22,7 @@ from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.robot import GetNodes, GetStatus, Stop
 from canopen_control.runtime.observer import RobotObserver
 from canopen_control.scaffold.new_robot import Device
-from canopen_control.view.node_jobs import NodeJob, NodeJobs
+from canopen_control.view.node_jobs import NodeJobs
 from canopen_control.view.tune_job import (
     PagePresence,
     TuneForm,
@@ -42,7 +43,7 @@ class Page:
     def __init__(self, bench, client):
         self.bench, self.client = bench, client
         (place,) = client.ask(GetNodes()).nodes
-        self.desk, self.work = NodeJobs(client.robot, place), NodeJob("tune", "Tuning")
+        self.desk, self.work = NodeJobs(client.robot, place), JobRun(TUNE, "Tuning")
         self.presence = PagePresence(lambda: 0.0)
 
     def run(self, wish):

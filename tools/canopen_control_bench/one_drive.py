@@ -19,9 +19,10 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.bus.local import ask_hub
 from canopen_control.cli.support.open_session import open_session
 from canopen_control.client.drive_client import DriveClient
+from canopen_control.commissioning.jobs import ProgramOptions
 from canopen_control.commissioning.node_session import NodeSession
 from canopen_control.commissioning.parameter_set import parameters_of
-from canopen_control.commissioning.program_download import DownloadProgress, ProgramOptions, download
+from canopen_control.commissioning.program_download import DownloadProgress, download
 from canopen_control.commissioning.restore import quiet_node
 from canopen_control.data_files import data_path
 from canopen_control.errors import CanopenError

@@ -5,43 +5,39 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+from canopen_control.commissioning.jobs import number_that, whole_between
+from canopen_control.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 
+T = TypeVar("T")
 LONGEST_S: Final = 1e9  # some thirty years
+
+
+def argument(read: Callable[[str], T]) -> Callable[[str], T]:
+    """Return a reader of texts as the type of an argument; a ConfigError is one of usage."""
+
+    def as_argument(text: str) -> T:
+        try:
+            return read(text)
+        except ConfigError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return as_argument
 
 
 def number(title: str, accept: Callable[[float], bool]) -> Callable[[str], float]:
     """Return a parser of a number; other text is refused as "is not WHAT"."""
-
-    def read(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not (math.isfinite(value) and accept(value)):
-            raise argparse.ArgumentTypeError(f"{text!r} is not a {title}")
-        return value
-
-    return read
+    return argument(number_that(accept, title))
 
 
 def whole_number(title: str, numbers: range) -> Callable[[str], int]:
     """Return a parser of an integer, decimal or 0x; those not in `numbers` are refused as "is not WHAT"."""
-
-    def read(text: str) -> int:
-        try:
-            value = int(text, 0)
-        except ValueError:
-            value = None
-        if value is None or value not in numbers:
-            raise argparse.ArgumentTypeError(f"{text!r} is not a {title}")
-        return value
-
-    return read
+    return argument(whole_between(numbers.start, numbers.stop - 1, title))
 
 
 node_id = whole_number("node id: 1 to 127", range(1, 128))

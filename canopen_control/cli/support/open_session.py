@@ -14,16 +14,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import timeout_seconds
-from canopen_control.cli.support.output import Progress, json_text
+from canopen_control.cli.support.output import Progress
 from canopen_control.cli.support.target import RobotTarget, add_target_arguments, find_eds, open_target
 from canopen_control.client import RobotClient
 from canopen_control.commissioning.driven_axis import drive_of_robot, fault_words, why_not_free
+from canopen_control.commissioning.jobs import Reached
 from canopen_control.commissioning.jog_motion import JogScale
+from canopen_control.commissioning.parameter_jobs import like_file
 from canopen_control.commissioning.parameter_set import read_backup, read_parameters, read_same
-from canopen_control.commissioning.restore import Reached, RestoreOptions, first_of, guarded_restore, unfinished_words
+from canopen_control.commissioning.restore import unfinished_words
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.od.eds import SUFFIXES
-from canopen_control.rpc.wire import plain
 from canopen_control.runtime.observer import RobotObserver
 
 if TYPE_CHECKING:
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from canopen_control.commissioning.driven_axis import JogDrive
     from canopen_control.commissioning.node_session import NodeSession
     from canopen_control.commissioning.parameter_set import LeftOut, ParameterSet
-    from canopen_control.commissioning.restore import RestoreReport
     from canopen_control.master.event_log import Event
     from canopen_control.scaffold.drive_choice import AxisChoice
     from canopen_control.scaffold.new_robot import Device, NewRobot
@@ -144,9 +144,6 @@ class WarningPrinter(RobotObserver):
             print(text, file=sys.stderr, flush=True)
 
 
-# Restores a parameter set for `restore` and `clone`: their options, the progress, and the report that they print.
-
-
 # What `diff`, `restore` and `clone` are given: a DCF file, or a node whose parameters are read.
 
 
@@ -184,13 +181,6 @@ def read_all(session: NodeSession, *, twice: bool = True) -> Side:
     return Side(parameters, tuple(left_out))
 
 
-def like_file(session: NodeSession, file: ParameterSet) -> NodeSession:
-    """Use the dictionary of a complete file for a session without an EDS."""
-    if session.od is None:
-        session.od = file.od.for_node(session.node_id)
-    return session
-
-
 def read_like(session: NodeSession, file: ParameterSet) -> Side:
     """Read the objects of a file from a node, with the types of the file and progress."""
     with Progress(f"reading {session}", "objects") as progress:
@@ -215,47 +205,7 @@ def sides(a: str, b: str, args: argparse.Namespace) -> tuple[Side, Side]:
     return parameters[0], parameters[1]
 
 
-def add_restore_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the common options of restore and clone."""
-    parser.add_argument(
-        "--protect",
-        metavar="GLOB",
-        action="append",
-        default=[],
-        help="do not write these: an address as in '0x2*', or a name (repeatable)",
-    )
-    parser.add_argument("--include-protected", action="store_true", help="also write the calibration of another drive")
-    parser.add_argument("--keep", action="store_true", help="keep the accepted values if the drive refuses others")
-    parser.add_argument("--store", action="store_true", help="store in the drive (0x1010) after verification")
-
-
 def reached(args: argparse.Namespace) -> Reached:
     """Return the options that select the node of the arguments, for commands shown to the user."""
     include = bool(getattr(args, "include_protected", False))
     return Reached(getattr(args, "can", None) or "", getattr(args, "name", None) or "", include)
-
-
-def restore_into(session: NodeSession, source: ParameterSet, args: argparse.Namespace) -> int:
-    """Write `source` into the node, print the report, and return the exit code."""
-    options = RestoreOptions(args.protect, args.include_protected, args.keep, args.store, reached(args))
-    with Progress(f"writing {session}", "groups") as progress:
-        report = guarded_restore(session, source, options, note=_note, told=progress.at)
-    _print(report, session, as_json=args.json)
-    return 1 if report.refused else 0
-
-
-def _note(line: str) -> None:
-    print(f"canopen-control: {line}", file=sys.stderr)
-
-
-def _print(report: RestoreReport, session: NodeSession, *, as_json: bool) -> None:
-    if as_json:
-        print(json_text({"source": report.source, "node_id": session.node_id} | plain(report)))
-        return
-    for line in report.refused:
-        _note(f"refused: {line}")
-    for line in report.protected:
-        print(f"kept as it is: {line}")
-    if report.foreign:
-        print(f"never written (read-only, commands, live values): {first_of(report.foreign)}")
-    print(report.words(session) + ("" if report.refused or report.stored else " (--store)"))

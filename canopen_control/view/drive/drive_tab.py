@@ -14,9 +14,10 @@ from canopen_control.view.panels.panel import Html
 from canopen_control.view.words import sentence
 
 if TYPE_CHECKING:
+    from canopen_control.commissioning.jobs import JobRun
     from canopen_control.rpc.messages.robot import NodePlace
     from canopen_control.rpc.messages.state import NodeReading
-    from canopen_control.view.node_jobs import NodeJob, NodeJobs
+    from canopen_control.view.node_jobs import NodeJobs
     from canopen_control.view.page_content import PageContent
     from canopen_control.view.panels.panel import PanelContext
 
@@ -28,10 +29,10 @@ _SHOWN: Final = 200  # of lines and rows
 
 
 class WorkBar:
-    """Progress of the newest job of the tab `key` at a node, from any page; `can_end`: it can be cancelled."""
+    """Progress of the newest job of a tab at a node, from any page."""
 
-    def __init__(self, desk: NodeJobs, key: str, *, can_end: bool = True) -> None:
-        self._desk, self._key, self._can_end = desk, key, can_end
+    def __init__(self, desk: NodeJobs, tab: str) -> None:
+        self._desk, self._tab = desk, tab
         self._words = Html()
         self._bar = ui.linear_progress(0.0, show_value=False).props("instant-feedback rounded size=10px")
         with ui.element("div").classes("cc-row"):
@@ -43,10 +44,10 @@ class WorkBar:
     def show(self) -> None:
         """Update the progress."""
         work = self._desk.work
-        mine = work is not None and work.key == self._key
+        mine = work is not None and work.job.tab == self._tab
         goes_on = work is not None and not work.over
         self._bar.visible = goes_on and mine
-        self._end.visible = goes_on and mine and self._can_end
+        self._end.visible = work is not None and goes_on and mine and work.job.can_end
         self._save.visible = mine and work is not None and work.over and work.file is not None
         if work is None or (not mine and not goes_on):
             return
@@ -58,7 +59,7 @@ class WorkBar:
             self._words.show(sentence(progress_words(work, time.monotonic()), IDLE))
             self._outcome.show("")
             return
-        self._words.show(sentence(work.told, GOOD if work.good else BAD))
+        self._words.show(sentence(work.sentence, GOOD if work.good else BAD))
         self._outcome.show(outcome(work))
 
     def _ask_end(self) -> None:
@@ -72,7 +73,7 @@ class WorkBar:
             ui.download.content(data, name)
 
 
-def progress_words(work: NodeJob, now: float) -> str:
+def progress_words(work: JobRun, now: float) -> str:
     """Return the current step, progress, rate, and remaining time as text."""
     words = f"{work.title}: {work.doing}" if work.doing else work.title
     if work.total:
@@ -81,7 +82,7 @@ def progress_words(work: NodeJob, now: float) -> str:
     return words + (f", {pace[0]:,.0f} {work.unit}/s, {pace[1]:.0f} s left" if pace is not None else "")
 
 
-def outcome(work: NodeJob) -> str:
+def outcome(work: JobRun) -> str:
     """Return the lines and the table of the result, as HTML."""
     lines = "".join(f"<p class='cc-line'>{escape(line)}</p>" for line in work.lines[:_SHOWN])
     if not work.table:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from nicegui import ui
 
 from canopen_control.cia402.state import POWERED_STATES
-from canopen_control.commissioning.restore import Reached, RestoreOptions
+from canopen_control.commissioning.jobs import BACKUP, CLONE, DIFF, FIRMWARE, RESTORE, JobRun, Reached
+from canopen_control.commissioning.parameter_jobs import run_backup, run_clone, run_diff, run_restore
+from canopen_control.commissioning.parameter_set import parse_backup
+from canopen_control.commissioning.program_download import load_program, refuse_no_program
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.rpc.messages.health import BAD, GOOD, IDLE, WARN
-from canopen_control.rpc.messages.robot import NmtRequest
-from canopen_control.view import node_jobs as jobs
+from canopen_control.rpc.messages.robot import MAX_OBJECT, NmtRequest
 from canopen_control.view.drive.drive_tab import LOOK_ONLY, WorkBar
+from canopen_control.view.drive.job_form import JobForm
 from canopen_control.view.elements.nicegui_elements import FileUpload
-from canopen_control.view.node_jobs import MOST_FIRMWARE_BYTES, NodeJob, check_image, load_program, options_of
 from canopen_control.view.panels.panel import Html, show_notice
 from canopen_control.view.robot_connection import SOURCE, in_thread
 from canopen_control.view.words import sentence
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
 
     from nicegui.events import UploadEventArguments
 
+    from canopen_control.commissioning.jobs import Job, RestoreOptions
     from canopen_control.commissioning.node_session import NodeSession
     from canopen_control.commissioning.parameter_set import ParameterSet
     from canopen_control.rpc.messages.state import NodeReading
@@ -98,7 +102,8 @@ def release_words(reading: NodeReading | None, robot: Banner) -> tuple[str, str]
 # The Firmware tab: choose a program, load it with its rate and remaining time, and show the result.
 
 
-_FIRMWARE_KEY: Final = "firmware"
+MOST_FIRMWARE_BYTES: Final = MAX_OBJECT
+"""Of a program through a running robot; a longer one goes straight on the bus (`firmware --can`)."""
 _WHAT: Final = (
     "The program is stopped and cleared (0x1F51), sent (0x1F50), checked (0x1F57, 0x1F56) and started. An "
     "interrupted transfer restarts; a drive without a program waits in its boot loader for the next attempt. A "
@@ -117,7 +122,7 @@ class FirmwareTab:
         with ui.element("section").classes("cc-panel"):
             ui.html("Now", sanitize=False, tag="h2")
             self._release = ReleasePanel(context)
-            self._bar = WorkBar(self._desk, _FIRMWARE_KEY, can_end=False)
+            self._bar = WorkBar(self._desk, FIRMWARE.tab)
         with ui.element("section").classes("cc-panel"):
             ui.html("Program", sanitize=False, tag="h2")
             ui.html(f"<p class='cc-note'>{_WHAT}</p>", sanitize=False)
@@ -134,9 +139,7 @@ class FirmwareTab:
             MOST_FIRMWARE_BYTES,
         )
         self._told = Html()
-        with ui.element("div").classes("cc-row"):
-            self._number = ui.input("program", value="1").props("dense").style("width: 6em")
-            self._expected = ui.input("0x1F56 has to be (optional)").props("dense").style("width: 16em")
+        self._form = JobForm(FIRMWARE)
         with ui.element("div").classes("cc-row cc-acts"):
             self._load = ui.button("Load it into the drive", color="orange-9", on_click=self._begin)
             self._load.props("unelevated dense")
@@ -156,9 +159,9 @@ class FirmwareTab:
         name = event.file.name
         try:
             if event.file.size() > MOST_FIRMWARE_BYTES:
-                raise ConfigError(f"{name}: {_TOO_LONG}")
+                raise ConfigError(f"{name}: {_FIRMWARE_TOO_LONG}")
             image = await event.file.read()
-            check_image(image, name)
+            refuse_no_program(image, name)
         except ConfigError as error:
             self._refuse(str(error))
             return
@@ -174,27 +177,27 @@ class FirmwareTab:
             return
         name, image = self._image
         try:
-            options = options_of(str(self._number.value or ""), str(self._expected.value or ""))
+            options = self._form.options()
         except ConfigError as error:
             show_notice("Not begun", str(error))
             return
-        work = NodeJob(_FIRMWARE_KEY, f"Loading {name} into {self._context.node}", "bytes")
-        refused = self._desk.begin(work, lambda session, progress: load_program(session, progress, image, options))
+        work = JobRun(FIRMWARE, f"Loading {name} into {self._context.node}")
+        refused = self._desk.begin(work, partial(load_program, image=image, options=options))
         if refused is not None:
             show_notice("Not begun", refused)
         self._bar.show()
 
 
-_KEY: Final = "parameters"
+MOST_PARAMETER_BYTES: Final = 4_000_000  # of a DCF
 _BACKUP: Final = (
     "Saves all read/write parameters (no commands or live values) as a DCF; each is read twice. Nothing is written to "
     "the drive, so this works while the robot runs."
 )
 _RESTORE: Final = (
     "Only differences are written, then everything is read back. If the drive refuses a value, all previous "
-    "values are restored. Node id, bit rate and another drive's calibration stay."
+    "values are restored. Node id and bit rate stay."
 )
-_TOO_LONG: Final = f"The DCF must have at most {jobs.MOST_PARAMETER_BYTES} bytes"
+_TOO_LONG: Final = f"The DCF must have at most {MOST_PARAMETER_BYTES} bytes"
 
 
 class ParametersTab:
@@ -208,7 +211,7 @@ class ParametersTab:
         with ui.element("section").classes("cc-panel"):
             ui.html("Now", sanitize=False, tag="h2")
             self._release = ReleasePanel(context)
-            self._bar = WorkBar(self._desk, _KEY)
+            self._bar = WorkBar(self._desk, RESTORE.tab)
         with ui.element("div").classes("cc-tab-columns"):
             with ui.element("section").classes("cc-panel"):
                 ui.html("Backup", sanitize=False, tag="h2")
@@ -229,17 +232,12 @@ class ParametersTab:
                     ui.html(LOOK_ONLY, sanitize=False)
 
     def _make_upload(self) -> None:
-        self._upload = FileUpload(
-            "Choose a DCF", self._take, lambda: self._refuse(_TOO_LONG), jobs.MOST_PARAMETER_BYTES
-        )
+        self._upload = FileUpload("Choose a DCF", self._take, lambda: self._refuse(_TOO_LONG), MOST_PARAMETER_BYTES)
         self._upload.props("accept='.dcf,.eds'")
         self._told = Html()
 
     def _make_options(self) -> None:
-        self._store = ui.checkbox("store in the drive (0x1010), once all is proven").props("dense")
-        self._keep = ui.checkbox("keep what the drive took, where it refuses some").props("dense")
-        self._any = ui.checkbox("also the backup of another drive on another node id").props("dense")
-        self._protect = ui.input("leave as they are, as in 0x2*, Home offset").props("dense").style("width: 100%")
+        self._form = JobForm(RESTORE)
         with ui.element("div").classes("cc-row cc-acts"):
             restore = ui.button("Restore the file", color="orange-9", on_click=self._begin_restore)
             self._writers.append(restore.props("unelevated dense"))
@@ -275,10 +273,10 @@ class ParametersTab:
         self._upload.reset()
         name = event.file.name
         try:
-            if event.file.size() > jobs.MOST_PARAMETER_BYTES:
+            if event.file.size() > MOST_PARAMETER_BYTES:
                 raise ConfigError(f"{name}: {_TOO_LONG}")
             data = await event.file.read()
-            file = await in_thread(lambda: jobs.uploaded(data, name))
+            file = await in_thread(lambda: uploaded(data, name))
         except CanopenError as error:
             self._refuse(str(error))
             return
@@ -290,37 +288,38 @@ class ParametersTab:
         self._file = None
         self._told.show(sentence(f"Not read. {why}", BAD))
 
-    def _begin(self, title: str, unit: str, function: Callable[[NodeSession, NodeJob], str]) -> None:
-        refused = self._desk.begin(NodeJob(_KEY, title, unit), function)
+    def _begin(self, job: Job, title: str, function: Callable[[NodeSession, JobRun], str]) -> None:
+        refused = self._desk.begin(JobRun(job, title), function)
         if refused is not None:
             ui.notify(refused, type="negative", position="top")
         self._bar.show()
 
     def _begin_backup(self) -> None:
-        self._begin(f"Reading {self._context.node}", "objects", jobs.backup)
+        reached = Reached(robot=self._desk.robot)
+        self._begin(BACKUP, f"Reading {self._context.node}", partial(run_backup, reached=reached))
 
     def _begin_diff(self) -> None:
         if (file := self._file) is not None:
-            title = f"Comparing {file.where} with {self._context.node}"
-            self._begin(title, "objects", lambda session, work: jobs.compare(session, work, file))
+            self._begin(DIFF, f"Comparing {file.where} with {self._context.node}", partial(run_diff, file=file))
 
     def _begin_restore(self) -> None:
-        if (file := self._file) is None or not self._context.panel.teleop:
-            return
-        options, any_node = self._options(), bool(self._any.value)
-        title = f"Restoring {file.where} into {self._context.node}"
-        self._begin(
-            title, "groups", lambda session, work: jobs.restore(session, work, file, options, any_node=any_node)
-        )
+        if (file := self._file) is not None and self._context.panel.teleop:
+            restore = partial(run_restore, file=file, options=self._options())
+            self._begin(RESTORE, f"Restoring {file.where} into {self._context.node}", restore)
 
     def _begin_clone(self) -> None:
-        if not self._context.panel.teleop:
-            return
-        source, options = self._context.panel.robot.desk(str(self._source.value)), self._options()
-        title = f"Cloning {source.place.name} into {self._context.node}"
-        self._begin(title, "objects", lambda session, work: jobs.clone_from(session, work, source, options))
+        if self._context.panel.teleop:
+            source = self._context.panel.robot.desk(str(self._source.value))
+            clone = partial(run_clone, source=source.session(), options=self._options())
+            self._begin(CLONE, f"Cloning {source.place.name} into {self._context.node}", clone)
 
     def _options(self) -> RestoreOptions:
-        globs = [field.strip() for field in str(self._protect.value or "").split(",") if field.strip()]
-        reached = Reached(robot=self._desk.robot)
-        return RestoreOptions(globs, keep=bool(self._keep.value), store=bool(self._store.value), reached=reached)
+        options: RestoreOptions = self._form.options(reached=Reached(robot=self._desk.robot))
+        return options
+
+
+def uploaded(data: bytes, name: str) -> ParameterSet:
+    """Read an uploaded DCF; ConfigError or EdsError if it is invalid."""
+    if not data:
+        raise ConfigError(f"{name} is empty")
+    return parse_backup(data, name)

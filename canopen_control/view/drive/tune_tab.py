@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, Final
 from nicegui import ui
 
 from canopen_control.client import RobotClient
+from canopen_control.commissioning.jobs import TUNE, JobRun
 from canopen_control.commissioning.tune_run import TuneTest
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.health import BAD
 from canopen_control.view import tune_job as jobs
 from canopen_control.view.drive.drive_tab import LOOK_ONLY, WorkBar
 from canopen_control.view.elements.nicegui_elements import PresenceElement
-from canopen_control.view.node_jobs import NodeJob
 from canopen_control.view.panels.panel import Html
 from canopen_control.view.scope_chart import BODE_HEIGHT, bode_options, chart_options, height_of
 from canopen_control.view.words import sentence
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from canopen_control.view.page_content import PageContent
 
 
-_KEY: Final = "tune"
 _TIMEOUT_S: Final = 2.0
 _WARNING: Final = (
     "The drive moves by itself, at once and within these limits: free the shaft, lift the wheels, stand clear, have "
@@ -67,7 +66,7 @@ class TuneTab:
         with ui.element("section").classes("cc-panel"):
             ui.html("Now", sanitize=False, tag="h2")
             self._refused = Html()
-            self._bar = WorkBar(self._desk, _KEY)
+            self._bar = WorkBar(self._desk, TUNE.tab)
             self._lines = Html("cc-wide")
         with ui.element("section").classes("cc-panel") as self._picture:
             self._chart = ui.echart({}).classes("cc-scope-chart")
@@ -168,7 +167,7 @@ class TuneTab:
     def leave(self) -> None:
         """Hide the tab: a run started by this page ends, because it is unattended."""
         work = self._desk.work
-        if self._mine and work is not None and work.key == _KEY:
+        if self._mine and work is not None and work.job is TUNE:
             work.end()
         self._mine = False
         self._presence.switch(on=False)
@@ -228,7 +227,7 @@ class TuneTab:
         self._here.here()
         here = self._here
 
-        def run(session: NodeSession, work: NodeJob) -> str:
+        def run(session: NodeSession, work: JobRun) -> str:
             with RobotClient.connect(self._desk.robot, _TIMEOUT_S) as client:
                 text = jobs.tune(session, work, client, result, here)
             self._desk.tuned = result
@@ -254,7 +253,7 @@ class TuneTab:
             self._start("Taking gains back", "objects", revert)
 
     def _start(self, title: str, unit: str, function: Any) -> bool:  # noqa: ANN401 - takes a session and the work
-        refused = self._desk.begin(NodeJob(_KEY, f"{title} of {self._context.node}", unit), function)
+        refused = self._desk.begin(JobRun(TUNE, f"{title} of {self._context.node}", unit), function)
         self._refused.show("" if refused is None else sentence(refused, BAD))
         self._bar.show()
         return refused is None

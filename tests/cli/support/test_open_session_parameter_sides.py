@@ -1,9 +1,13 @@
+import argparse
+
 import pytest
 from support.service_node import NodeStub
 
-from canopen_control.cli.support.open_session import as_file, backup_file, like_file, read_like
+from canopen_control.cli.support.open_session import as_file, backup_file, reached, read_like
 from canopen_control.commissioning.identity import DeviceIdentity
+from canopen_control.commissioning.jobs import Reached
 from canopen_control.commissioning.node_session import NodeSession
+from canopen_control.commissioning.parameter_jobs import like_file
 from canopen_control.commissioning.parameter_set import ParameterSet
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
@@ -33,3 +37,8 @@ def test_a_node_is_asked_for_what_the_file_holds_by_its_dictionary():
     assert side.parameters.values == {(0x6081, 0): 0}
     assert [each.entry.index for each in side.left_out] == [0x6083]
     assert side.parameters.identity.device_type == 0x20192
+
+
+def test_how_a_node_is_reached_is_told_by_its_arguments():
+    assert reached(argparse.Namespace(can="can0", name=None)) == Reached("can0")
+    assert reached(argparse.Namespace(name="robby", include_protected=True)) == Reached("", "robby", True)

@@ -30,7 +30,8 @@ def test_the_list_names_actions_that_exist_with_their_reasons():
 @pytest.mark.parametrize("verb", sorted({verb for verb, path, _ in ACTIONS if path not in WITHOUT_JSON} - {"bench"}))
 def test_a_verb_that_has_json_prints_it(verb):
     source = inspect.getsource(importlib.import_module(f"canopen_control.cli.{verb}"))
-    delegated = {"command": "send(", "twist": "send(", "restore": "restore_into(", "clone": "restore_into("}
+    delegated = {"command": "send(", "twist": "send(", "restore": "print_restored(", "clone": "print_restored("}
+    delegated |= {"backup": "print_run(", "firmware": "print_run("}
     used = delegated.get(verb, "print_result(" if "print_result(" in source else "args.json")
     assert used in source or verb == "device"
 

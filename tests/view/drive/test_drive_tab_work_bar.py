@@ -6,12 +6,12 @@ from nicegui import ui
 from support.pages import StubDesk, html, seen, settle, visited
 from support.service_node import NodeStub
 
+from canopen_control.commissioning.jobs import FIRMWARE, RESTORE, JobRun
 from canopen_control.view.drive.drive_tab import WorkBar, outcome, progress_words
-from canopen_control.view.node_jobs import NodeJob
 
 
 def test_how_far_it_is_how_fast_and_how_long():
-    work = NodeJob("firmware", "Loading a.bin", "bytes", doing="sending")
+    work = JobRun(FIRMWARE, "Loading a.bin", "bytes", doing="sending")
     assert progress_words(work, 0.0) == "Loading a.bin: sending"
     work.total = 100_000
     assert progress_words(work, 10.0) == "Loading a.bin: sending, 0 of 100,000 bytes (0 %)"
@@ -20,7 +20,7 @@ def test_how_far_it_is_how_fast_and_how_long():
 
 
 def test_another_part_and_another_try_are_rated_anew():
-    work = NodeJob("firmware", "Loading", "bytes", doing="sending", done=500, total=1000)
+    work = JobRun(FIRMWARE, "Loading", "bytes", doing="sending", done=500, total=1000)
     assert work.pace(1.0) is None
     work.done = 700
     assert work.pace(2.0) == (200.0, 1.5)
@@ -31,7 +31,7 @@ def test_another_part_and_another_try_are_rated_anew():
 
 
 def test_what_came_of_it_is_escaped():
-    work = NodeJob("parameters", "x", lines=["<b>"], table=[("0x6081:00", "<i>", "1", "2")])
+    work = JobRun(RESTORE, "x", lines=["<b>"], table=[("0x6081:00", "<i>", "1", "2")])
     assert "&lt;b&gt;" in outcome(work)
     assert "<td>&lt;i&gt;</td>" in outcome(work)
     work.table *= 500
@@ -52,13 +52,13 @@ def played(work, act=None, key="parameters"):
 
 
 def test_work_of_another_tab_is_told_and_stands_in_the_way():
-    words, buttons = played(NodeJob("firmware", "Loading a.bin"))
+    words, buttons = played(JobRun(FIRMWARE, "Loading a.bin"))
     assert "Loading a.bin goes on; nothing else begins before its end." in words
     assert buttons == []
 
 
 def test_work_that_goes_on_may_be_ended():
-    work = NodeJob("parameters", "Restoring a.dcf", "groups", done=1, total=4)
+    work = JobRun(RESTORE, "Restoring a.dcf", "groups", done=1, total=4)
 
     async def act(user, _bar):
         user.find("Abort").click()
@@ -72,9 +72,9 @@ def test_work_that_goes_on_may_be_ended():
 
 @pytest.mark.rest
 def test_its_end_is_told_with_the_file_that_came_of_it():
-    words, buttons = played(NodeJob("parameters", "x", told="134 parameters", good=True, file=("a.dcf", b"x")))
+    words, buttons = played(JobRun(RESTORE, "x", sentence="134 parameters", good=True, file=("a.dcf", b"x")))
     assert "cc-good'>134 parameters" in words
     assert buttons == ["Save the file"]
-    words, buttons = played(NodeJob("parameters", "x", told="is enabled", good=False))
+    words, buttons = played(JobRun(RESTORE, "x", sentence="is enabled", good=False))
     assert "cc-bad'>is enabled" in words
     assert buttons == []

@@ -7,11 +7,13 @@ from support.pages import FakeContext, StubDesk, html, seen, settle, upload, vis
 from support.parameter_node import session_with
 
 from canopen_control.cia301.nmt import NmtCommand
+from canopen_control.commissioning.jobs import FIRMWARE, RESTORE, JobRun, Reached
+from canopen_control.commissioning.parameter_jobs import run_backup
 from canopen_control.data_files import data_path
+from canopen_control.errors import ConfigError, EdsError
 from canopen_control.od.eds import read_eds
 from canopen_control.view.drive.drive_tab import DriveTabContext
-from canopen_control.view.drive.parameters_tab import ParametersTab
-from canopen_control.view.node_jobs import NodeJob, backup
+from canopen_control.view.drive.parameters_tab import ParametersTab, uploaded
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
 SPEED = (0x6081, 0)
@@ -29,8 +31,8 @@ def desk_of(node_id=3, name="left_drive"):
 
 
 def dcf(desk):
-    work = NodeJob("parameters", "x")
-    desk.with_session(lambda session: backup(session, work))
+    work = JobRun(RESTORE, "x")
+    desk.with_session(lambda session: run_backup(session, work, Reached()))
     return work.file[1]
 
 
@@ -56,10 +58,10 @@ async def press(user, label, tab, page):
 def test_a_backup_is_made_and_can_be_saved():
     async def act(user, tab, page):
         work = await press(user, "Back up", tab, page)
-        return work.told, "Save the file" in [each.text for each in seen(ui.button)]
+        return work.sentence, "Save the file" in [each.text for each in seen(ui.button)]
 
     said, there = played(act)
-    assert said.endswith("parameters in left_drive.dcf")
+    assert said.endswith("parameters to left_drive.dcf")
     assert there
 
 
@@ -74,9 +76,9 @@ def test_a_file_is_compared_and_restored():
         text = html(user)
         compared = await press(user, "Compare with the node", tab, page)
         shown, desk.work = html(user), None
-        tab._store.value = True
+        tab._form.inputs["store"].value = True
         restored = await press(user, "Restore the file", tab, page)
-        return text, compared.told, shown, restored.told
+        return text, compared.sentence, shown, restored.sentence
 
     text, compared, shown, restored = played(act, desk)
     assert "left.dcf: " in text
@@ -122,8 +124,8 @@ def test_a_node_is_cloned_from_another_with_the_globs_that_stay():
     old.with_session(lambda session: [session.write_value(OD[index, 0], 55) for index in (0x6081, 0x6083)])
 
     async def act(user, tab, page):
-        tab._protect.value = "0x6083, "
-        return (await press(user, "Clone into this node", tab, page)).told
+        tab._form.inputs["protect"].value = "0x6083, "
+        return (await press(user, "Clone into this node", tab, page)).sentence
 
     assert "1 written" in played(act, new, old)
     assert new.with_session(lambda session: session.read_value(OD[SPEED])) == 55
@@ -141,10 +143,24 @@ def test_a_page_that_only_looks_may_back_up_and_compare():
 
 def test_nothing_else_begins_beside_it():
     async def act(user, tab, page):
-        tab._desk.work = NodeJob("firmware", "Loading a.bin into left_drive")
+        tab._desk.work = JobRun(FIRMWARE, "Loading a.bin into left_drive")
         user.find("Back up").click()
         await user.should_see("left_drive is busy: Loading a.bin into left_drive; wait for its end")
         tab.show(page.content())
         return [each.text for each in seen(ui.button) if each.enabled]
 
     assert "Back up" not in played(act)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"", "x.dcf is empty"),
+        (b"\x7fELF\0\1", "x.dcf"),
+        (b"just text", "x.dcf"),
+        (data_path("eds", "TMCM-1270.eds").read_bytes(), "has no node id"),
+    ],
+)
+def test_a_file_that_is_no_backup_is_told(data, words):
+    with pytest.raises((ConfigError, EdsError), match=words):
+        uploaded(data, "x.dcf")

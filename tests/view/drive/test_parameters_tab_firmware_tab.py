@@ -6,11 +6,11 @@ from nicegui import ui
 from support.pages import FakeContext, StubDesk, html, seen, settle, upload, visited
 from support.service_node import NodeStub
 
+from canopen_control.commissioning.jobs import RESTORE, JobRun
 from canopen_control.rpc.messages.health import BAD
 from canopen_control.view.drive import parameters_tab
 from canopen_control.view.drive.drive_tab import DriveTabContext
-from canopen_control.view.drive.parameters_tab import FirmwareTab
-from canopen_control.view.node_jobs import NodeJob
+from canopen_control.view.drive.parameters_tab import MOST_FIRMWARE_BYTES, FirmwareTab
 
 
 def played(act, **how):
@@ -44,7 +44,7 @@ def test_a_program_is_chosen_and_loaded(loaded):
     async def act(user, tab, page):
         before = buttons()["Load it into the drive"]
         await upload(user, "a.bin", b"image")
-        tab._expected.value = "0x1A"
+        tab._form.inputs["expected"].value = "0x1A"
         tab.show(page.content())
         user.find("Load it into the drive").click()
         await settle(lambda: tab._desk.work is not None and tab._desk.work.over)
@@ -66,10 +66,10 @@ def test_a_file_that_cannot_be_one_and_a_number_that_is_none_are_told(loaded):
         tab.show(page.content())
         off = buttons()["Load it into the drive"]
         await upload(user, "a.bin", b"image")
-        tab._number.value = "fifth"
+        tab._form.inputs["number"].value = "fifth"
         tab.show(page.content())
         user.find("Load it into the drive").click()
-        await user.should_see("Not begun: 'fifth' and '': expected a number")
+        await user.should_see("Not begun: 'fifth' is not a number of a program: 1 to 254")
         return text, off
 
     text, off = played(act)
@@ -77,11 +77,19 @@ def test_a_file_that_cannot_be_one_and_a_number_that_is_none_are_told(loaded):
     assert (off, loaded) == (False, [])
 
 
+def test_a_file_that_is_too_long_for_a_running_robot_is_told(loaded):
+    async def act(user, tab, page):
+        await upload(user, "long.bin", bytes(MOST_FIRMWARE_BYTES + 1))
+        return html(user)
+
+    assert "long.bin: 400000 bytes at most go through a running robot" in played(act)
+
+
 def test_nothing_begins_beside_other_work(loaded):
     async def act(user, tab, page):
         await upload(user, "a.bin", b"image")
         tab.show(page.content())
-        tab._desk.work = NodeJob("parameters", "Restoring a.dcf")
+        tab._desk.work = JobRun(RESTORE, "Restoring a.dcf")
         user.find("Load it into the drive").click()
         await user.should_see("left_drive is busy: Restoring a.dcf")
 

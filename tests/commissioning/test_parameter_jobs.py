@@ -1,18 +1,18 @@
-"""The long work of the Parameters tab against virtual devices, with no bus and no robot in between."""
+"""The jobs at parameters against virtual devices, with no bus and no robot in between."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import pytest
-from support.pages import StubDesk
 from support.parameter_node import session_with
 
 from canopen_control.cia301.nmt import NmtCommand
-from canopen_control.commissioning.parameter_set import parse_backup
-from canopen_control.commissioning.restore import RestoreOptions
+from canopen_control.commissioning.jobs import BACKUP, JobRun, Reached, RestoreOptions
+from canopen_control.commissioning.parameter_jobs import run_backup, run_clone, run_diff, run_restore
+from canopen_control.commissioning.parameter_set import parameters_of, parse_backup
 from canopen_control.data_files import data_path
-from canopen_control.errors import ConfigError, DriveError, EdsError
+from canopen_control.errors import CanopenError, ConfigError, DriveError
 from canopen_control.od.eds import read_eds
-from canopen_control.view.node_jobs import NodeJob, backup, clone_from, compare, restore, uploaded
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
 SPEED = (0x6081, 0)
@@ -30,39 +30,39 @@ def taken_out(**how):
 
 
 def work():
-    return NodeJob("parameters", "working", "objects")
+    return JobRun(BACKUP, "working", "objects")
 
 
 def file_of(session, **changes):
     done = work()
-    backup(session, done)
+    run_backup(session, done, Reached())
     found = parse_backup(done.file[1], "left.dcf")
     return replace(found, values=found.values | {(int(name[1:5], 16), 0): value for name, value in changes.items()})
 
 
 def test_a_backup_is_a_file_that_can_be_read_again():
     done = work()
-    said = backup(session_with(OD, robot="robby"), done)
+    said = run_backup(session_with(OD, robot="robby"), done, Reached())
     name, data = done.file
     assert name == "node5.dcf"
-    assert said == f"node 5: {len(uploaded(data, name).values)} parameters in node5.dcf"
+    assert said == f"node 5: {len(parse_backup(data, name).values)} parameters to node5.dcf"
     assert done.done == done.total
 
 
 def test_a_file_and_a_node_are_compared():
     session, done = session_with(OD), work()
     file = file_of(session)
-    assert compare(session, done, file).endswith("parameters, equal")
+    assert run_diff(session, done, file).endswith("parameters, equal")
     assert done.table == []
     session.write_value(OD[SPEED], 777)
-    said = compare(session, done, file)
+    said = run_diff(session, done, file)
     assert said.startswith("left.dcf and node 5: 1 of ")
     assert done.table == [("0x6081:00", "Profile velocity", "0", "777")]
 
 
 def test_a_file_is_restored_and_what_stays_is_told():
     session, done = taken_out(), work()
-    said = restore(session, done, file_of(session, s6081=9, s2705=7), RestoreOptions(store=True))
+    said = run_restore(session, done, file_of(session, s6081=9, s2705=7), RestoreOptions(store=True))
     assert said.endswith("1 written; stored")
     assert session.read_value(OD[SPEED]) == 9
     assert any(each.startswith("kept as it is: 0x2705:00") for each in done.lines)
@@ -71,8 +71,9 @@ def test_a_file_is_restored_and_what_stays_is_told():
 def test_what_the_drive_refuses_is_told_and_undone():
     session, done = taken_out(), work()
     session.transfers.device.store.ceilings.inject({0x6083: 1})
-    with pytest.raises(DriveError, match="1 parameters refused; the drive is as it was"):
-        restore(session, done, file_of(session, s6081=9, s6083=5000), RestoreOptions())
+    said = run_restore(session, done, file_of(session, s6081=9, s6083=5000), RestoreOptions())
+    assert said.endswith("1 parameters refused; the drive is as it was")
+    assert done.failed
     assert any(each.startswith("refused: 0x6083:00") for each in done.lines)
     assert session.read_value(OD[SPEED]) == 0
 
@@ -82,10 +83,10 @@ def test_a_node_that_the_robot_controls_and_an_enabled_axis_are_refused():
     session.transfers.command(NmtCommand.START)
     file = file_of(session, s6081=9)
     with pytest.raises(DriveError, match="controlled by the running robot robby; nothing was written"):
-        restore(session, work(), file, RestoreOptions())
+        run_restore(session, work(), file, RestoreOptions())
     session.powered_axes = lambda: [0]
     with pytest.raises(DriveError, match="node 5 is enabled; nothing was written: disable it first"):
-        restore(session, work(), file, RestoreOptions())
+        run_restore(session, work(), file, RestoreOptions())
     assert session.transfers.written == []
 
 
@@ -94,10 +95,10 @@ def test_another_product_and_another_drive_are_refused():
     file = file_of(session)
     stranger = replace(file, identity=replace(file.identity, product_code=99))
     with pytest.raises(ConfigError, match="belongs to another product than node 5"):
-        restore(session, work(), stranger, RestoreOptions())
+        run_restore(session, work(), stranger, RestoreOptions())
     other = replace(file, node_id=6, identity=replace(file.identity, serial_number=7))
     with pytest.raises(ConfigError, match=r"left\.dcf is of node 6, and node 5 is another drive"):
-        restore(session, work(), other, RestoreOptions())
+        run_restore(session, work(), other, RestoreOptions())
     assert session.transfers.written == []
 
 
@@ -106,7 +107,7 @@ def test_a_node_lost_in_the_middle_says_what_is_written():
     file = file_of(session, s6081=9, s6083=9, s6084=9)
     session.transfers.silent_from = 1
     with pytest.raises(DriveError, match=r"ended while writing: .*no answer.*; 1 of 3 were written \(0x6081"):
-        restore(session, work(), file, RestoreOptions())
+        run_restore(session, work(), file, RestoreOptions())
 
 
 def test_a_page_that_asks_for_the_end_ends_it_and_it_says_what_is_written():
@@ -114,29 +115,23 @@ def test_a_page_that_asks_for_the_end_ends_it_and_it_says_what_is_written():
     file = file_of(session, s6081=9, s6083=9, s6084=9)
     done.end()
     with pytest.raises(DriveError, match="a page asked for its end; 1 of 3 were written"):
-        restore(session, done, file, RestoreOptions())
+        run_restore(session, done, file, RestoreOptions())
 
 
 def test_a_node_is_cloned_from_another():
     source = session_with(OD, 6, robot="robby", serial=7)
     source.write_value(source.dictionary[SPEED], 1234)
-    desk = StubDesk(source.transfers, source.od, "old", 6)
     session, done = taken_out(serial=8), work()
-    said = clone_from(session, done, desk, RestoreOptions())
+    said = run_clone(session, done, nullcontext(source), RestoreOptions())
     assert said.startswith("node 5: ")
     assert session.read_value(OD[SPEED]) == 1234
     assert done.doing == "writing node 5"
+    assert (done.document.source, done.document.node_id, done.document.written) == ("node 6", 5, 1)
 
 
-@pytest.mark.parametrize(
-    ("data", "words"),
-    [
-        (b"", "x.dcf is empty"),
-        (b"\x7fELF\0\1", "x.dcf"),
-        (b"just text", "x.dcf"),
-        (data_path("eds", "TMCM-1270.eds").read_bytes(), "has no node id"),
-    ],
-)
-def test_a_file_that_is_no_backup_is_told(data, words):
-    with pytest.raises((ConfigError, EdsError), match=words):
-        uploaded(data, "x.dcf")
+def test_a_drive_that_has_other_parameters_alone_gives_no_backup():
+    session, done = session_with(OD), work()
+    session.transfers.lacking = {entry.address for entry in parameters_of(OD)}
+    with pytest.raises(CanopenError, match="has no parameter that can be read and written; nothing was written"):
+        run_backup(session, done, Reached())
+    assert done.file is None

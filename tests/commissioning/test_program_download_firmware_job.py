@@ -1,4 +1,4 @@
-"""The long work of the Firmware tab: what is checked before, what pages see meanwhile, and what is said at its end."""
+"""The firmware job: what is checked before, what its user sees meanwhile, and the sentence at its end."""
 
 import threading
 
@@ -7,10 +7,10 @@ from support.parameter_node import session_with
 from support.programs import program_od
 
 from canopen_control.cia301.nmt import NmtCommand
-from canopen_control.commissioning.program_download import DownloadStep, ProgramOptions
+from canopen_control.commissioning import program_download
+from canopen_control.commissioning.jobs import FIRMWARE, JobRun, ProgramOptions
+from canopen_control.commissioning.program_download import DownloadStep, load_program
 from canopen_control.errors import ConfigError, DriveError
-from canopen_control.view import node_jobs
-from canopen_control.view.node_jobs import MOST_FIRMWARE_BYTES, NodeJob, check_image, load_program, options_of
 
 NEW = b"version two " * 400
 
@@ -24,7 +24,7 @@ def session():
 
 @pytest.fixture
 def steps(monkeypatch):
-    """Return what the download does one after the other: that of `program_session` has its own tests."""
+    """Return what the download does one after the other: that of a node has its own tests."""
     acts = []
 
     def download(_session, _image, _options, progress):
@@ -32,12 +32,12 @@ def steps(monkeypatch):
             act(progress)
         progress.step = DownloadStep.DONE
 
-    monkeypatch.setattr(node_jobs, "download", download)
+    monkeypatch.setattr(program_download, "download", download)
     return acts
 
 
 def work():
-    return NodeJob("firmware", "loading", "bytes")
+    return JobRun(FIRMWARE, "loading", "bytes")
 
 
 def test_the_program_before_and_after_is_told_with_what_was_noted(session, steps):
@@ -49,7 +49,7 @@ def test_the_program_before_and_after_is_told_with_what_was_noted(session, steps
     done = work()
     said = load_program(session, done, NEW, ProgramOptions(2))
     assert said == f"node 5: program 2 of {len(NEW)} bytes runs: unknown -> 0x00001A2B"
-    assert done.lines == ["started again: CRC error"]
+    assert done.lines == ["node 5: started again: CRC error"]
 
 
 def test_a_download_that_ends_half_way_says_what_may_be_gone(session, steps):
@@ -85,7 +85,7 @@ def test_a_node_that_the_robot_controls_an_enabled_one_and_a_stranger_are_refuse
 
 
 def test_step_and_bytes_are_followed(session, steps, monkeypatch):
-    monkeypatch.setattr(node_jobs, "_LOOK_S", 0.001)
+    monkeypatch.setattr(program_download, "_LOOK_S", 0.001)
     session.transfers.progress = lambda: (700, None)
     done, seen, turn = work(), [], threading.Event()
 
@@ -107,25 +107,3 @@ def test_step_and_bytes_are_followed(session, steps, monkeypatch):
     steps += [send, check]
     load_program(session, done, NEW, ProgramOptions())
     assert seen == [("sending", 700, len(NEW)), ("waiting for the flash", 0, None)]
-
-
-@pytest.mark.parametrize(
-    ("image", "words"),
-    [
-        (b"", "a.bin is empty; nothing was sent"),
-        (bytes(MOST_FIRMWARE_BYTES + 1), "a running robot passes on 400000"),
-        (b"\n[FileInfo]\nFileName=x", "is an EDS or a DCF and no program"),
-    ],
-)
-def test_a_file_that_cannot_be_a_program_is_told(image, words):
-    with pytest.raises(ConfigError, match=words):
-        check_image(image, "a.bin")
-    check_image(NEW, "a.bin")
-
-
-def test_what_a_person_writes_is_checked():
-    assert options_of("", "") == ProgramOptions(1, None)
-    assert options_of("2", "0x1A2B") == ProgramOptions(2, 0x1A2B)
-    for number, expected, words in (("x", "", "expected a number"), ("0", "", "1 to 254"), ("1", "-1", "32 bits")):
-        with pytest.raises(ConfigError, match=words):
-            options_of(number, expected)

@@ -3,12 +3,12 @@ import json
 from dataclasses import replace
 
 import pytest
-from support.parameter_node import session_with
+from support.parameter_node import restored, session_with
 
-from canopen_control.cli.support.open_session import reached, restore_into
+from canopen_control.cli.support.job_verb import VerbRun, add_job_options, job_options
 from canopen_control.cli.support.parsers import parser_of
+from canopen_control.commissioning.jobs import CLONE, FIRMWARE, RESTORE, ProgramOptions, RestoreOptions
 from canopen_control.commissioning.parameter_set import read_parameters
-from canopen_control.commissioning.restore import Reached
 from canopen_control.data_files import data_path
 from canopen_control.od.eds import read_eds
 
@@ -31,7 +31,7 @@ def backup(**changes):
 
 
 def test_the_report_is_printed(capsys):
-    assert restore_into(session_with(TMCM), backup(s6081=9), arguments("--protect", "0x6083")) == 0
+    assert restored(session_with(TMCM), backup(s6081=9), arguments("--protect", "0x6083")) == 0
     out = capsys.readouterr().out
     assert "kept as it is: 0x6083:00" in out
     assert out.endswith("1 written; not stored: a power cycle undoes it (--store)\n")
@@ -40,20 +40,44 @@ def test_the_report_is_printed(capsys):
 def test_what_was_refused_goes_to_standard_error_and_is_the_exit_code(capsys):
     session = session_with(TMCM)
     session.transfers.device.store.ceilings.inject({0x6083: 1})
-    assert restore_into(session, backup(s6083=9), arguments()) == 1
+    assert restored(session, backup(s6083=9), arguments()) == 1
     told = capsys.readouterr()
     assert "canopen-control: refused: 0x6083:00" in told.err
     assert told.out.endswith("1 parameters refused; the drive is as it was\n")
 
 
 def test_the_same_as_json(capsys):
-    assert restore_into(session_with(TMCM), backup(s6081=9), arguments("--json", "--store")) == 0
+    assert restored(session_with(TMCM), backup(s6081=9), arguments("--json", "--store")) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["written"], found["stored"], found["source"]) == (1, True, "left.dcf")
     counts = ["written", "verified", "protected", "foreign", "refused"]
     assert list(found) == ["source", "node_id", *counts, "undone", "stored"]
 
 
-def test_how_a_node_is_reached_is_told_by_its_arguments():
-    assert reached(argparse.Namespace(can="can0", name=None)) == Reached("can0")
-    assert reached(argparse.Namespace(name="robby", include_protected=True)) == Reached("", "robby", True)
+def parsed(job, *words):
+    parser = argparse.ArgumentParser(exit_on_error=False)
+    add_job_options(parser, job)
+    return job_options(parser.parse_args(words), job)
+
+
+def test_the_declared_options_are_those_of_the_verb():
+    assert parsed(RESTORE) == RestoreOptions(protect=[])
+    assert parsed(RESTORE, "--any-node", "--protect", "0x2*", "--protect", "x") == RestoreOptions(
+        protect=["0x2*", "x"], any_node=True
+    )
+    assert parsed(FIRMWARE, "--program", "2", "--expect", "0x1A") == ProgramOptions(2, 0x1A)
+    with pytest.raises(argparse.ArgumentError, match="'255' is not a number of a program: 1 to 254"):
+        parsed(FIRMWARE, "--program", "255")
+    with pytest.raises(SystemExit):
+        parsed(CLONE, "--any-node")
+
+
+def test_a_note_and_the_progress_are_for_standard_error(capsys):
+    run = VerbRun(RESTORE, "restore")
+    run.part("writing node 5", "groups")
+    run.at(1, 2)
+    run.note("look at this")
+    run.close()
+    told = capsys.readouterr()
+    assert (told.out, told.err) == ("", "canopen-control: look at this\n")
+    assert (run.done, run.total, run.doing) == (1, 2, "writing node 5")

@@ -1,0 +1,89 @@
+"""Verb of a commissioning job: arguments of its declared options, progress while it runs, and its result."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from typing import TYPE_CHECKING, Any
+
+from canopen_control.cli.support.arguments import argument
+from canopen_control.cli.support.output import Progress, json_text
+from canopen_control.commissioning.jobs import JobRun
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Iterator
+
+    from canopen_control.commissioning.jobs import Job
+
+
+def add_job_options(parser: argparse.ArgumentParser, job: Job) -> None:
+    """Declare the options of a job."""
+    for name, option in job.declared.items():
+        how: dict[str, Any] = {"dest": name, "help": option.text}
+        if option.is_switch:
+            parser.add_argument(option.flag, action="store_true", **how)
+            continue
+        if option.repeats:
+            how |= {"action": "append", "default": [], "help": f"{option.text} (repeatable)"}
+        elif option.default is not None:
+            how |= {"default": option.default, "help": f"{option.text} (default: {option.default})"}
+        if option.read is not None:
+            how["type"] = argument(option.read)
+        parser.add_argument(option.flag, metavar=option.metavar, **how)
+
+
+def job_options(args: argparse.Namespace, job: Job, **others: object) -> Any:  # noqa: ANN401 - of the job's own type
+    """Return the options of a job in the arguments, with `others` that are not declared."""
+    return job.options(**{name: getattr(args, name) for name in job.declared}, **others)
+
+
+class VerbRun(JobRun):
+    """Run of a job by its verb: progress and notes on standard error."""
+
+    _progress: Progress | None = None
+
+    def part(self, doing: str, unit: str = "") -> None:
+        """Begin a part of the work, with a progress of its own."""
+        super().part(doing, unit)
+        self.close()
+        self._progress = Progress(doing, unit, rate=unit == "bytes")
+
+    def show(self, done: int, total: int | None) -> None:
+        """Update the progress."""
+        super().show(done, total)
+        if self._progress is not None:
+            self._progress.at(done, total)
+
+    def note(self, text: str) -> None:
+        """Print a note."""
+        if self._progress is not None:
+            self._progress.end()
+        print(f"canopen-control: {text}", file=sys.stderr)
+
+    def close(self) -> None:
+        """Erase the progress."""
+        if self._progress is not None:
+            self._progress.end()
+            self._progress = None
+
+
+@contextlib.contextmanager
+def verb_run(job: Job) -> Iterator[VerbRun]:
+    """Run a job within the block; its progress ends with it."""
+    run = VerbRun(job, job.name)
+    try:
+        yield run
+    finally:
+        run.close()
+
+
+def print_run(args: argparse.Namespace, run: JobRun, sentence: str) -> int:
+    """Print the document with --json, else the lines and the sentence; return the exit code."""
+    print(json_text(run.document) if args.json else "\n".join([*run.lines, sentence]))
+    return 1 if run.failed else 0
+
+
+def print_restored(args: argparse.Namespace, run: JobRun, sentence: str) -> int:
+    """Print the result of a restore or a clone; a hint names the option that stores."""
+    return print_run(args, run, sentence if run.failed or args.store else f"{sentence} (--store)")

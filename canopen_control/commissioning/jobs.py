@@ -1,0 +1,316 @@
+"""Commissioning jobs: what each does at a node, the options that it takes, and one run of it.
+
+A job is declared once, as a row of `JOBS` with a dataclass of its options. Three faces read that declaration: the verb
+gets its arguments from it (`cli/support/job_verb.py`), the page its inputs (`view/drive/job_form.py`), and the monitor,
+which runs the verb, its line (`monitor/drive_objects.py`). The work is a function of a session, a `JobRun` and the
+options, in the modules of this subpackage; it returns the sentence at its end.
+"""
+
+from __future__ import annotations
+
+import datetime
+import math
+import threading
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.errors import ConfigError, DriveError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+
+# -- options: of the verb, the page and the monitor alike
+
+
+@dataclass(frozen=True, slots=True)
+class JobOption:
+    """Option of a job: its meaning, flag and metavar, as in the help of the verb; a page shows the same text.
+
+    `read` returns the value of a text (ConfigError), None: the text itself. One that `repeats` has several values.
+    """
+
+    text: str
+    name: str = ""
+    flag: str = ""
+    metavar: str = ""
+    default: Any = None
+    read: Callable[[str], Any] | None = None
+    repeats: bool = False
+
+    @property
+    def is_switch(self) -> bool:
+        """Whether it takes no value."""
+        return isinstance(self.default, bool)
+
+    def value_of(self, text: str) -> Any:  # noqa: ANN401 - of the option's own type
+        """Return the value of a text, the default of an empty one; ConfigError."""
+        if self.repeats:
+            return [part.strip() for part in text.split(",") if part.strip()]
+        text = text.strip()
+        return self.default if not text else text if self.read is None else self.read(text)
+
+
+def option(
+    default: object,
+    text: str,
+    *,
+    flag: str = "",
+    metavar: str = "",
+    read: Callable[[str], Any] | None = None,
+) -> Any:  # noqa: ANN401 - as `dataclasses.field`, of any type
+    """Declare a field of the options of a job; its flag is its name unless `flag` is another."""
+    declared = JobOption(text, flag=flag, metavar=metavar, read=read, repeats=default == ())
+    return field(default=default, metadata={"option": declared})
+
+
+def options_of(kind: type[Any]) -> dict[str, JobOption]:
+    """Return the options that a dataclass declares, by name."""
+    declared = ((entry, entry.metadata["option"]) for entry in fields(kind) if "option" in entry.metadata)
+    return {
+        entry.name: replace(
+            one, name=entry.name, flag=one.flag or f"--{entry.name.replace('_', '-')}", default=entry.default
+        )
+        for entry, one in declared
+    }
+
+
+def whole_between(low: int, high: int, noun: str) -> Callable[[str], int]:
+    """Return the reader of a whole number, decimal or 0x, from `low` to `high`."""
+
+    def read(text: str) -> int:
+        try:
+            value = int(text, 0)
+        except ValueError:
+            value = low - 1
+        if not low <= value <= high:
+            raise ConfigError(f"{text!r} is not a {noun}")
+        return value
+
+    return read
+
+
+def number_that(accept: Callable[[float], bool], noun: str) -> Callable[[str], float]:
+    """Return the reader of a finite number that `accept` takes."""
+
+    def read(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not (math.isfinite(value) and accept(value)):
+            raise ConfigError(f"{text!r} is not a {noun}")
+        return value
+
+    return read
+
+
+@dataclass(frozen=True, slots=True)
+class NoOptions:
+    """Options of a job without any."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reached:
+    """Access of a verb to a node: channel of its bus or name of the robot, and whether a backup was complete."""
+
+    channel: str = ""
+    robot: str = ""
+    include_protected: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class RestoreOptions:
+    """Options of a restore and of a clone; `reached` is for commands that are shown."""
+
+    protect: Sequence[str] = option((), "do not write these: an address as in '0x2*', or a name", metavar="GLOB")
+    include_protected: bool = option(False, "also write the calibration of another drive")
+    keep: bool = option(False, "keep the accepted values if the drive refuses others")
+    store: bool = option(False, "store in the drive (0x1010) after verification")
+    any_node: bool = option(False, "accept a drive with another node id and serial number")
+    reached: Reached = field(default_factory=Reached)
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramDate:
+    """Date of a program in 0x1F52: `day` and milliseconds after midnight (None: only the day)."""
+
+    day: datetime.date
+    milliseconds: int | None = None
+
+    def __str__(self) -> str:
+        if self.milliseconds is None:
+            return self.day.isoformat()
+        midnight = datetime.datetime.combine(self.day, datetime.time())
+        return (midnight + datetime.timedelta(milliseconds=self.milliseconds)).isoformat(" ", "seconds")
+
+    def fits(self, other: ProgramDate | None) -> bool:
+        """Whether another date equals this one as far as this one is known."""
+        if other is None or other.day != self.day:
+            return False
+        return self.milliseconds is None or self.milliseconds == other.milliseconds
+
+
+def parse_date(text: str) -> ProgramDate:
+    """Parse a day, or a day and a time, in the form of ISO 8601; ConfigError."""
+    day, _, at = text.partition("T")
+    try:
+        midnight = datetime.datetime.combine(datetime.date.fromisoformat(day), datetime.time())
+        if not at:
+            return ProgramDate(midnight.date())
+        since = midnight.combine(midnight.date(), datetime.time.fromisoformat(at).replace(tzinfo=None)) - midnight
+        return ProgramDate(midnight.date(), since // datetime.timedelta(milliseconds=1))
+    except ValueError:
+        raise ConfigError(f"{text!r} is not a date: 2026-11-21, or 2026-11-21T14:30:00") from None
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramOptions:
+    """Options of a download; an `expected_date` may name the day alone."""
+
+    number: int = option(
+        1,
+        "number of the program in the node",
+        flag="--program",
+        metavar="N",
+        read=whole_between(1, 254, "number of a program: 1 to 254"),
+    )
+    expected: int | None = option(
+        None,
+        "required 0x1F56 before the program is started",
+        flag="--expect",
+        metavar="ID",
+        read=whole_between(0, 0xFFFFFFFF, "whole number of 32 bits, decimal or 0x"),
+    )
+    expected_date: ProgramDate | None = option(
+        None,
+        "required 0x1F52 of the running program: 2026-11-21, or 2026-11-21T14:30:00",
+        flag="--expect-date",
+        metavar="DAY[TTIME]",
+        read=parse_date,
+    )
+    confirm: bool = option(False, "confirm a program that runs on trial (0x80, as Zephyr's)")
+    tries: int = 2
+    start_s: float = 30.0
+
+
+# -- the jobs
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One job: its verb, what it does and what its line begins with; `tab` is the page's.
+
+    `options` is a dataclass; those in `without` do not apply. `can_end`: it may be cancelled.
+    """
+
+    name: str
+    does: str
+    takes: str
+    tab: str = ""
+    options: type[Any] = NoOptions
+    without: tuple[str, ...] = ()
+    can_end: bool = True
+
+    @property
+    def declared(self) -> Mapping[str, JobOption]:
+        """Its options by name."""
+        return {name: one for name, one in options_of(self.options).items() if name not in self.without}
+
+    @property
+    def asks(self) -> str:
+        """What its line takes, for the monitor."""
+        flags = [
+            f"{one.flag}={one.metavar}" if one.metavar else one.flag
+            for one in self.declared.values()
+            if not one.repeats
+        ]
+        return "; also ".join(filter(None, (self.takes, ", ".join(flags))))
+
+
+_PARAMETERS: Final = "parameters"
+BACKUP: Final = Job("backup", "its parameters as a DCF", "FILE.dcf", _PARAMETERS)
+DIFF: Final = Job("diff", "compare with a file or another node", "FILE.dcf or NODE", _PARAMETERS)
+RESTORE: Final = Job("restore", "write the parameters of a DCF", "FILE.dcf", _PARAMETERS, RestoreOptions)
+CLONE: Final = Job(
+    "clone", "give it the parameters of another", "NODE", _PARAMETERS, RestoreOptions, without=("any_node",)
+)
+FIRMWARE: Final = Job("firmware", "load a program", "FILE", "firmware", ProgramOptions, can_end=False)
+JOG: Final = Job("jog", "turn it, slowly", "20rpm,3s or 90deg; options of the verb after it: 90deg,--max-current=300")
+SCOPE: Final = Job("scope", "objects over time", "0x6064,0x606C; also --for=5, --trigger=fault, --output=step.csv")
+TUNE: Final = Job(
+    "tune",
+    "step, Bode, identification, gains",
+    "step=30rpm, bode, identify=150 or revert; --yes agrees to the limits that it tells without",
+    "tune",
+)
+DUMP: Final = Job("dump", "all that it holds", "table or csv")
+NMT: Final = Job("nmt", "take it out, or start it", "preop, start, reset-node")
+JOBS: Final = {job.name: job for job in (JOG, SCOPE, TUNE, BACKUP, DIFF, RESTORE, CLONE, FIRMWARE, DUMP, NMT)}
+"""The jobs by their verbs."""
+
+
+# -- one run
+
+
+@dataclass
+class JobRun:
+    """Run of a job with its progress and result; written by its thread, read by the pages.
+
+    `doing` is the part of it that goes on. `sentence` is its result, `good` whether it was done, None while it goes
+    on; `lines`, `table`, `file` (name and bytes) and the `document` for programs are what came of it beside that.
+    """
+
+    job: Job
+    title: str
+    unit: str = ""
+    doing: str = ""
+    done: int = 0
+    total: int | None = None
+    sentence: str = ""
+    good: bool | None = None
+    failed: bool = False
+    lines: list[str] = field(default_factory=list)
+    table: list[tuple[str, ...]] = field(default_factory=list)
+    file: tuple[str, bytes] | None = None
+    document: object = None
+    _rated: tuple[str, float, int] = ("", 0.0, 0)
+    _ending: threading.Event = field(default_factory=threading.Event)
+
+    def part(self, doing: str, unit: str = "") -> None:
+        """Begin a part of the work, counted in `unit`."""
+        self.doing, self.unit, self.done, self.total = doing, unit or self.unit, 0, None
+
+    def at(self, done: int, total: int | None = None) -> None:
+        """Report progress; DriveError if the end was requested."""
+        self.show(done, total)
+        if self._ending.is_set():
+            raise DriveError("a page asked for its end")
+
+    def show(self, done: int, total: int | None) -> None:
+        """Update the progress."""
+        self.done, self.total = done, total
+
+    def note(self, text: str) -> None:
+        """Report what a user should know meanwhile."""
+        self.lines.append(text)
+
+    def pace(self, now: float) -> tuple[float, float] | None:
+        """Return the amount per second and the remaining seconds; None if unknown."""
+        part, since, before = self._rated
+        if part != self.doing or self.done < before or not self.done:
+            self._rated = self.doing, now, self.done
+            return None
+        gained, elapsed = self.done - before, now - since
+        if gained <= 0 or elapsed <= 0.0 or self.total is None:
+            return None
+        return gained / elapsed, max(0.0, (self.total - self.done) * elapsed / gained)
+
+    def end(self) -> None:
+        """Request the end of the job at its next step."""
+        self._ending.set()
+
+    @property
+    def over(self) -> bool:
+        """Whether the job has ended."""
+        return self.good is not None

@@ -1,0 +1,109 @@
+"""Work of the jobs at the parameters of a node: backup, comparison with a file, restore, clone.
+
+Each is given a session and the run that its user looks at, and returns the sentence at its end. What must not be is
+refused in the same words for every user.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from canopen_control.commissioning.parameter_set import backup_file_text, differences, read_parameters, read_same
+from canopen_control.commissioning.restore import first_of, guarded_restore, refuse_other_drive, unfinished_words
+from canopen_control.errors import CanopenError
+
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from canopen_control.commissioning.jobs import JobRun, Reached, RestoreOptions
+    from canopen_control.commissioning.node_session import NodeSession
+    from canopen_control.commissioning.parameter_set import ParameterSet
+
+
+@dataclass(frozen=True, slots=True)
+class BackupReport:
+    """Result of a backup: number of parameters in the file, and those left out with the reason."""
+
+    node_id: int
+    node: str | None
+    file: str
+    parameters: int
+    left_out: list[str]
+
+
+def run_backup(session: NodeSession, run: JobRun, reached: Reached, name: str = "") -> str:
+    """Read all parameters twice and make the file `name` of them, by default that of the node."""
+    if unfinished := unfinished_words(session, reached):
+        run.note(unfinished)
+    name = name or f"{session.name or f'node{session.node_id}'}.dcf"
+    parameters, refused = _all_of(session, run)
+    if not parameters.values:
+        raise CanopenError(f"{session} has no parameter that can be read and written; nothing was written")
+    text, lost = backup_file_text(parameters, session.name)
+    left_out, count = [*refused, *lost], len(parameters.values) - len(lost)
+    for reason in left_out:
+        run.note(f"left out: {reason}")
+    run.file = name, text.encode()
+    run.document = BackupReport(session.node_id, session.name or None, name, count, left_out)
+    return f"{session}: {count} parameters to {name}"
+
+
+def _all_of(session: NodeSession, run: JobRun) -> tuple[ParameterSet, list[str]]:
+    run.part(f"reading {session}", "objects")
+    parameters, left_out = read_parameters(session, told=run.at)
+    return parameters, list(map(str, left_out))
+
+
+def run_diff(session: NodeSession, run: JobRun, file: ParameterSet) -> str:
+    """Read the parameters of a file from the node and list the differences: address, name, file, node."""
+    run.part(f"reading {session}", "objects")
+    node, left_out = read_same(session, file, run.at)
+    why = {unread.entry.address: unread.why for unread in left_out}
+    changes = differences(file, node)
+    run.lines += [*file.identity.strangers(node.identity), *file.identity.variations(node.identity)]
+    run.table = [
+        (
+            f"0x{change.entry.index:04X}:{change.entry.subindex:02X}",
+            change.name,
+            change.a_text or "-",
+            change.b_text or why.get(change.entry.address, "-"),
+        )
+        for change in changes
+    ]
+    compared = len({*file.values, *node.values})
+    if not changes:
+        return f"{file.where} and {session}: {compared} parameters, equal"
+    return f"{file.where} and {session}: {len(changes)} of {compared} parameters differ"
+
+
+def run_restore(session: NodeSession, run: JobRun, file: ParameterSet, options: RestoreOptions) -> str:
+    """Write and verify the parameters of a file; the run has failed if the node refused some."""
+    like_file(session, file)
+    if not options.any_node:
+        refuse_other_drive(file, session)
+    run.part(f"writing {session}", "groups")
+    report = guarded_restore(session, file, options, note=run.note, told=run.at)
+    run.document, run.failed = report, bool(report.refused)
+    for line in report.refused:
+        run.note(f"refused: {line}")
+    run.lines += [f"kept as it is: {line}" for line in report.protected]
+    if report.foreign:
+        run.lines.append(f"never written (read-only, commands, live values): {first_of(report.foreign)}")
+    return report.words(session)
+
+
+def run_clone(
+    session: NodeSession, run: JobRun, source: AbstractContextManager[NodeSession], options: RestoreOptions
+) -> str:
+    """Read all parameters of another node, whose session `source` opens, and write them into this one."""
+    with source as other:
+        parameters, _ = _all_of(other, run)
+    return run_restore(session, run, parameters, replace(options, any_node=True))
+
+
+def like_file(session: NodeSession, file: ParameterSet) -> NodeSession:
+    """Use the dictionary of a complete file for a session without an EDS."""
+    if session.od is None:
+        session.od = file.od.for_node(session.node_id)
+    return session
