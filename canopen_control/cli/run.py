@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import gc
 import sys
 from functools import partial
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.arguments import add_duration, add_new_name, whole_number
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.host.quick_dataclasses import quick_dataclasses
+from canopen_control.host.quick_dataclasses import collector_off, quick_dataclasses
 from canopen_control.runtime.observer import RobotObserver
 from canopen_control.runtime.realtime import DEFAULT_PRIORITY, HIGHEST_PRIORITY
 
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
 
     from canopen_control.check.preflight_record import SlowReason
     from canopen_control.cli.support.announcer import Announcer
+    from canopen_control.host.spawn import Child
     from canopen_control.master.event_log import Event
     from canopen_control.runtime.robot_files import RobotFiles
     from canopen_control.runtime.run_session import RunOptions, RunSession
@@ -135,7 +135,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--spawn",
         action="store_true",
-        help="start drives, hub and recorder as interpreters of their own, not as forks of this process",
+        help="start drives, hub, recorder and ROS bridge as interpreters of their own, not as forks of this process",
     )
     add_duration(parser, "stop S seconds after the robot runs", former="--duration", dest="duration")
     parser.add_argument(
@@ -267,22 +267,44 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
     """Run a robot until it ends; 0 good, 1 failed."""
     if motion and args.real:
         raise ConfigError(f"--real: {_NO_DEMO}")
-    with _collector_off():
-        setup, options = _prepare(args, motion=motion, table=table)
+    with contextlib.ExitStack() as stack:
+        with collector_off():
+            files = find_files(args)
+            bridge = stack.enter_context(_bridge_of(args, files)) if args.ros else None
+            setup, options = _prepare(args, files, bridge, motion=motion, table=table)
+        return _run(args, setup, options)
+
+
+def _bridge_of(args: argparse.Namespace, files: RobotFiles) -> contextlib.AbstractContextManager[Child]:
+    """Start the ROS bridge, which is ready when the robot is; ConfigError if it cannot run."""
+    from canopen_control.host.fork import allow_forks
+    from canopen_control.host.sockets import check_name
+    from canopen_control.ros.installation import require_ros
+    from canopen_control.runtime.prepared_bridge import prepared_bridge
+
+    arguments = bridge_arguments(args)
+    require_ros()
+    if not args.spawn:
+        allow_forks()
+    return prepared_bridge(check_name(args.name or files.name), arguments)
+
+
+def _run(args: argparse.Namespace, setup: RobotSetup, options: RunOptions) -> int:
+    """Run a robot whose files were read until it ends; 0 good; CanopenError."""
     from canopen_control.cli.support.announcer import Announcer
     from canopen_control.runtime.run_session import RunSession
 
     unclear = _unclear(setup) if setup.reaches_real_drives and not args.full_speed else None
     session = RunSession(setup, options)
-    announcer = Announcer(sys.stderr if table else sys.stdout)
+    announcer = Announcer(sys.stderr if options.table else sys.stdout)
     session.reactor.call_soon(announcer.start)  # once the children are started: a process with threads is not forked
     try:
         prefix = f"{setup.name}: " if args.say_name else ""
-        session.robot.observers.append(_EventPrinter(announcer, session, table=table, prefix=prefix))
+        session.robot.observers.append(_EventPrinter(announcer, session, table=options.table, prefix=prefix))
         _warn(session)
         if unclear is not None:
             _slow_down(session, unclear)
-        if table:
+        if options.table:
             session.supervisor.start_client(
                 TABLE, ["canopen_control", "status", "--watch", "--name", setup.name], inherit_stdout=True
             )
@@ -295,20 +317,11 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
     return 0
 
 
-@contextlib.contextmanager
-def _collector_off() -> Iterator[None]:
-    """Disable the garbage collector during the start, which creates almost no garbage."""
-    gc.disable()
-    try:
-        yield
-        gc.freeze()
-    finally:
-        gc.enable()
-
-
-def _prepare(args: argparse.Namespace, *, motion: bool, table: bool) -> tuple[RobotSetup, RunOptions]:
+def _prepare(
+    args: argparse.Namespace, files: RobotFiles, bridge: Child | None, *, motion: bool, table: bool
+) -> tuple[RobotSetup, RunOptions]:
     """Read the files, and import the modules of the run and its child processes; ConfigError."""
-    setup = read_setup(args, keep=not args.spawn)
+    setup = read_setup(args, files, keep=not args.spawn)
     if motion and setup.reaches_real_drives:
         channels = setup.files.asked.real_word or ", ".join(setup.channels.values())
         raise ConfigError(f"{channels}: {_NO_DEMO}")
@@ -325,6 +338,7 @@ def _prepare(args: argparse.Namespace, *, motion: bool, table: bool) -> tuple[Ro
         like=args.like or "",
         ros=args.ros,
         ros_arguments=bridge_arguments(args),
+        bridge=bridge,
         view=args.view,
         teleop=args.teleop,
         table=table,
@@ -356,10 +370,6 @@ def _require_parts(args: argparse.Namespace, setup: RobotSetup) -> None:
     """Raise ConfigError for an option without its required option or extra."""
     from canopen_control.hardware.plugins import PluginKind
 
-    if args.ros:
-        from canopen_control.ros.installation import require_ros
-
-        require_ros()
     if args.view:
         from canopen_control.view import require_view
 
@@ -456,14 +466,14 @@ def _slow_down(session: RunSession, unclear: SlowReason) -> None:
     session.robot.report(Event(session.reactor.now(), "slow", "", text, Level.WARNING))
 
 
-def read_setup(args: argparse.Namespace, *, keep: bool = False) -> RobotSetup:
-    """Read the files in the arguments, and `keep` the parsed EDS files for forks; ConfigError."""
+def read_setup(args: argparse.Namespace, files: RobotFiles | None = None, *, keep: bool = False) -> RobotSetup:
+    """Read the files in the arguments, those of `find_files`, `keep` the parsed EDS files for forks; ConfigError."""
     from canopen_control.host.sockets import check_name
     from canopen_control.urdf.description import DescriptionReader
 
     if args.real and (args.mock or args.no_drives):
         raise ConfigError("--real goes with neither --mock nor --no-drives")
-    files = find_files(args)
+    files = files or find_files(args)
     if args.name is not None:
         check_name(args.name)
     mappings = files.mappings(mock=args.mock)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 LIFELINE: Final = "CANOPEN_CONTROL_LIFELINE"
 READY: Final = "CANOPEN_CONTROL_READY"
+GATE: Final = "CANOPEN_CONTROL_GATE"
 #: command that starts a module of the package; -P: files of the current folder must not shadow Python's modules
 MODULE: Final = (sys.executable, "-P", "-m")
 _GUARD: Final = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
@@ -41,14 +42,19 @@ def lean_python(module: str) -> list[str]:
     return [sys.executable, "-I", "-S", "-c", code]
 
 
-def clean_environment(*, ros: bool, base: Mapping[str, str] | None = None) -> dict[str, str]:
+def clean_environment(*, ros: bool, base: Mapping[str, str] | None = None, forked: bool = False) -> dict[str, str]:
     """Return the environment of a child, based on `base` (default: ours); `ros` is for one that imports rclpy.
 
-    A library path set by the user or by a sourced ROS is kept.
+    A library path set by the user or by a sourced ROS is kept. A fork with `ros` keeps all library paths: it cannot be
+    restarted with others.
     """
     environment = dict(os.environ if base is None else base)
-    for private in (LIFELINE, READY, _GUARD):
+    for private in (LIFELINE, READY, GATE):
         environment.pop(private, None)
+    if ros and forked:
+        environment["PYTHONUNBUFFERED"] = "1"
+        return environment
+    environment.pop(_GUARD, None)
     libraries = _without_wheels(environment.pop(_LIBRARIES, ""))
     if libraries:
         environment[_LIBRARIES] = libraries
@@ -56,6 +62,13 @@ def clean_environment(*, ros: bool, base: Mapping[str, str] | None = None) -> di
         environment[_GUARD] = "1"
     environment["PYTHONUNBUFFERED"] = "1"
     return environment
+
+
+def has_ros_libraries() -> bool:
+    """Whether a fork of this process finds the libraries of rclpy: its library path is set for them, or by the user."""
+    folders = os.environ.get(_LIBRARIES, "").split(":")
+    prefixes = {match["prefix"] for folder in folders if (match := _WHEEL_FOLDER.fullmatch(folder.rstrip("/")))}
+    return _GUARD not in os.environ or bool(prefixes & {sys.prefix, os.path.realpath(sys.prefix)})
 
 
 def _without_wheels(libraries: str) -> str:

@@ -22,6 +22,8 @@ import threading
 import traceback
 from typing import TYPE_CHECKING, Final, NoReturn, TypeAlias
 
+from canopen_control.host.quick_dataclasses import quick_dataclasses
+
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
@@ -146,7 +148,9 @@ def _run_child(
         sys.argv = [module, *arguments]
         _reset_signals()
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        code = importlib.import_module(module).main(list(arguments))
+        with quick_dataclasses():
+            program = importlib.import_module(module)
+        code = program.main(list(arguments))
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
         if isinstance(end.code, str):

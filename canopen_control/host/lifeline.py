@@ -10,7 +10,7 @@ import os
 import stat
 from typing import Final
 
-from canopen_control.host.environment import LIFELINE, READY
+from canopen_control.host.environment import GATE, LIFELINE, READY
 
 READY_WORD: Final = b"ready"
 
@@ -21,6 +21,16 @@ def lifeline_fd() -> int | None:
     It becomes readable, at end of file, when the parent has ended. Nothing is ever written to it.
     """
     return _inherited_pipe(LIFELINE)
+
+
+def gate_fd() -> int | None:
+    """Return the descriptor of this process's gate, None without one; the caller closes it.
+
+    It becomes readable when the parent opens the gate, with one byte, or at end of file when it never will.
+    """
+    fd = _inherited_pipe(GATE)
+    os.environ.pop(GATE, None)
+    return fd
 
 
 def _inherited_pipe(variable: str) -> int | None:

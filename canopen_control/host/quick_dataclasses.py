@@ -1,4 +1,4 @@
-"""Dataclasses that create their methods on first use, for faster imports at start.
+"""Faster imports at start: dataclasses that create their methods on first use, and no garbage collector.
 
 The standard decorator compiles up to eight methods for each class, which is two fifths of the time that the imports of
 `run` take; most of them are never called. Python from 3.13 on compiles those of a class at once, and is left alone.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import gc
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -61,3 +62,14 @@ def quick_dataclasses() -> Iterator[None]:
         yield
     finally:
         dataclasses._create_fn = create  # type: ignore[attr-defined]  # noqa: SLF001 - as above
+
+
+@contextlib.contextmanager
+def collector_off() -> Iterator[None]:
+    """Disable the garbage collector during a start, which creates almost no garbage."""
+    gc.disable()
+    try:
+        yield
+        gc.freeze()
+    finally:
+        gc.enable()

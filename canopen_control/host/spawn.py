@@ -3,7 +3,7 @@
 `spawn` gives every child a session of its own (the terminal's Ctrl-C reaches only the parent), a clean environment, a
 log file of limited size, and a lifeline: a pipe whose other end only the parent holds. When the parent ends for any
 reason, the kernel closes that end, and the child reads end of file at `lifeline_fd()`. `Child.watch_ready` waits
-without blocking for a child that calls `report_ready`.
+without blocking for a child that calls `report_ready`. A child with a gate prepares itself until `Child.open_gate`.
 
 `spawn_detached` is for a process shared by several programs, such as the hub of a bus: it is not a child of its caller,
 and reports through a pipe when it is ready.
@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import CanopenError
-from canopen_control.host.environment import LIFELINE, READY, clean_environment
+from canopen_control.host.environment import GATE, LIFELINE, READY, clean_environment, has_ros_libraries
 from canopen_control.host.files import LogFile, state_dir
 from canopen_control.host.fork import ForkedProcess, can_fork, fork
 from canopen_control.host.lifeline import READY_WORD
@@ -48,7 +48,7 @@ class Child:
     """Running child process, created by `spawn`.
 
     `log_path` is None if its output goes to ours. It must be waited for, by `wait` or by `watch`. `readiness` is our
-    end of the pipe of its `report_ready`, -1 for none.
+    end of the pipe of its `report_ready`, `gate` that of its gate, -1 for none.
     """
 
     def __init__(
@@ -58,11 +58,12 @@ class Child:
         lifeline: int,
         log: LogFile | None,
         readiness: int = -1,
+        gate: int = -1,
     ) -> None:
         self.name = name
         self.pid = process.pid
         self._process = process
-        self._lifeline = lifeline
+        self._lifeline, self._gate = lifeline, gate
         self.heard_at: int | None = None
         self._readiness = readiness
         self._on_ready: Callable[[], object] | None = None
@@ -107,9 +108,27 @@ class Child:
 
     def cut_lifeline(self) -> None:
         """Close the lifeline: the child then behaves as if this process had ended."""
-        lifeline, self._lifeline = self._lifeline, -1
-        if lifeline >= 0:
-            os.close(lifeline)
+        pipes, self._lifeline, self._gate = (self._lifeline, self._gate), -1, -1
+        for pipe in pipes:
+            if pipe >= 0:
+                os.close(pipe)
+
+    def open_gate(self) -> None:
+        """Let a child with a gate begin; a no-op for others."""
+        gate, self._gate = self._gate, -1
+        if gate >= 0:
+            with contextlib.suppress(BrokenPipeError):  # it has ended
+                os.write(gate, b"\n")
+            os.close(gate)
+
+    def discard(self) -> None:
+        """Kill a child that nobody watches, and release its pipes; a no-op after its end."""
+        self.kill()
+        self.wait()
+        self.cut_lifeline()
+        readiness, self._readiness = self._readiness, -1
+        if readiness >= 0:
+            os.close(readiness)
 
     def watch_ready(self, reactor: Reactor, on_ready: Callable[[], object]) -> None:
         """Call `on_ready()` on the loop, once, when the child has reported or can no longer report that it is ready.
@@ -227,6 +246,7 @@ def spawn(
     ros: bool = False,
     inherit_stdout: bool = False,
     reports: bool = False,
+    gated: bool = False,
     main: Main | None = None,
 ) -> Child:
     """Start a child process and return at once; CanopenError if it cannot be started.
@@ -234,10 +254,12 @@ def spawn(
     `main` does the same as `argv`: the child is a fork of this process that calls it, where `can_fork` allows that.
 
     Its standard output and error go to `<log_dir>/<name>.log` (default folder: `state_dir()`), unless they are
-    inherited; its standard input is empty. `ros` means that it imports rclpy, `reports` that it calls `report_ready`.
+    inherited; its standard input is empty. `ros` means that it imports rclpy, `reports` that it calls `report_ready`,
+    `gated` that it waits at its `gate_fd` until `open_gate`.
     """
     log = None if inherit_stdout else LogFile(log_dir or state_dir(), name)
-    environment = clean_environment(ros=ros)
+    forked = main is not None and can_fork() and (not ros or has_ros_libraries())
+    environment = clean_environment(ros=ros, forked=forked)
     with contextlib.ExitStack() as ours, contextlib.ExitStack() as theirs:
         alive, lifeline = _pipe(theirs, ours)  # nothing is written: end of file means the end of the parent
         environment[LIFELINE] = str(alive)
@@ -245,12 +267,16 @@ def spawn(
         if reports:
             readiness, ready = _pipe(ours, theirs)
             environment[READY] = str(ready)
+        gate = -1
+        if gated:
+            passage, gate = _pipe(theirs, ours)
+            environment[GATE] = str(passage)
         try:
-            process = _start(argv, environment, log, main)
+            process = _start(argv, environment, log, main if forked else None)
         except OSError as error:
             raise CanopenError(f"cannot start {name} ({argv[0]}): {error.strerror}") from error
         ours.pop_all()
-    return Child(process, name, lifeline, log, readiness)
+    return Child(process, name, lifeline, log, readiness, gate)
 
 
 def _pipe(reader: contextlib.ExitStack, writer: contextlib.ExitStack) -> tuple[int, int]:
@@ -264,9 +290,9 @@ def _pipe(reader: contextlib.ExitStack, writer: contextlib.ExitStack) -> tuple[i
 def _start(
     argv: Sequence[str], environment: dict[str, str], log: LogFile | None, main: Main | None
 ) -> subprocess.Popen[bytes] | ForkedProcess:
-    passed = [int(environment[variable]) for variable in (LIFELINE, READY) if variable in environment]
+    passed = [int(environment[variable]) for variable in (LIFELINE, READY, GATE) if variable in environment]
     with contextlib.nullcontext() if log is None else log.opened_for(argv) as output:
-        if main is not None and can_fork():
+        if main is not None:
             return fork(main, argv, environment, output=None if output is None else output.fileno(), keep=passed)
         return subprocess.Popen(
             list(argv),

@@ -1,9 +1,9 @@
 """The ROS bridge: `python -m canopen_control.ros.bridge --name ROBOT [--namespace NS] [--ros-args ...]`.
 
 One process, one context, one node. What is wrong with the environment is one sentence and exit
-code 1, before rclpy is imported. Started by `run` it ends with its lifeline or with the robot, and is killed when one
-of its threads hangs; started by hand it waits for the robot to come back, and SIGTERM or SIGINT end it within two
-seconds, even if rclpy blocks.
+code 1, before rclpy is imported. Started by `run`, before there is a robot, it waits at its gate; it ends with its
+lifeline or with the robot, and is killed when one of its threads hangs. Started by hand it waits for the robot to come
+back, and SIGTERM or SIGINT end it within two seconds, even if rclpy blocks.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.client import RobotClient, select_robot
 from canopen_control.errors import CanopenError
-from canopen_control.host.lifeline import LivenessReport, lifeline_fd
+from canopen_control.host.lifeline import LivenessReport, gate_fd, lifeline_fd
+from canopen_control.host.quick_dataclasses import collector_off, quick_dataclasses
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import SocketInUse, claim, runtime_dir
 from canopen_control.ros.bridge_options import BridgeOptions, with_parameters
@@ -52,8 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except CanopenError as error:
         _print(str(error))
         return 1
-    bridge.run()
-    return 0
+    return bridge.run()
 
 
 def _parse(argv: list[str]) -> tuple[argparse.Namespace, list[str]]:
@@ -95,21 +95,35 @@ def _claim(robot: str, timeout: float) -> int:
         ) from None
 
 
+def _session_type() -> type[RosSession]:
+    """Import the topics and services of a robot."""
+    with quick_dataclasses(), collector_off():
+        from canopen_control.ros.session import RosSession
+    return RosSession
+
+
 class Bridge:
     """Bridge process: signals, lifeline, context and node, and a session while the robot runs."""
 
     def __init__(self, arguments: argparse.Namespace, ros_arguments: list[str]) -> None:
-        self._name = select_robot(arguments.name)
         self._arguments = arguments
-        self._lifeline = lifeline_fd()
-        self._claim = _claim(self._name, _ENDING_S if self._lifeline is not None else 0.0)
+        self._lifeline, self._gate = lifeline_fd(), gate_fd()
+        self._name, self._claim, self._code = "", -1, 0
+        if self._gate is None:
+            self._take_robot()
         self._session: RosSession | None = None
         self._liveness, self._has_answered = LivenessReport(), True
         self._reactor = Reactor()
         self._reactor.handle_signals({signal.SIGTERM: self._reactor.stop, signal.SIGINT: self._reactor.stop})
         if self._lifeline is not None:
             self._reactor.add_reader(self._lifeline, self._reactor.stop)
-        self._start_ros(arguments.namespace, ros_arguments)
+        with collector_off():
+            self._start_ros(arguments.namespace, ros_arguments)
+
+    def _take_robot(self) -> None:
+        """Claim the robot; CanopenError if it does not run, or has another bridge."""
+        self._name = select_robot(self._arguments.name)
+        self._claim = _claim(self._name, _ENDING_S if self._lifeline is not None else 0.0)
 
     def _start_ros(self, namespace: str, ros_arguments: list[str]) -> None:
         try:
@@ -125,14 +139,41 @@ class Bridge:
         if self._node.get_parameter("use_sim_time").value:
             _print(_SIM_TIME)
 
-    def run(self) -> None:
-        """Serve until the end, then leave the graph."""
+    def run(self) -> int:
+        """Serve until the end, then leave the graph; 0 good, 1 without a robot."""
+        if self._gate is None:
+            self._begin()
+        else:
+            _session_type()
+            self._reactor.add_reader(self._gate, self._pass_gate)
+        self._reactor.run()
+        self._close()
+        return self._code
+
+    def _pass_gate(self) -> None:
+        """Begin once the robot's API is served; end if it never will be."""
+        gate, self._gate = self._gate, None
+        if gate is None:
+            return
+        self._reactor.remove_reader(gate)
+        is_open = bool(os.read(gate, 1))
+        os.close(gate)
+        try:
+            if is_open:
+                self._take_robot()
+                self._begin()
+            else:
+                self._reactor.stop()
+        except CanopenError as error:
+            _print(str(error))
+            self._code = 1
+            self._reactor.stop()
+
+    def _begin(self) -> None:
         _print(f"ROS bridge of {self._name}: {describe(os.environ)}")
         self._reactor.call_soon(self._connect)
         if self._liveness.is_asked_for:
             self._reactor.call_soon(self._ask_ros)
-        self._reactor.run()
-        self._close()
 
     def _ask_ros(self) -> None:
         """Report to `run`, through ROS's callback thread, that both threads are running."""
@@ -147,12 +188,10 @@ class Bridge:
 
     def _connect(self) -> None:
         """Connect to the robot; a bridge started manually retries until the robot runs."""
-        from canopen_control.ros.session import RosSession
-
         client: RobotClient | None = None
         try:
             client = RobotClient.connect(self._name, _TIMEOUT_S)
-            session = RosSession(self._node, self._context, self._reactor, client, self._options, self._on_end)
+            session = _session_type()(self._node, self._context, self._reactor, client, self._options, self._on_end)
             self._session = session
             session.open()
         except CanopenError as error:
@@ -189,7 +228,8 @@ class Bridge:
             self._node.destroy_node()
             self._context.try_shutdown()
         self._reactor.close()
-        os.close(self._claim)
+        if self._claim >= 0:
+            os.close(self._claim)
         giving_up.cancel()
 
 

@@ -29,6 +29,7 @@ from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.runtime.ground_truth import PERIOD_NS, TruePoseQuery, odometry_at
 from canopen_control.runtime.observer import RobotObserver
 from canopen_control.runtime.physics_plant import SensedValues, world_sensors, write_plant
+from canopen_control.runtime.prepared_bridge import BRIDGE, bridge_command
 from canopen_control.runtime.realtime import RealTime, keep_garbage_small
 from canopen_control.runtime.supervisor import Restarts, Supervisor, hosts_virtual_drives
 from canopen_control.urdf.joint_element import POSITION, VELOCITY
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from canopen_control.host.spawn import Child
     from canopen_control.host.timer import Timer
     from canopen_control.rpc.messages.drive import BasePose
     from canopen_control.runtime.setup import RobotSetup
@@ -156,10 +158,11 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 class RunOptions:
     """Options of a run: `drives` starts virtual drives where the channel allows it, `duration` in s.
 
-    `ros_arguments` are those of the bridge, which `ros` starts; `view` is the page in a browser, from which `teleop`
-    drives; `recorder` is the flight recorder. `realtime` is a priority of SCHED_FIFO, `cpu` the processor that the
-    robot's thread stays on. `like` is the personality of the virtual drives. `physics`: the virtual drives move the
-    robot in a world, that of a file where one is given; `plant`: the file of what hangs on them otherwise.
+    `ros_arguments` are those of the bridge, which `ros` starts, `bridge` is one that waits already; `view` is the page
+    in a browser, from which `teleop` drives; `recorder` is the flight recorder. `realtime` is a priority of SCHED_FIFO,
+    `cpu` the processor that the robot's thread stays on. `like` is the personality of the virtual drives. `physics`:
+    the virtual drives move the robot in a world, that of a file where one is given; `plant`: the file of what hangs on
+    them otherwise.
     """
 
     drives: bool = True
@@ -177,6 +180,7 @@ class RunOptions:
     realtime: int | None = None
     cpu: int | None = None
     plant: Path | None = None
+    bridge: Child | None = None
 
 
 class RunSession(RobotObserver):
@@ -239,8 +243,10 @@ class RunSession(RobotObserver):
             channels = {name: bus.channel for name, bus in self.robot.buses.items()}
             self.supervisor.start_recorder(channels, Restarts())
         if self.options.ros:
-            bridge = ["canopen_control.ros.bridge", "--name", self.setup.name, *self.options.ros_arguments]
-            self.supervisor.start_client("ros", bridge, ros=True, answers=True, restarts=Restarts())
+            bridge = bridge_command(self.setup.name, self.options.ros_arguments)
+            self.supervisor.start_client(
+                BRIDGE, bridge, ros=True, answers=True, restarts=Restarts(), prepared=self.options.bridge
+            )
         self.robot.join()
         self.supervisor.when_ready(self)
 

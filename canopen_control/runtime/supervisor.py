@@ -126,12 +126,18 @@ class Supervisor:
         inherit_stdout: bool = False,
         answers: bool = False,
         restarts: Restarts | None = None,
+        prepared: Child | None = None,
     ) -> None:
         """Start a client: `python -m ARGUMENTS`; with `restarts` again after its end.
 
-        `answers`: its `LivenessReport` arrives repeatedly; if it stops, the client is killed.
+        `answers`: its `LivenessReport` arrives repeatedly; if it stops, the client is killed. `prepared` is one
+        that was started before with the same arguments, and waits at its gate.
         """
-        child = self._start_module(arguments, name, ros=ros, inherit_stdout=inherit_stdout, reports=answers)
+        if prepared is None:
+            child = self._start_module(arguments, name, ros=ros, inherit_stdout=inherit_stdout, reports=answers)
+        else:
+            child = self._watched(prepared)
+            child.open_gate()
         self._clients.append(child)
         self.missing.pop(name, None)
         if answers:
@@ -381,6 +387,10 @@ class Supervisor:
             reports=reports,
             main=main if self._run is None else None,
         )
+        return self._watched(child)
+
+    def _watched(self, child: Child) -> Child:
+        """Watch a child process that was started."""
         if self._realtime is not None:
             self._realtime.release(child.pid)
         child.watch(self._reactor, lambda returncode, lines: self._on_exit(child, returncode, lines))

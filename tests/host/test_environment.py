@@ -6,7 +6,15 @@ import sys
 
 import pytest
 
-from canopen_control.host.environment import LIFELINE, MODULE, READY, clean_environment, lean_python
+from canopen_control.host.environment import (
+    GATE,
+    LIFELINE,
+    MODULE,
+    READY,
+    clean_environment,
+    has_ros_libraries,
+    lean_python,
+)
 
 GUARD = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 PREFIX = sys.prefix
@@ -94,3 +102,29 @@ def test_a_lean_python_finds_the_package_and_msgspec_and_has_loaded_neither_site
     loaded = set(json.loads(done.stdout))
     assert {"canopen_control.rpc.wire", "msgspec"} <= loaded
     assert "site" not in loaded
+
+
+def test_a_fork_keeps_the_paths_with_which_its_libraries_were_loaded():
+    path = ":".join([WHEELS[0], f"{PREFIX}/lib"])
+    kept = clean_environment(
+        ros=True, base={"LD_LIBRARY_PATH": path, GUARD: "1", LIFELINE: "5", GATE: "7"}, forked=True
+    )
+    assert kept == {"LD_LIBRARY_PATH": path, GUARD: "1", "PYTHONUNBUFFERED": "1"}
+    assert "LD_LIBRARY_PATH" not in clean_environment(ros=False, base={"LD_LIBRARY_PATH": path}, forked=True)
+
+
+@pytest.mark.parametrize(
+    ("guard", "path", "found"),
+    [
+        ("1", f"{PREFIX}/lib", False),
+        ("1", "/other/venv/lib/python3.12/site-packages/ros_rclpy.libs", False),
+        ("1", f"/mine:{WHEELS[0]}/", True),
+        (None, "/opt/ros/jazzy/lib", True),
+    ],
+)
+def test_a_fork_can_import_rclpy_where_this_process_has_its_libraries(monkeypatch, guard, path, found):
+    monkeypatch.setenv("LD_LIBRARY_PATH", path)
+    monkeypatch.delenv(GUARD, raising=False)
+    if guard is not None:
+        monkeypatch.setenv(GUARD, guard)
+    assert has_ros_libraries() is found

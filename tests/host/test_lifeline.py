@@ -6,8 +6,8 @@ import select
 import pytest
 from support.host import open_descriptors
 
-from canopen_control.host.environment import LIFELINE, READY
-from canopen_control.host.lifeline import LivenessReport, lifeline_fd, report_failure, report_ready
+from canopen_control.host.environment import GATE, LIFELINE, READY
+from canopen_control.host.lifeline import LivenessReport, gate_fd, lifeline_fd, report_failure, report_ready
 
 
 def test_a_process_without_a_lifeline_knows_it(monkeypatch, tmp_path):
@@ -85,3 +85,15 @@ def test_a_pulse_that_nobody_listens_to_does_nothing(monkeypatch):
     before = open_descriptors()
     LivenessReport().beat()
     assert open_descriptors() == before
+
+
+def test_a_gate_is_named_once_and_to_nobody_else(monkeypatch):
+    monkeypatch.delenv(GATE, raising=False)
+    assert gate_fd() is None
+    theirs, ours = os.pipe()
+    monkeypatch.setenv(GATE, str(theirs))
+    assert gate_fd() == theirs
+    assert gate_fd() is None
+    assert not select.select([theirs], [], [], 0)[0]
+    os.close(ours)
+    os.close(theirs)

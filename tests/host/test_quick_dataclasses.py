@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import gc
 import inspect
 import pickle
 import sys
@@ -10,7 +12,7 @@ from types import ModuleType
 
 import pytest
 
-from canopen_control.host.quick_dataclasses import _Method, quick_dataclasses
+from canopen_control.host.quick_dataclasses import _Method, collector_off, quick_dataclasses
 
 SOURCE = """
 from dataclasses import dataclass, field
@@ -105,3 +107,18 @@ def test_compiled_modules_and_other_times_have_the_standard_ones(monkeypatch):
     with quick_dataclasses():
         exec(SOURCE, made.__dict__)
     assert inspect.isfunction(vars(made.Point)["__eq__"])
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_the_collector_is_off_for_a_start_only(fails):
+    frozen = gc.get_freeze_count()
+    assert gc.isenabled()
+    try:
+        with contextlib.suppress(ValueError), collector_off():
+            assert not gc.isenabled()
+            if fails:
+                raise ValueError
+        assert gc.isenabled()
+        assert (gc.get_freeze_count() > frozen) is not fails
+    finally:
+        gc.unfreeze()

@@ -407,3 +407,30 @@ def test_a_child_that_never_says_it_is_left_alone_and_its_pipe_closed(children, 
     child.wait(10)
     child.cut_lifeline()
     assert open_descriptors() == before
+
+
+GATED = python("""
+import os
+from canopen_control.host.lifeline import gate_fd
+print("prepared", flush=True)
+print(os.read(gate_fd(), 1), flush=True)
+""")
+
+
+@pytest.mark.parametrize(("pass_by", "read"), [(Child.open_gate, "b'\\n'"), (Child.cut_lifeline, "b''")])
+def test_a_child_waits_at_its_gate_until_it_is_opened_or_never_will_be(children, pass_by, read):
+    before = open_descriptors()
+    child = children(GATED, gated=True)
+    assert eventually(lambda: child.last_lines() == ["prepared"])
+    assert child.poll() is None
+    pass_by(child)
+    child.open_gate()
+    assert child.wait(10) == 0
+    assert child.last_lines() == ["prepared", read]
+    assert open_descriptors() == before
+
+
+def test_a_gate_opens_for_nobody_where_the_child_has_ended(children):
+    child = children(python("pass"), gated=True)
+    assert child.wait(10) == 0
+    child.open_gate()

@@ -70,11 +70,44 @@ def test_started_by_a_parent_it_ends_when_the_robot_closes_its_api(number):
             child.wait()
 
 
-def start_as_run_does(number):
+def start_as_run_does(number, **options):
     with pytest.MonkeyPatch.context() as patch:
         for name, value in ros.ros_environment(number).items():
             patch.setenv(name, value)
-        return spawn([sys.executable, "-m", "canopen_control.ros.bridge", "--name", "fake"], name="ros", ros=True)
+        command = [sys.executable, "-m", "canopen_control.ros.bridge", "--name", "fake"]
+        return spawn(command, name="ros", ros=True, **options)
+
+
+def test_started_before_its_robot_it_waits_for_the_gate_and_then_shows_it(number):
+    child = start_as_run_does(number, gated=True)
+    try:
+        with ros.Peer(number) as peer:
+            peer.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState")
+            assert ros.eventually(lambda: "/canopen_control_bridge" in peer.order("graph")["nodes"])
+            with ros.FakeRobot() as robot:
+                assert not robot.told
+                child.open_gate()
+                peer.message("/joint_states")
+                child.cut_lifeline()
+                assert child.wait(2.0) == 0
+    finally:
+        child.kill()
+        child.wait()
+
+
+@pytest.mark.parametrize(("is_open", "code", "words"), [(True, 1, "no robot 'fake' is running"), (False, 0, "")])
+def test_started_before_a_robot_that_never_comes_it_ends(number, is_open, code, words):
+    child = start_as_run_does(number, gated=True)
+    try:
+        if is_open:
+            child.open_gate()
+        else:
+            child.cut_lifeline()
+        assert child.wait(ros.TIMEOUT) == code
+        assert words in "".join(child.last_lines())
+    finally:
+        child.kill()
+        child.wait()
 
 
 @pytest.mark.parametrize("number_of_signal", [signal.SIGTERM, signal.SIGINT])
@@ -195,9 +228,10 @@ def test_the_frames_of_two_robots_in_one_graph_have_their_namespaces(number):
 class Robby:
     """`canopen-control run robby --mock --ros` in a process of its own."""
 
-    def __init__(self, number, *arguments, with_ros=True, config="robby"):
+    def __init__(self, number, *arguments, with_ros=True, config="robby", restarts=False):
         environment = ros.ros_environment(number)
-        environment["_ROS_WHEELS_BOOTSTRAP_COMPLETE"] = "1"
+        if not restarts:  # the ROS wheels would start it anew, with the libraries of rclpy: its bridge is a fork then
+            environment["_ROS_WHEELS_BOOTSTRAP_COMPLETE"] = "1"
         arguments = ["--ros", *arguments] if with_ros else arguments
         command = [sys.executable, "-m", "canopen_control", "run", str(config), "--mock", *arguments]
         self.process = subprocess.Popen(
@@ -242,6 +276,18 @@ def test_a_publisher_at_one_hertz_turns_both_wheels_and_joint_states_show_it(num
     assert robby.process.returncode == 0
 
 
+def test_a_bridge_that_is_a_fork_of_the_run_serves_and_ends_with_it(number):
+    with Robby(number, restarts=True) as robby, ros.Peer(number) as peer:
+        peer.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState")
+        peer.order("publish", topic=COMMANDS, of=TYPE, data={"data": [10.0, 10.0]}, rate=1)
+        peer.message("/joint_states", lambda message: message["velocity"] == [10.0, 10.0])
+        pid = robby.bridge_pid()
+        with open(f"/proc/{pid}/environ") as environment:
+            assert "_ROS_WHEELS_BOOTSTRAP_COMPLETE=1" in environment.read()
+    assert robby.process.returncode == 0
+    assert not os.path.exists(f"/proc/{pid}")
+
+
 @pytest.mark.parametrize(
     ("sync_ms", "update_rate", "own", "hz"), [(20, 50, 25, 25), (10, 100, 0, 100), (20, 10, 0, 10)]
 )
@@ -272,15 +318,18 @@ def test_a_publisher_that_dies_stops_the_wheels_by_the_timeout(number):
 
 def test_the_death_of_the_bridge_is_told_and_the_robot_goes_on(number):
     with Robby(number) as robby:
-        os.kill(robby.bridge_pid(), signal.SIGKILL)
         status = [sys.executable, "-m", "canopen_control", "status", "--json", "--name", "robby"]
 
-        def seen():
+        def runs():
             done = subprocess.run(status, env=clean_environment(ros=False), capture_output=True, text=True)
-            state = json.loads(done.stdout)
-            return state["state"] == "running" and any(each["kind"] == "process_ended" for each in state["events"])
+            state = json.loads(done.stdout) if done.returncode == 0 else {"state": "not there"}
+            return state if state["state"] == "running" else None
 
-        assert ros.eventually(seen)
+        assert ros.eventually(lambda: runs() is not None)
+        os.kill(robby.bridge_pid(), signal.SIGKILL)
+        assert ros.eventually(
+            lambda: any(each["kind"] == "process_ended" for each in (runs() or {"events": []})["events"])
+        )
     assert robby.process.returncode == 0
 
 

@@ -8,7 +8,10 @@ from types import SimpleNamespace
 import pytest
 
 from canopen_control.errors import CanopenError
+from canopen_control.host.environment import MODULE
+from canopen_control.host.files import state_dir
 from canopen_control.host.reactor import Reactor
+from canopen_control.host.spawn import spawn
 from canopen_control.master.event_log import Level
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
@@ -111,6 +114,32 @@ def test_nothing_is_started_again_while_everything_ends(supervisor):
     supervisor.end()
     supervisor.reactor.run_for(SECOND)
     assert supervisor.pids == {}
+
+
+def test_a_client_that_was_started_before_is_let_in_and_started_again_without_a_gate(supervisor, tmp_path, monkeypatch):
+    (tmp_path / "at_the_gate.py").write_text(
+        "import os\nfrom canopen_control.host.lifeline import gate_fd\n"
+        "gate = gate_fd()\nprint(gate is not None and os.read(gate, 1), flush=True)\nraise SystemExit(5)\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    prepared = spawn([*MODULE, "at_the_gate"], name="ros", log_dir=state_dir("test"), gated=True)
+    supervisor.start_client("ros", ["at_the_gate"], restarts=Restarts(), prepared=prepared)
+    assert supervisor.pids == {"ros": prepared.pid}
+
+    def ends():
+        return [event.text for event in supervisor.events if event.kind == "process_ended"]
+
+    assert supervisor.reactor.run_until(lambda: len(ends()) == 2, 20 * SECOND)
+    assert [text.partition("exit code ")[2] for text in ends()] == ["5; it said: b'\\n'", "5; it said: False"]
+
+
+def test_a_client_that_ended_at_its_gate_is_told_of(supervisor):
+    prepared = spawn([*MODULE, "this_module_does_not_exist"], name="ros", log_dir=state_dir("test"), gated=True)
+    prepared.wait(20)
+    supervisor.start_client("ros", ["asyncio"], prepared=prepared)
+    assert supervisor.reactor.run_until(lambda: bool(supervisor.events), 20 * SECOND)
+    assert "process ros" in supervisor.events[0].text
+    assert "this_module_does_not_exist" in supervisor.events[0].text
 
 
 def test_ending_leaves_no_child_and_tells_nothing(supervisor):
