@@ -118,7 +118,7 @@ BUS_YML: dict[str, dict[str, str]] = {
     },
     "One PDO": {
         "enabled": "whether the PDO exists (bit 31 of its COB-ID)",
-        "cob_id": "its COB-ID; `auto`: that of the predefined connection set",
+        "cob_id": "its COB-ID; `auto`: that of the predefined connection set; with bit 31 the PDO is off",
         "transmission": "transmission type: 1 to 240 with every n-th SYNC, 254 and 255 by events",
         "inhibit_time": "least time between two, in 100 us",
         "event_timer": "ms after which an event-driven TPDO is sent again",

@@ -14,6 +14,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
+from canopen_control.cia301.pdo import INVALID_BIT
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.od.model import BIT_RATES
 from canopen_control.profiles.device_signal import TYPES, object_of
@@ -138,6 +139,11 @@ class PdoConfig:
     event_deadline: int | None = setting(None, low=0, high=0xFFFF)
     sync_start: int | None = setting(None, low=0, high=240)
     mapping: list[PdoObjectKeys] | None = None
+
+    @property
+    def is_on(self) -> bool:
+        """Whether the PDO is used: `enabled`, and bit 31 of `cob_id` does not make it invalid (CiA 301, 7.5.2.35)."""
+        return self.enabled and not (isinstance(self.cob_id, int) and self.cob_id & INVALID_BIT)
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ def add_feed_forward(builder: PlanBuilder, axes: Sequence[int]) -> None:
     offsets = [(name, _OFFSETS[name] + offset, offset) for name in builder.node.motion.feed_forward for offset in axes]
     for name, index, offset in offsets:
         rpdos = builder.node.boot.rpdo
-        if any(index in _mapped(builder, number, pdo) for number, pdo in rpdos.items() if pdo.enabled):
+        if any(index in _mapped(builder, number, pdo) for number, pdo in rpdos.items() if pdo.is_on):
             continue
         text = _why_not(builder, index) or _add_feed_forward(builder, index, TARGET_POSITION + offset)
         if text:
@@ -65,7 +65,7 @@ def _why_not(builder: PlanBuilder, index: int) -> str:
 def _add_feed_forward(builder: PlanBuilder, index: int, target: int) -> str:
     """Map an object into the first RPDO with enough free space; return the problem if there is none."""
     rpdos = builder.node.boot.rpdo
-    mine = [number for number, pdo in rpdos.items() if pdo.enabled and pdo.mapping is not None]
+    mine = [number for number, pdo in rpdos.items() if pdo.is_on and pdo.mapping is not None]
     mine.sort(key=lambda number: target not in _mapped(builder, number, rpdos[number]))
     for number in mine:
         pdo = rpdos[number]
@@ -73,7 +73,7 @@ def _add_feed_forward(builder: PlanBuilder, index: int, target: int) -> str:
             return _put(builder, number, replace(pdo, mapping=[*pdo.mapping, PdoObjectKeys(index)]))
     beside = next((rpdos[number] for number in mine if target in _mapped(builder, number, rpdos[number])), PdoConfig())
     for number in _PREDEFINED:
-        used = number in rpdos and rpdos[number].enabled
+        used = number in rpdos and rpdos[number].is_on
         if not used and _has_room(builder, number, [], index):
             return _put(builder, number, PdoConfig(transmission=beside.transmission, mapping=[PdoObjectKeys(index)]))
     return f"no RPDO of {builder.file} has room for 0x{index:04X}"

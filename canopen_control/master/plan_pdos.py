@@ -235,6 +235,7 @@ def _plan_reads(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
             builder.reads.append(MappedObject(index, subindex, bits, entry.data_type))
 
 
+_A: Final = {"rpdo": "an RPDO", "tpdo": "a TPDO"}
 _PREDEFINED = {"rpdo": rpdo_cob_id, "tpdo": tpdo_cob_id}
 _PREDEFINED_COUNT = 4
 _LAST_SPARE = 0x6DF
@@ -304,12 +305,27 @@ def plan_pdos(builder: PlanBuilder, kind: str) -> None:
         if live and used and _usable(cob_id or 0):
             if number in listed or number in downloaded:
                 _adopt(builder, kind, number, cob_id or 0)
+            elif wrong := _wrong_default(builder, kind, number):
+                _warn_left_off(builder, kind, number, wrong)
+                _switch_off(builder, kind, number, cob_id, in_file=False)
             else:
                 _plan_pdo(builder, kind, number, PdoConfig(), STORED)
         elif number not in listed and not (number in downloaded and not live and not configured and not listed):
             _switch_off(builder, kind, number, cob_id, in_file=number in downloaded)
     for number in listed & configured.keys():
         _compare_listed(builder, kind, number)
+
+
+def _wrong_default(builder: PlanBuilder, kind: str, number: int) -> str:
+    """Return what is wrong with the first impossible object of a mapping of the EDS, "" if all are possible."""
+    mapping = _default_mapping(builder, kind, number)
+    found = (_unmappable(builder, kind, index, subindex) for index, subindex, _ in mapping)
+    return next((text for text in found if text), "")
+
+
+def _warn_left_off(builder: PlanBuilder, kind: str, number: int, wrong: str) -> None:
+    text = f"{kind.upper()} {number} is left off, because of its mapping in {builder.file}: {wrong}"
+    builder.warn(kind, f"{text}; correct the file, or give {kind}.{number} a mapping here")
 
 
 def _switch_off(builder: PlanBuilder, kind: str, number: int, cob_id: int | None, *, in_file: bool) -> None:
@@ -413,19 +429,19 @@ def _adopt(builder: PlanBuilder, kind: str, number: int, cob_id: int) -> None:
 def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig, reason: str = "") -> None:
     """Plan one PDO; `reason` is for one that bus.yml does not list."""
     key, index = f"{kind}.{number}", COMMUNICATION[kind] + number - 1
-    if 1 <= number <= COUNT and (index, 1) not in builder.od and not pdo.enabled:
+    if 1 <= number <= COUNT and (index, 1) not in builder.od and not pdo.is_on:
         return  # what the device does not have is off
     if not 1 <= number <= COUNT or (index, 1) not in builder.od:
         count = sum((COMMUNICATION[kind] + index, 1) in builder.od for index in range(COUNT))
         builder.complain(key, f"{builder.file} has no {kind.upper()} {number} (0x{index:04X}); it has {count}")
         return
-    off = not pdo.enabled and (builder.default(index, 1) or 0) & INVALID_BIT
+    off = not pdo.is_on and (builder.default(index, 1) or 0) & INVALID_BIT
     settings = _settings(builder, kind, number, pdo)
     planned = _Wanted(kind, number, key, _cob_id(builder, kind, number, pdo), settings, reason)
-    if not builder.is_fixed_cob_id(index, 1, planned.cob_id) or not pdo.enabled:
+    if not builder.is_fixed_cob_id(index, 1, planned.cob_id) or not pdo.is_on:
         _check_fixed(builder, planned, pdo)
         _write(builder, planned, 1, planned.cob_id | INVALID_BIT, STORED if off else reason)
-    if not pdo.enabled:
+    if not pdo.is_on:
         return
     objects = _mapped(builder, kind, number, pdo)
     if not objects and pdo.mapping is None:
@@ -446,11 +462,11 @@ def _check_fixed(builder: PlanBuilder, planned: _Wanted, pdo: PdoConfig) -> None
     It is tried anyway: EDS files declare `ro` or `const` for COB-IDs that can be written.
     """
     entry, default = builder.od.get(planned.communication, 1), builder.default(planned.communication, 1)
-    if entry is None or entry.writable or default is None or (default & INVALID_BIT and not pdo.enabled):
+    if entry is None or entry.writable or default is None or (default & INVALID_BIT and not pdo.is_on):
         return
     name = f"{planned.kind.upper()} {planned.number}"
     problem = f"0x{planned.communication:04X}:01 is {entry.access} in {builder.file}, so the COB-ID of {name} "
-    if not pdo.enabled:
+    if not pdo.is_on:
         builder.remark(planned.key, f"{problem}may not be made invalid; its mapping is emptied then")
     elif default & INVALID_BIT:
         builder.warn(planned.key, f"{problem}may not be made valid; use another {planned.kind.upper()}")
@@ -541,7 +557,7 @@ def _cob_id(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> int
     if number > _PREDEFINED_COUNT:
         return _spare(builder, key, pdo) | default & NO_RTR_BIT
     predefined = _PREDEFINED[kind](number, builder.node.node_id)
-    if pdo.cob_id is None and pdo.enabled:
+    if pdo.cob_id is None and pdo.is_on:
         builder.warn(
             key,
             f"no cob_id here and none that a PDO may have in {builder.file}; 0x{predefined:03X}, the predefined one, "
@@ -552,7 +568,7 @@ def _cob_id(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> int
 
 def _spare(builder: PlanBuilder, key: str, pdo: PdoConfig) -> int:
     """Return the next of the COB-IDs that ros2_canopen's generator assigns to PDOs above 4."""
-    if not pdo.enabled:
+    if not pdo.is_on:
         return 0
     if pdo.cob_id is None:
         builder.complain(key, "only PDO 1 to 4 have a predefined COB-ID; give cob_id a number, or auto")
@@ -591,30 +607,33 @@ def _check_bits(builder: PlanBuilder, key: str, mapped: PdoObjectKeys) -> None:
 
 def _map_one(builder: PlanBuilder, kind: str, key: str, index: int, subindex: int, part: int) -> MappedObject | None:
     """Return a mapped object; `part` is its number of bits in a default mapping, 0 for all."""
-    if index in DUMMY_TYPES and not subindex:
-        return _map_dummy(builder, kind, key, index)
+    if wrong := _unmappable(builder, kind, index, subindex):
+        builder.complain(key, wrong)
+    if index in DUMMY_TYPES and not subindex:  # the data type that fills a gap of an RPDO
+        return MappedObject(index, 0, DUMMY_TYPES[index].bits or 0, DUMMY_TYPES[index])
     entry = builder.od.get(index, subindex)
-    if entry is None:
-        builder.complain(key, f"0x{index:04X}:{subindex:02X} is not in {builder.file}")
+    bits = None if entry is None else entry.data_type.bits
+    if entry is None or bits is None:
         return None
-    bits = entry.data_type.bits
+    return MappedObject(index, subindex, part or bits, _signed(index, entry.data_type))
+
+
+def _unmappable(builder: PlanBuilder, kind: str, index: int, subindex: int) -> str:
+    """Return why a PDO cannot carry an object, "" if it can; a dummy only in an RPDO that allows it ([DummyUsage])."""
+    if index in DUMMY_TYPES and not subindex:
+        allowed = kind == "rpdo" and index in builder.od.dummy_usage
+        return "" if allowed else f"the dummy 0x{index:04X} is none that {builder.file} allows in {_A[kind]}"
+    place, entry = f"0x{index:04X}:{subindex:02X}", builder.od.get(index, subindex)
+    if entry is None:
+        return f"{place} is not in {builder.file}"
     if not _mappable(entry, kind):
-        builder.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} cannot be mapped into a {kind.upper()}")
-    elif bits is None:
-        builder.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} has no fixed length")
-    return None if bits is None else MappedObject(index, subindex, part or bits, _signed(index, entry.data_type))
+        return f"{place} {entry.name} cannot be mapped into {_A[kind]}"
+    return "" if entry.data_type.bits is not None else f"{place} {entry.name} has no fixed length"
 
 
 def _signed(index: int, data_type: DataType) -> DataType:
     """Return the signed type for an object that is signed in CiA 402, even if the EDS has it unsigned."""
     return _SIGNED_TYPES.get(data_type, data_type) if axis_of(index)[0] in _SIGNED else data_type
-
-
-def _map_dummy(builder: PlanBuilder, kind: str, key: str, index: int) -> MappedObject:
-    """Return the data type that fills a gap of an RPDO, if the device allows it ([DummyUsage])."""
-    if kind != "rpdo" or index not in builder.od.dummy_usage:
-        builder.complain(key, f"the dummy 0x{index:04X} is none that {builder.file} allows in a {kind.upper()}")
-    return MappedObject(index, 0, DUMMY_TYPES[index].bits or 0, DUMMY_TYPES[index])
 
 
 def _mappable(entry: Entry, kind: str) -> bool:

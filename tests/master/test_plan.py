@@ -95,7 +95,7 @@ def test_a_drive_with_0x6007_is_told_to_fault_when_the_master_is_lost(tmp_path):
         ("rpdo: {9: {enabled: true}}", "has no RPDO 9"),
         ("tpdo: {1: {mapping: [{index: 0x1008}]}}", "cannot be mapped"),
         ("tpdo: {1: {mapping: [{index: 0x6064}, {index: 0x606C}, {index: 0x6041}]}}", "80 bits"),
-        ("rpdo: {1: {mapping: [{index: 0x6041}]}}", "cannot be mapped into a RPDO"),
+        ("rpdo: {1: {mapping: [{index: 0x6041}]}}", "cannot be mapped into an RPDO"),
         ("sdo: [{index: 0x6083, value: -1}]", "0x6083:00"),
     ],
 )

@@ -1,5 +1,6 @@
 """Which PDOs are live, and the writes that make them so."""
 
+import re
 import textwrap
 
 import pytest
@@ -206,6 +207,35 @@ def test_a_pdo_that_the_eds_switches_off_gets_a_cob_id_and_that_is_told(tmp_path
     plan, notes = planned(tmp_path, "tpdo: {4: {mapping: [{index: 0x606C}]}}", dcf="bare.eds")
     assert [layout.cob_id for layout in plan.tpdos] == [0x483]
     assert any("0x483, the predefined one, is used" in note for note in notes)
+
+
+@pytest.mark.parametrize("kind", ["rpdo", "tpdo"])
+def test_bit_31_of_a_cob_id_keeps_a_pdo_off_as_in_ros2_canopen(tmp_path, kind):
+    """What dcfgen reads as an invalid PDO must not become a second source of commands."""
+    record, cob_id = (0x1400, 0x203) if kind == "rpdo" else (0x1800, 0x183)
+    plan, _ = planned(tmp_path, f"{kind}: {{1: {{cob_id: {cob_id | 0x80000000:#x}, mapping: [{{index: 0x6040}}]}}}}")
+    assert [value & 0x80000FFF for index, sub, value in records(plan, record) if sub == 1] == [cob_id | 0x80000000]
+    assert 1 not in [layout.number for layout in (plan.rpdos if kind == "rpdo" else plan.tpdos)]
+    assert not records(plan, record + 0x200)
+
+
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        (("0x60400010", "0x5EEE0010"), "RPDO 1 is left off, because of its mapping in odd.eds: 0x5EEE:00 is not in"),
+        (("0x60400010", "0x60410010"), "RPDO 1 is left off.*: 0x6041:00 Statusword cannot be mapped into an RPDO"),
+        (("0x60400010", "0x00050008"), "RPDO 1 is left off.*: the dummy 0x0005 is none that odd.eds allows in an RPDO"),
+    ],
+)
+def test_a_pdo_whose_mapping_in_the_eds_is_impossible_is_left_off_and_named(tmp_path, edit, words):
+    text = EDS.read_text(encoding="latin-1").replace(*edit)
+    (tmp_path / "odd.eds").write_text(text, encoding="latin-1")
+    plan, notes = planned(tmp_path, "", dcf="odd.eds")
+    assert any(re.search(words, note) for note in notes), notes
+    assert 1 not in [layout.number for layout in plan.rpdos]
+    assert [value & 0x80000000 for index, sub, value in records(plan, 0x1400) if sub == 1] == [0x80000000]
+    with pytest.raises(BusConfigError, match=words.partition(": ")[2]):
+        planned(tmp_path, "rpdo: {1: {enabled: true}}", dcf="odd.eds")
 
 
 def test_an_event_timer_of_zero_is_a_value_and_a_deadline_is_an_rpdos_timer(tmp_path):
