@@ -325,7 +325,12 @@ def _refused(
     layout = _layout(plan, pdo)
     if layout is None:
         if any(write.optional for write in planned):
-            transfers.warnings.append(f"{_name(planned)}, which bus.yml does not list, stays live: {refusal}")
+            state = "stays live"
+            if (kept := int.from_bytes(current.get((cob_id_of(pdo), 1)) or b"", "little")) and is_restricted(
+                kept & 0x7FF
+            ):
+                state = f"keeps the COB-ID 0x{kept:X}, which no PDO may have (CiA 301, table 40)"
+            transfers.warnings.append(f"{_name(planned)}, which bus.yml does not list, {state}: {refusal}")
         elif (yield from _empty(pdo, transfers)):
             transfers.warnings.append(f"{_name(planned)} is off by an empty mapping: {refusal}")
         else:

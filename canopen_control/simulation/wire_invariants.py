@@ -129,7 +129,10 @@ class ConfigurationInvariants:
     # -- forbidden values
 
     def _judge_pdos(self, node: _Configured, device: VirtualNode) -> None:
-        """Report a PDO that became active with an invalid COB-ID."""
+        """Report a PDO that became active with an invalid COB-ID, other than the one that its EDS gives it.
+
+        A device starts with what its file says, and such a PDO transfers nothing (CiA 301, table 40).
+        """
         store = device.store
         if node.version == (store, store.version):
             return
@@ -140,6 +143,8 @@ class ConfigurationInvariants:
         for index in node.records:
             entry = store.get(index, 1)
             if isinstance(entry, int) and not entry & INVALID_BIT and _is_restricted(entry & 0x1FFFFFFF):
+                if entry == device.od[index, 1].value:
+                    continue
                 bad.add(index)
                 if index not in node.bad:
                     text = f"the PDO 0x{index:04X} of {node.name} is active with COB-ID 0x{entry & 0x1FFFFFFF:03X}"

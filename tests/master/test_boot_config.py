@@ -296,6 +296,13 @@ def test_an_unlisted_pdo_that_stays_live_is_told_and_a_listed_one_that_does_is_a
         run(device(0x60400010, refuse={**stubborn, (0x1600, 0): READ_ONLY}), asked, rpdos=())
 
 
+def test_an_unlisted_pdo_that_keeps_an_impossible_cob_id_is_not_called_live():
+    node = device(0x60400010, cob_id=0x180, refuse={(0x1400, 1): READ_ONLY})
+    warnings = run(node, UNLISTED, rpdos=()).warnings
+    assert "keeps the COB-ID 0x180, which no PDO may have" in warnings[0]
+    assert "live" not in warnings[0]
+
+
 def test_a_listed_pdo_that_cannot_be_made_invalid_is_off_by_an_empty_mapping():
     node = device(0x60400010, refuse={(0x1400, 1): READ_ONLY})
     assert "off by an empty mapping" in run(node, [write(0x1400, 1, 0x80000203)], rpdos=()).warnings[0]

@@ -82,6 +82,14 @@ def test_a_pdo_is_never_active_with_a_cob_id_that_it_may_not_have(judged, entry,
     assert judged.broken == ["cob_id_restricted"] * told
 
 
+def test_an_impossible_cob_id_of_the_eds_is_no_breach(judged):
+    device = judged.robot.drives[2].device
+    device.od.entries[0x1803, 1] = replace(device.od[0x1803, 1], default=0x180)
+    device.store.set(0x1803, 1, 0x180)
+    judged.run(0.3)
+    assert judged.broken == []
+
+
 def test_a_wide_object_is_decoded_as_it_is():
     run = SimulationRun(read_robot(find_robot(WIDE)), 1, ())
     run.run(1_500_000_000)
