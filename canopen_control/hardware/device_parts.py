@@ -450,7 +450,7 @@ def _derived(node: RemoteNode, name: str) -> bool:
 
 def part_problems(part: ControlJoint, node: RemoteNode) -> list[str]:
     """Return the errors in the interfaces of a part, one sentence each."""
-    problems = []
+    problems, unsent = list[str](), dict[str, list[str]]()
     sent = {(mapped.index, mapped.subindex) for layout in node.plan.rpdos for mapped in layout.objects}
     device = f"{node.plan.profile.words} {node.name}"
     for name in dict.fromkeys((*part.command_interfaces, *part.state_interfaces)):
@@ -467,7 +467,11 @@ def part_problems(part: ControlJoint, node: RemoteNode) -> list[str]:
         elif signal.index in {index + offset for index in MOTION for offset in node.plan.axes}:
             problems.append(f"{part.name}: {name!r} of {device} moves an axis; a joint commands it")
         elif signal.address not in sent:
-            problems.append(f"{part.name}: {name!r} of {device} is in no RPDO; map {signal.where} in bus.yml")
+            unsent.setdefault(signal.where.partition(".")[0], []).append(repr(name))
+    for place, names in unsent.items():  # outputs of one object, such as the eight of a byte, share a sentence
+        few = names if len(names) <= _FEW else [*names[: _FEW - 1], f"{len(names) - _FEW + 1} more"]
+        text = f"{', '.join(few)} of {device} {_is(names)} in no RPDO"
+        problems.append(f"{part.name}: {text}; map {place} in bus.yml")
     return problems
 
 

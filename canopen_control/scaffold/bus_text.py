@@ -115,7 +115,7 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
         return [*lines, f"# PROBLEM: {node.unusable}", kept]
     if node.drive is None:
         product = f"{node.profile.words}: " if node.signals else "no profile that is known here, a proxy: "
-        return [*lines, *_watched(node), *_kept(robot, node), f"# {product}its PDOs stay as they are"]
+        return [*lines, *_watched(node), *_kept(robot, node), *_device_pdos(node, product)]
     return [
         *lines,
         *(motion := _motion(node, node.drive)),
@@ -123,6 +123,19 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
         *_writes(robot, node, node.drive),
         *_pdos(node.drive),
     ]
+
+
+def _device_pdos(node: NewNode, product: str) -> Iterator[str]:
+    """Yield the PDOs of a device other than a drive, where those that it has live do not carry its signals."""
+    listed = (("tpdo", "from the device", node.tpdos), ("rpdo", "to the device", node.rpdos))
+    kept = [f"{key.upper()}s" for key, _, uses in listed if not uses]
+    stay = f"its {'PDOs' if len(kept) == len(listed) else ''.join(kept)} stay as they are"
+    yield f"# {product}{stay if kept else 'its PDOs carry its signals'}"
+    for key, words, uses in listed:
+        if uses:
+            yield f"{key}:  # {words}; {key.upper()}s that are not listed are disabled"
+            for use in uses:
+                yield from _indented(_pdo(use), 2)
 
 
 def _known(robot: NewRobot, node: NewNode, present: Collection[str]) -> list[str]:

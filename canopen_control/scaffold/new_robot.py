@@ -18,6 +18,7 @@ from canopen_control.profiles.device_type import Profile, profile_of
 from canopen_control.profiles.profile_tables import profile_signals
 from canopen_control.scaffold.bases import BASES, BaseKind
 from canopen_control.scaffold.drive_choice import POSITION, axes_of, choose_drive, supervision_of
+from canopen_control.scaffold.pdo_choice import PdoRequirement, PdoUse, complete_pdos
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -97,6 +98,8 @@ class NewNode:
     signals: tuple[Signal, ...] = ()
     profile: Profile = Profile.NONE
     unusable: str = ""
+    rpdos: tuple[PdoUse, ...] = ()
+    tpdos: tuple[PdoUse, ...] = ()
 
     @property
     def measured(self) -> str:
@@ -219,7 +222,13 @@ def _device_node(device: Device) -> NewNode:
     profile = profile_of(device.od)
     signals = tuple(profile_signals(device.od, profile).values())
     name = f"{_KINDS[profile]}_{device.node_id}"
-    return NewNode(name, device, supervision_of(device.od), signals=signals, profile=profile)
+    sent = PdoRequirement(is_rpdo=True, needed=tuple(signal.address for signal in signals if signal.output))
+    rpdos, tpdos = complete_pdos(device.od, sent), tuple[PdoUse, ...]()
+    if profile is Profile.IO:  # other inputs change slowly enough to be asked for by SDO
+        received = tuple(signal.address for signal in signals if not signal.output)
+        tpdos = complete_pdos(device.od, PdoRequirement(is_rpdo=False, needed=received))
+    supervision = supervision_of(device.od)
+    return NewNode(name, device, supervision, signals=signals, profile=profile, rpdos=rpdos, tpdos=tpdos)
 
 
 def _drive_node(

@@ -63,6 +63,28 @@ def choose_pdos(od: ObjectDictionary, wish: PdoRequirement) -> tuple[tuple[PdoUs
     return _result(od, uses, wish), _missing(uses, wish.needed)
 
 
+def complete_pdos(od: ObjectDictionary, wish: PdoRequirement) -> tuple[PdoUse, ...]:
+    """Return the PDOs of a device that carry what is needed, () if those that are live by default carry it.
+
+    The live ones stay as they are. PDOs that are off and have the objects in their default mapping are switched on, as
+    CiA 401 demands of PDOs 2 to 4; what is then still missing is mapped into PDOs that nothing else uses.
+    """
+    pdos = [pdo for pdo in pdos_of(od) if pdo.is_rpdo == wish.is_rpdo and (pdo.communication, 1) in od]
+    uses = [(pdo, _ordered(pdo), False) for pdo in pdos if pdo.enabled and _usable(od, pdo, wish)]
+    live = {pdo.number for pdo, _, _ in uses}
+    rest = [address for address in _missing(uses, dict.fromkeys(wish.needed)) if _mappable(od, address, wish)]
+    off = [pdo for pdo in pdos if pdo.number not in live and _usable(od, pdo, wish)]
+    added = _covering([pdo for pdo in off if not _objects(pdo) & _carried(uses)], rest, ())
+    taken = live | {pdo.number for pdo, _, _ in added}
+    free = [pdo for pdo in pdos if pdo.number not in taken and _slots(od, pdo)]
+    added += _packed(od, free, _missing(added, rest))
+    if not added:
+        return ()
+    kept = tuple(PdoUse(pdo.number, objects, False, False, None) for pdo, objects, _ in uses)
+    new = (PdoUse(pdo.number, objects, remaps, _auto(od, pdo), None) for pdo, objects, remaps in added)
+    return tuple(sorted((*kept, *new), key=lambda use: use.number))
+
+
 _Use = tuple["Pdo", "tuple[Address, ...]", bool]
 
 

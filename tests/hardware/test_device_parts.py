@@ -554,6 +554,18 @@ def test_all_mistakes_of_a_part_are_told_at_once(tmp_path):
     assert "'di0' of I/O module (CiA 401) io is an input; make it a state_interface" in said
 
 
+def test_outputs_of_one_object_without_an_rpdo_share_a_sentence(tmp_path):
+    bits = tuple(f"do{bit}" for bit in range(8))
+    config = with_device(tmp_path, EDS, (), commands=(*bits, "ao1"), keys={"rpdo": {1: {"enabled": False}}})
+    with pytest.raises(RobotConfigError) as caught:
+        DeviceBench("device-unmapped", config)
+    lines = [line for line in str(caught.value).splitlines() if "in no RPDO" in line]
+    assert len(lines) == 2
+    assert "'do0', 'do1', 'do2', 'do3', 'do4', 3 more of I/O module (CiA 401) io are in no RPDO" in lines[0]
+    assert lines[0].endswith("; map 0x6200:01 in bus.yml")
+    assert "'ao1' of I/O module (CiA 401) io is in no RPDO; map 0x6411:02 in bus.yml" in lines[1]
+
+
 def test_a_part_of_another_name_says_which_node_it_is(tmp_path):
     wrong = '<param name="device_name">io1</param>'
     with pytest.raises(RobotConfigError, match=r"'io1' is not a node of bus\.yml, did you mean 'io'"):

@@ -83,6 +83,36 @@ def test_a_device_alone_makes_a_robot_that_passes_the_strict_check(tmp_path, num
     assert report.passes(strict=True), report.findings
 
 
+AO_OFF = {"$NODEID+0x300": "$NODEID+0x80000300"}
+AO_UNMAPPED = {**AO_OFF, "0x64110110": "0", "0x64110210": "0", "0x64110310": "0", "0x64110410": "0"}
+AO_ITEMS = [{"index": 0x6411, "sub_index": sub} for sub in range(1, 5)]
+ON, AUTO = {"enabled": True}, {"enabled": True, "cob_id": "auto"}
+
+
+@pytest.mark.parametrize(
+    ("edits", "keys"),
+    [
+        ({}, {}),
+        (AO_OFF, {"rpdo": {1: ON, 2: AUTO}}),
+        (AO_UNMAPPED, {"rpdo": {1: ON, 2: {**AUTO, "mapping": AO_ITEMS}}}),
+        ({"$NODEID+0x280": "$NODEID+0x80000280"}, {"tpdo": {1: ON, 2: AUTO}}),
+    ],
+)
+def test_signals_whose_pdo_is_off_by_default_have_one(tmp_path, edits, keys):
+    """PDOs 2 to 4 of a module may be off when it leaves the factory (CiA 401): the robot runs all the same."""
+    text = data_path("eds", "generic_cia401.eds").read_text()
+    for old, new in edits.items():
+        assert old in text
+        text = text.replace(old, new)
+    path = tmp_path / "module.eds"
+    path.write_text(text)
+    written = write_robot(plan_robot("cell", [Device(9, path, read_eds(path, 9).od)]), tmp_path)
+    node = yaml.safe_load((written.folder / "bus.yml").read_text())["defaults"]
+    assert {key: node[key] for key in ("rpdo", "tpdo") if key in node} == keys
+    report = check_robot(find_robot(str(written.folder)), CheckOptions())
+    assert report.passes(), report.findings
+
+
 def keys_of(*ods, **how):
     devices = [Device(number, Path("d.eds"), od) for number, od in enumerate(ods, 2)]
     return yaml.safe_load(controllers_text(plan_robot("r", devices, **how)))
