@@ -253,9 +253,15 @@ class _Reader:
 
     def _files(self, node: ast.AST) -> None:
         """Collect file names, as whole paths, and commands."""
-        if isinstance(node, ast.Call) and _called(node) == "process_file" and (text := self._processed(node)):
-            self.launch.found.append(LaunchText(text, node.lineno))
-            return
+        if isinstance(node, ast.Call):
+            if _called(node) == "process_file" and (text := self._processed(node)):
+                self.launch.found.append(LaunchText(text, node.lineno))
+                return
+            if builder := _moveit_builder(node):
+                self._moveit(node, builder)
+                return
+            if _called(node) == "generate_demo_launch" and (package := self._moveit_package(node)):
+                self.launch.found.append(LaunchText(f"{package}/config/ros2_controllers.yaml", node.lineno))
         if isinstance(node, ast.expr) and not isinstance(node, ast.Name):
             text = self.text(node)
             if text is not None and (text.endswith(_SUFFIXES) or _is_command(node)):
@@ -286,8 +292,10 @@ class _Reader:
 
     def _processed(self, call: ast.Call) -> str | None:
         """Return xacro.process_file(FILE, mappings={NAME: VALUE}) as an equivalent command."""
-        file = self.text(call.args[0]) if call.args else None
-        mappings = _keyword(call, "mappings")
+        return self._xacro(self.text(call.args[0]) if call.args else None, _keyword(call, "mappings"))
+
+    def _xacro(self, file: str | None, mappings: ast.expr | None) -> str | None:
+        """Return the command that evaluates a file with these arguments, None if one of them is computed."""
         mappings = self._names.get(mappings.id) if isinstance(mappings, ast.Name) else mappings
         words = ["xacro", file]
         for key, value in zip(mappings.keys, mappings.values, strict=True) if isinstance(mappings, ast.Dict) else ():
@@ -298,6 +306,44 @@ class _Reader:
                 words.append(f"{name}:={shlex.quote(text) if ' ' in text and '$(' not in text else text}")
         resolved = [word for word in words if word is not None]
         return " ".join(resolved) if len(resolved) == len(words) else None
+
+    # --- MoveIt ---
+
+    def _moveit(self, chain: ast.Call, builder: ast.Call) -> None:
+        """Read MoveItConfigsBuilder(ROBOT, package_name=...).robot_description(...) as an equivalent command.
+
+        Without a file of its own the builder takes config/ROBOT.urdf.xacro of its package (moveit_configs_utils).
+        """
+        robot, package = self._moveit_names(builder)
+        described = _link(chain, "robot_description")
+        given = None
+        if described is not None:
+            given = described.args[0] if described.args else _keyword(described, "file_path")
+        relative = self.text(given) if given is not None else robot and f"config/{robot}.urdf.xacro"
+        if package is None or relative is None:
+            self.launch.computed.append((builder.lineno, "the description of MoveItConfigsBuilder"))
+            return
+        file = relative if relative.startswith(("/", "$(find ")) else f"{package}/{relative}"
+        mappings = None if described is None else _keyword(described, "mappings")
+        if described is not None and mappings is None and len(described.args) > 1:
+            mappings = described.args[1]
+        if (text := self._xacro(file, mappings)) is not None:
+            self.launch.found.append(LaunchText(text, builder.lineno))
+
+    def _moveit_names(self, builder: ast.Call) -> tuple[str | None, str | None]:
+        """Return the robot's name and $(find PACKAGE) of a builder; None what is computed."""
+        name = builder.args[0] if builder.args else _keyword(builder, "robot_name")
+        robot = None if name is None else self.text(name)
+        package = builder.args[2] if len(builder.args) > 2 else _keyword(builder, "package_name")
+        found = self.text(package) if package is not None else robot and f"{robot}_moveit_config"
+        return robot, None if found is None else f"$(find {found})"
+
+    def _moveit_package(self, launch: ast.Call) -> str | None:
+        """Return $(find PACKAGE) of the configuration that a call of moveit_configs_utils.launches starts."""
+        config = launch.args[0] if launch.args else _keyword(launch, "moveit_config")
+        config = self._names.get(config.id) if isinstance(config, ast.Name) else config
+        builder = _moveit_builder(config) if isinstance(config, ast.Call) else None
+        return None if builder is None else self._moveit_names(builder)[1]
 
     # --- texts ---
 
@@ -421,6 +467,22 @@ def _called(call: ast.Call) -> str:
     """Return the last part of a called name: `Node` of `actions.Node`."""
     func = call.func
     return func.attr if isinstance(func, ast.Attribute) else func.id if isinstance(func, ast.Name) else ""
+
+
+def _links(call: ast.Call) -> Iterator[ast.Call]:
+    """Yield the calls of a chain a(...).b(...).c(...), the last one first."""
+    node: ast.expr = call
+    while isinstance(node, ast.Call):
+        yield node
+        node = node.func.value if isinstance(node.func, ast.Attribute) else node.func
+
+
+def _link(chain: ast.Call, name: str) -> ast.Call | None:
+    return next((call for call in _links(chain) if _called(call) == name), None)
+
+
+def _moveit_builder(chain: ast.Call) -> ast.Call | None:
+    return _link(chain, "MoveItConfigsBuilder")
 
 
 def _keyword(call: ast.Call, name: str) -> ast.expr | None:

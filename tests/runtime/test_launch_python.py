@@ -80,6 +80,39 @@ def test_a_xacro_that_the_file_processes_itself_is_the_same_command():
 
 
 @pytest.mark.parametrize(
+    ("expression", "text"),
+    [
+        ('MoveItConfigsBuilder("arm").to_moveit_configs()', "xacro $(find arm_moveit_config)/config/arm.urdf.xacro"),
+        ('MoveItConfigsBuilder("arm", package_name="p")', "xacro $(find p)/config/arm.urdf.xacro"),
+        ('MoveItConfigsBuilder("arm", "robot_description", "p").a()', "xacro $(find p)/config/arm.urdf.xacro"),
+        (
+            'MoveItConfigsBuilder("arm", package_name="p").robot_description("urdf/a.urdf").b(f())',
+            "xacro $(find p)/urdf/a.urdf",
+        ),
+        (
+            'MoveItConfigsBuilder("arm").robot_description(file_path=FindPackageShare("d") + "/a.urdf.xacro",'
+            ' mappings={"can": LaunchConfiguration("can"), "side": f()}).c()',
+            "xacro $(find d)/a.urdf.xacro can:=$(var can)",
+        ),
+    ],
+)
+def test_the_description_of_a_moveit_configuration_is_the_same_command(expression, text):
+    assert texts(f"config = (\n    {expression}\n)\n") == [text]
+
+
+def test_the_demo_of_a_moveit_configuration_takes_the_controllers_of_its_package():
+    source = (
+        'config = MoveItConfigsBuilder("arm", package_name="p").to_moveit_configs()\ngenerate_demo_launch(config)\n'
+    )
+    assert texts(source) == ["xacro $(find p)/config/arm.urdf.xacro", "$(find p)/config/ros2_controllers.yaml"]
+    assert texts("generate_demo_launch(f())\n") == []
+
+
+def test_a_moveit_configuration_with_a_computed_name_is_told_with_its_line():
+    assert computed("MoveItConfigsBuilder(f())\n") == [(1, "the description of MoveItConfigsBuilder")]
+
+
+@pytest.mark.parametrize(
     "expression", ['glob("*.yaml")[0]', 'open("x").read() + ".yaml"', 'TWICE + "/b.yaml"', 'given + "/b.yaml"']
 )
 def test_what_is_computed_is_no_text(expression):
