@@ -83,7 +83,7 @@ MAY_IMPORT = {
         | {"trace.bag"},  # a scope's shot is a bag too
         STDLIB | {"numpy", "matplotlib"},
     ),
-    "testing": ({"simulation", "runtime", "virtual", "master"}, STDLIB | {"pytest"}),
+    "testing": ({"simulation", "runtime", "virtual", "master", "cia301", "commissioning"}, STDLIB | {"pytest"}),
     "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime", "check", "personality"}, STDLIB),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
     "gateway": ({"cia301", "host"}, STDLIB),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
@@ -58,6 +59,10 @@ class Transfers(Protocol):
 
     def progress(self) -> tuple[int, int | None]:
         """Return the number of bytes transferred and the size; may be called from another thread."""
+
+    def pause(self, seconds: float) -> None:
+        """Let time pass: that of this computer, or of a simulation."""
+        time.sleep(seconds)
 
     def close(self) -> None:
         """Close what the transfers have opened for themselves."""

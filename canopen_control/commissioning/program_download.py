@@ -12,7 +12,6 @@ import contextlib
 import datetime
 import enum
 import threading
-import time
 import zlib
 from collections.abc import Generator
 from dataclasses import dataclass, field
@@ -27,7 +26,7 @@ from canopen_control.commissioning.restore import quiet_node
 from canopen_control.errors import CanopenError, ConfigError, DriveError, RemoteError, SdoRestarted, SdoTimeout
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from canopen_control.commissioning.identity import DeviceIdentity
     from canopen_control.commissioning.jobs import JobRun, ProgramOptions
@@ -333,14 +332,7 @@ def refuse_other_product(session: NodeSession, identity: DeviceIdentity) -> None
         )
 
 
-def download(
-    session: NodeSession,
-    image: bytes,
-    options: ProgramOptions,
-    progress: DownloadProgress,
-    *,
-    pause: Callable[[float], None] = time.sleep,
-) -> None:
+def download(session: NodeSession, image: bytes, options: ProgramOptions, progress: DownloadProgress) -> None:
     """Load a program into the node and start it; bus errors are raised, see `program_download`."""
     sequence = program_download(image, options, progress)
     outcome: DownloadAnswer | None = None
@@ -349,7 +341,7 @@ def download(
             order = next(sequence) if outcome is None else sequence.send(outcome)
         except StopIteration:
             return
-        outcome = _carry_out(session, order, pause)
+        outcome = _carry_out(session, order)
 
 
 @dataclass(frozen=True, slots=True)
@@ -433,12 +425,12 @@ def interrupted_words(session: NodeSession, progress: DownloadProgress, error: B
     return f"{session}: {progress.step.value}: {reason}; {warning}the same command starts again"
 
 
-def _carry_out(session: NodeSession, order: DownloadOrder, pause: Callable[[float], None]) -> DownloadAnswer:
+def _carry_out(session: NodeSession, order: DownloadOrder) -> DownloadAnswer:
     try:
         if order.act in (DownloadAct.READ, DownloadAct.WRITE):
             return DownloadAnswer(_transferred(session, order))
         if order.act is DownloadAct.PAUSE:
-            pause(order.seconds)
+            session.transfers.pause(order.seconds)
         elif not session.robot:  # whose robot it is has taken it out of operation
             session.transfers.command(NmtCommand.ENTER_PRE_OPERATIONAL)
     except CanopenError as error:

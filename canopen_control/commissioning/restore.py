@@ -14,7 +14,6 @@ import fnmatch
 import os
 import re
 import shlex
-import time
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -313,7 +312,7 @@ class Restore:
         self.refused += [f"{entry_label(self.od[address])}: could not be put back" for address in changed]
 
 
-def store(session: NodeSession, *, pause: Callable[[float], None] = time.sleep) -> None:
+def store(session: NodeSession) -> None:
     """Store all parameters (0x1010:01 with its signature), and wait until the drive answers again.
 
     A drive that writes its flash may be silent meanwhile. ConfigError for one that cannot store, else what it answers.
@@ -323,12 +322,12 @@ def store(session: NodeSession, *, pause: Callable[[float], None] = time.sleep) 
     try:
         session.write(*_STORE, SAVE)
     except SdoTimeout:
-        _wait_for_answer(session, pause)
+        _wait_for_answer(session)
 
 
-def _wait_for_answer(session: NodeSession, pause: Callable[[float], None]) -> None:
+def _wait_for_answer(session: NodeSession) -> None:
     for _ in range(round(_STORE_S / _POLL_S)):
-        pause(_POLL_S)
+        session.transfers.pause(_POLL_S)
         try:
             session.read(*_STORE)
         except SdoTimeout:

@@ -16,12 +16,14 @@ from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.robot_under_test import RobotUnderTest, SimulationObserver
 from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.served_simulation import ServedSimulation
+from canopen_control.testing.simulated_session import simulated_session
 from canopen_control.virtual.fault_table import find_fault
 from canopen_control.virtual.quirks import parse_quirk
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from canopen_control.commissioning.node_session import NodeSession
     from canopen_control.master.event_log import Event
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.robot_under_test import SimulatedDrive
@@ -213,6 +215,11 @@ class TestedRobot:
         for_ns = None if seconds is None else round(seconds * _S)
         self.player.play(ScenarioEvent(0, kind, target, name, tuple(map(float, values)), for_ns))
 
+    def session(self, node: int | str) -> NodeSession:
+        """Return a service session with a node, for jobs such as a backup; its requests advance the time."""
+        name, node_id = self.drives.place(node)
+        return simulated_session(self.simulated, name, node_id)
+
     def _controller(self, name: str) -> None:
         controllers = self.simulated.setup.controllers.controllers
         if name not in controllers:
@@ -294,11 +301,15 @@ class TestedDrives:
         self._drives = {number: TestedDrive(robot, drive) for number, drive in robot.simulated.drives.items()}
 
     def __getitem__(self, node: int | str) -> TestedDrive:
-        drive = self._drives.get(self._ids.get(node, -1) if isinstance(node, str) else node)
-        if drive is None:
-            names = ", ".join(f"{name} ({number})" for name, number in self._ids.items())
-            raise UnknownName(f"no drive {node!r}; there are: {names}")
-        return drive
+        return self._drives[self.place(node)[1]]
+
+    def place(self, node: int | str) -> tuple[str, int]:
+        """Return name and node id of a drive; UnknownName."""
+        for name, number in self._ids.items():
+            if node in (name, number) and number in self._drives:
+                return name, number
+        names = ", ".join(f"{name} ({number})" for name, number in self._ids.items())
+        raise UnknownName(f"no drive {node!r}; there are: {names}")
 
     def __iter__(self) -> Iterator[TestedDrive]:
         return iter(self._drives.values())

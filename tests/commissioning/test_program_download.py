@@ -100,6 +100,9 @@ class Frames:
     def nmt_state(self):
         return self.device.nmt.state
 
+    def pause(self, seconds):
+        self.advance(round(seconds * 1e9))
+
 
 @pytest.fixture
 def frames():
@@ -109,9 +112,7 @@ def frames():
 def load(frames, **how):
     progress = DownloadProgress()
     session = NodeSession(frames, 5, frames.device.od)
-    download(
-        session, NEW_OF_PROGRAM_SESSION, ProgramOptions(**how), progress, pause=lambda s: frames.advance(round(s * 1e9))
-    )
+    download(session, NEW_OF_PROGRAM_SESSION, ProgramOptions(**how), progress)
     return progress
 
 
@@ -152,9 +153,7 @@ def test_the_loader_needs_no_eds(frames):
     assert is_loader(session.identity())
     assert session.powered_axes() == []
     progress = DownloadProgress()
-    download(
-        session, NEW_OF_PROGRAM_SESSION, ProgramOptions(), progress, pause=lambda s: frames.advance(round(s * 1e9))
-    )
+    download(session, NEW_OF_PROGRAM_SESSION, ProgramOptions(), progress)
     assert progress.new == zlib.crc32(NEW_OF_PROGRAM_SESSION[:-4])
 
 
@@ -195,10 +194,10 @@ def test_errors_of_the_bus_are_no_answers():
 
     session.transfers.write = gone
     with pytest.raises(BusClosed):
-        download(session, NEW_OF_PROGRAM_SESSION, ProgramOptions(), DownloadProgress(), pause=lambda _: None)
+        download(session, NEW_OF_PROGRAM_SESSION, ProgramOptions(), DownloadProgress())
     session.transfers.silent_from = 0
     with pytest.raises(SdoTimeout):
-        download(session, NEW_OF_PROGRAM_SESSION, ProgramOptions(), DownloadProgress(), pause=lambda _: None)
+        download(session, NEW_OF_PROGRAM_SESSION, ProgramOptions(), DownloadProgress())
 
 
 def test_block_transfer_has_80_percent_of_what_the_bit_rate_allows(frames):

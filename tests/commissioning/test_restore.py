@@ -337,14 +337,15 @@ def test_a_drive_that_is_silent_while_it_stores_is_waited_for():
 
     def pause(seconds):
         pauses.append(seconds)
-        if len(pauses) == 3:
+        if len(pauses) == 3:  # and never again
             session.transfers.silent_from = None
 
-    store(session, pause=pause)
+    session.transfers.pause = pause
+    store(session)
     assert len(pauses) == 3
     session.transfers.silent_from = 0
     with pytest.raises(DriveError, match="do not switch it off yet"):
-        store(session, pause=lambda _: None)
+        store(session)
 
 
 def test_a_drive_that_cannot_store_says_so():

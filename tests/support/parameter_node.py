@@ -58,6 +58,9 @@ class DeviceTransfers:
     def be_patient(self, seconds):
         pass
 
+    def pause(self, seconds):
+        pass
+
     def progress(self):
         return 0, None
 

@@ -36,5 +36,8 @@ class NodeStub:
     def be_patient(self, seconds):
         pass
 
+    def pause(self, seconds):
+        pass
+
     def progress(self):
         return 0, None
