@@ -26,7 +26,7 @@ MAY_IMPORT = {
     "version": (set(), PURE | {"importlib"}),
     "data_files": (set(), PURE),
     "host": (set(), STDLIB),
-    "rpc": ({"host", "cia402.state"}, STDLIB | {"msgspec"}),  # a state has one name
+    "rpc": ({"host", "cia301.emcy", "cia402.state"}, STDLIB | {"msgspec"}),  # a state and an error code have one text
     "yamlfile": ({"data_files"}, PURE | {"yaml", "os"}),
     "personality": ({"data_files", "yamlfile"}, PURE),  # of drives: what both sides of the wire know of manufacturers
     "urdf": (set(), STDLIB | {"xacro", "ament_index_python"}),

@@ -192,9 +192,19 @@ def error_text(code: int) -> str:
     return f"unknown error code 0x{code:04X}"
 
 
+def code_text(code: int) -> str:
+    """Return an error code with its meaning, the same in EMCY, 0x1003 and 0x603F."""
+    return f"0x{code:04X} ({error_text(code)})"
+
+
 def register_text(register: int) -> str:
     """Return the names of the set bits of an error register, separated by commas; empty for 0."""
     return ", ".join(text for bit, text in REGISTER_TEXTS.items() if register & bit)
+
+
+def is_reset_code(code: int) -> bool:
+    """Return whether a code reports an error reset or no error: 00xx."""
+    return code <= 0xFF
 
 
 EMCY_COB_ID = 0x080
@@ -235,22 +245,12 @@ class EmcyMessage:
     @property
     def is_reset(self) -> bool:
         """Whether the message reports an error reset or no error: code 00xx."""
-        return self.error_code <= 0xFF
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether the frame had the standard's 8 bytes."""
-        return len(self.data) == MANUFACTURER_BYTES
-
-    @property
-    def text(self) -> str:
-        """The meaning of the error code."""
-        return error_text(self.error_code)
+        return is_reset_code(self.error_code)
 
     def __str__(self) -> str:
         """Return code, meaning, register and nonzero manufacturer-specific bytes in one line."""
         extra = f", data {self.data.hex(' ')}" if any(self.data) else ""
-        return f"0x{self.error_code:04X} ({self.text}), register 0x{self.error_register:02X}{extra}"
+        return f"{code_text(self.error_code)}, register 0x{self.error_register:02X}{extra}"
 
 
 class EmcyProducer:

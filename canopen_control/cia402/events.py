@@ -223,6 +223,7 @@ class StatuswordUndefined:
         return f"{_word(self.statusword)} shows no state, for {self.updates} updates"
 
 
+FAULT_EVENTS = (FaultEntered, FaultCleared, FaultResetFailed)
 DriveEvent = (
     StateChanged
     | FaultEntered

@@ -12,11 +12,12 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia301.emcy import error_text, register_text
+from canopen_control.cia301.emcy import code_text
 from canopen_control.cia402.objects import ERROR_CODE, axis_index
 from canopen_control.cia402.state import State
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.od.model import DataType
+from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.rpc.messages.robot import AxisRequest, CommandController, GetNodes, ListControllers, SdoRead
 
 if TYPE_CHECKING:
@@ -39,14 +40,10 @@ def fault_words(node: NodeSession) -> str:
     axes = [axis for axis, state in node.drive_states().items() if state in _FAULTS]
     if not axes:
         return ""
-    words = []
     code = next(filter(None, (node.number(axis_index(ERROR_CODE, axis), 0, DataType.UNSIGNED16) for axis in axes)), 0)
     code = code or (node.number(*_HISTORY) or 0) & 0xFFFF
-    if code:
-        words.append(f"0x{code:04X} {error_text(code)}")
-    if register := node.number(*_REGISTER, DataType.UNSIGNED8):
-        words.append(f"error register 0x{register:02X} ({register_text(register)})")
-    return ", ".join(words) or "it does not say which"
+    fault = FaultEvent(code or None, node.number(*_REGISTER, DataType.UNSIGNED8) or None)
+    return fault.text or "it does not say which"
 
 
 def error_history(node: NodeSession) -> list[str]:
@@ -55,12 +52,12 @@ def error_history(node: NodeSession) -> list[str]:
     if count is None:
         raise ConfigError(f"{node} keeps no error history (0x1003)")
     codes = (node.number(_HISTORY[0], subindex) for subindex in range(1, min(count, _MOST_ERRORS) + 1))
-    return [f"0x{code & 0xFFFF:04X} {error_text(code & 0xFFFF)}{_own(code)}" for code in codes if code]
+    return [f"{code_text(code & 0xFFFF)}{_own(code)}" for code in codes if code]
 
 
 def _own(code: int) -> str:
     """Return the manufacturer-specific part of a history entry."""
-    return f" (0x{code >> 16:04X})" if code >> 16 else ""
+    return f", additional information 0x{code >> 16:04X}" if code >> 16 else ""
 
 
 def why_not_free(node: NodeSession) -> str:

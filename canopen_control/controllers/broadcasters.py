@@ -19,6 +19,7 @@ from canopen_control.controllers.base import ALL_STATES, Controller, StateCopy, 
 from canopen_control.controllers.params import CommonParams
 from canopen_control.errors import ControlError, RobotConfigError, nearest
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, OK, ReturnType
+from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.rpc.messages.health import judge, stale
 from canopen_control.rpc.messages.samples import (
     BatteriesSample,
@@ -696,5 +697,5 @@ class DiagnosticsBroadcaster(_StateBroadcaster):
             [name] if name else [],
             ready=nmt_state is NmtState.OPERATIONAL,
             nmt=f"{nmt:g}" if nmt_state is None else nmt_state.text,
-            error=f"error code 0x{int(code):04X}" if code else None,
+            error=f"error code {FaultEvent(error_code=int(code)).code_text}" if code else None,
         )

@@ -296,5 +296,5 @@ class Feedback:
         signal = source[name]
         if signal is not None:
             return float(signal.value) if signal.fresh else math.nan
-        emcy = axis.node.emcy
-        return float(emcy.error_code) if name == "error_code" and emcy is not None else math.nan
+        fault = axis.node.fault
+        return float(fault.error_code or 0) if name == "error_code" and fault is not None else math.nan

@@ -30,7 +30,7 @@ from canopen_control.hardware.axis_statechart import (
 from canopen_control.hardware.feedback import Feedback
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, TARGET, StateInterface
 from canopen_control.hardware.joint_events import (
-    FaultReason,
+    FaultWatch,
     HomePosition,
     HomingPhase,
     JointEvent,
@@ -41,6 +41,7 @@ from canopen_control.hardware.joint_events import (
 )
 from canopen_control.hardware.joint_targets import JointTargets
 from canopen_control.master.event_log import Level
+from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.urdf.joint_element import POSITION, VELOCITY
 
 if TYPE_CHECKING:
@@ -73,7 +74,6 @@ class JointParts:
         self.reference = HomePosition(self.axis, self.machine, self.parameters)
         self.feedback = Feedback(description, self.axis)
         self.states = self.feedback.states
-        self.reason = FaultReason(self.axis, self._on_error_code)
         self.power = AxisStatechart(
             self.machine,
             [command for name, command in self.commands.items() if name != DIGITAL_OUTPUTS],
@@ -84,6 +84,7 @@ class JointParts:
         self._measured = {name: self.states.get(name, unknown) for name in (POSITION, VELOCITY)}
         self._blind_stop_ns = BLIND_STOP_NS
         self._events: list[JointEvent] = []
+        self.faults = FaultWatch(self.axis, self._events)
 
     @property
     def scale(self) -> Scale:
@@ -142,6 +143,13 @@ class JointParts:
         """Whether the drive reports (almost) no motion."""
         return self.feedback.at_standstill
 
+    @property
+    def fault(self) -> FaultEvent | None:
+        """Fault that its drive is in: its statusword, and its error code once that is known."""
+        if not self.machine.fault:
+            return None
+        return self.faults.fault or FaultEvent(statusword=self.machine.statusword)
+
     def age_ns(self, now: int) -> int | None:
         """Return the age of the newest statusword."""
         return self.axis.statusword.age_ns(now)
@@ -156,11 +164,9 @@ class JointParts:
 
     def events(self) -> list[JointEvent]:
         """Return the events since the last call."""
-        happened, self._events = self._events, []
+        happened = self._events.copy()
+        self._events.clear()
         return happened
-
-    def _on_error_code(self, text: str) -> None:
-        self._events.append(JointEvent("error_code", text, Level.INFO))
 
     def _on_parameter(self, text: str) -> None:
         self._events.append(JointEvent("parameters", text))
@@ -479,7 +485,7 @@ class JointDrive(JointParts):
         self._status.node_ready()
         self.feedback.node_ready()
         self.targets.node_ready()
-        self.reason.code = None
+        self.faults.fault = None
         self.parameters.load()
 
     def _node_lost(self, now: int) -> None:
@@ -548,7 +554,8 @@ class JointDrive(JointParts):
         for event in self.machine.events():
             joint_event = joint_event_of(event)
             if isinstance(event, FaultEntered):
-                self.reason.ask()
+                assert joint_event.fault is not None
+                self.faults.enter(joint_event.fault)
             elif isinstance(event, ModeTimedOut) and self._is_unserved(event):
                 joint_event = joint_event._replace(stops=True)
             self._events.append(joint_event)

@@ -13,7 +13,6 @@ import enum
 import math
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from canopen_control.cia301.emcy import error_text
 from canopen_control.cia402 import events, objects
 from canopen_control.cia402.homing import METHODS_WITHOUT_MOTION, HomingDone, HomingSequence, require_method
 from canopen_control.cia402.modes import OperationMode
@@ -22,6 +21,7 @@ from canopen_control.errors import DriveError
 from canopen_control.hardware.feedback import STANDSTILL
 from canopen_control.hardware.joint_targets import VelocityTarget
 from canopen_control.master.event_log import Level
+from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.urdf.joint_element import POSITION
 
 if TYPE_CHECKING:
@@ -49,12 +49,13 @@ _SIDES = {1: "positive", -1: "negative", 0: "unknown"}
 
 
 class JointEvent(NamedTuple):
-    """Event of one joint; `stops` means that its group has to stop."""
+    """Event of one joint; `stops` means that its group has to stop, `fault` is that of its drive."""
 
     kind: str
     text: str
     level: Level = Level.WARNING
     stops: bool = False
+    fault: FaultEvent | None = None
 
 
 _TABLE: Final[dict[type, tuple[str, Level, bool]]] = {
@@ -79,7 +80,8 @@ def joint_event_of(event: DriveEvent) -> JointEvent:
     elif isinstance(event, events.ControlChanged):
         level = Level.INFO if event.remote else Level.ERROR
         stops = not event.remote
-    return JointEvent(kind, event.text, level, stops)
+    fault = FaultEvent(statusword=event.statusword) if isinstance(event, events.FAULT_EVENTS) else None
+    return JointEvent(kind, event.text, level, stops, fault)
 
 
 class StatusWatch:
@@ -194,31 +196,30 @@ class StatusWatch:
         return (way > 0) - (way < 0)
 
 
-class FaultReason:
-    """Error code of the last fault; `report` is called with a sentence once it is read."""
+class FaultWatch:
+    """Fault of one axis: the statusword that shows it, then its error code (0x603F); `happened` takes the event."""
 
-    def __init__(self, axis: AxisProcessData, report: Callable[[str], None]) -> None:
-        self.code: int | None = None
+    def __init__(self, axis: AxisProcessData, happened: list[JointEvent]) -> None:
+        self.fault: FaultEvent | None = None
+        """The last one; its drive may have left it."""
+        self._axis, self._happened = axis, happened
         self.asking = False
-        self._axis, self._report = axis, report
 
-    def ask(self) -> None:
-        """Read the error code, if the drive has one."""
+    def enter(self, fault: FaultEvent) -> None:
+        """Record a fault and read its error code, if the drive has one."""
+        self.fault = fault
         if self._axis.has(objects.ERROR_CODE) and not self.asking:
             self.asking = True
             self._axis.node.read(self._axis.index(objects.ERROR_CODE), 0, self._answered)
 
-    @property
-    def text(self) -> str:
-        """Text of the error code, "" while it is unknown."""
-        return "" if not self.code else f"0x603F is 0x{self.code:04X} ({error_text(self.code)})"
-
     def _answered(self, request: SdoRequest) -> None:
         self.asking = False
-        if request.error is None:
-            self.code = int.from_bytes(request.data[:2], "little")
-            if self.text:
-                self._report(self.text)
+        code = 0 if request.error is not None else int.from_bytes(request.data[:2], "little")
+        if code:
+            statusword = None if self.fault is None else self.fault.statusword
+            self.fault = FaultEvent(error_code=code, statusword=statusword)
+            text = f"0x603F is {self.fault.code_text}"
+            self._happened.append(JointEvent("error_code", text, Level.INFO, fault=self.fault))
 
 
 # Motion check of an enabled axis, ten times a second: detects standstill and motion away from the target.

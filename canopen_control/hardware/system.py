@@ -285,7 +285,8 @@ class CanopenSystem(ComponentLifecycle):
     def _report_event(self, joint: JointDrive, event: JointEvent, now: int) -> None:
         """Report the event; an error stops the group."""
         cause = f"; {joint.node.error}" if event.stops and joint.node.error and joint.node.ready else ""
-        self._report(Event(now, event.kind, joint.node.name, f"{joint.axis.who}: {event.text}{cause}", event.level))
+        text = f"{joint.axis.who}: {event.text}{cause}"
+        self._report(Event(now, event.kind, joint.node.name, text, event.level, event.fault))
         if event.stops:
             self._stop_group(joint, now, event)
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from canopen_control.rpc.messages.state import EventDetails
+    from canopen_control.rpc.messages.fault import FaultEvent
 
 
 FIRST_WINDOW_NS: Final = 2_000_000_000
@@ -41,8 +41,8 @@ class Level(enum.IntEnum):
 class Event:
     """Event at `time` in monotonic ns; `node` is the name in bus.yml or "" for the bus itself.
 
-    `controller` is the one concerned, "" for none. `details` are for programs, which need not parse the text. `count`
-    is the number of occurrences since `since` if it is more than one.
+    `controller` is the one concerned, "" for none. `details` is the fault that it reports, for programs, which need not
+    parse the text. `count` is the number of occurrences since `since` if it is more than one.
     """
 
     time: int
@@ -50,7 +50,7 @@ class Event:
     node: str
     text: str
     level: Level = Level.INFO
-    details: EventDetails | None = None
+    details: FaultEvent | None = None
     count: int = 1
     since: int | None = None
     controller: str = ""

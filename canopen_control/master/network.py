@@ -21,7 +21,7 @@ from canopen_control.master.event_log import Event, Level
 from canopen_control.master.remote_node import RemoteNode
 from canopen_control.master.shared_objects import share_objects
 from canopen_control.master.supervision import BusReader, PdoWatch
-from canopen_control.rpc.messages.state import EventDetails
+from canopen_control.rpc.messages.fault import FaultEvent
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
@@ -105,7 +105,7 @@ class SecondMasterDetector:
         self._told = clearest
         identifiers = ", ".join(str(self._seen[can_id]) for can_id in sorted(self._seen))
         kind, level, text = _TELLING[clearest]
-        details = EventDetails(identifiers=tuple(f"0x{can_id:03X}" for can_id in sorted(self._seen)))
+        details = FaultEvent(identifiers=tuple(f"0x{can_id:03X}" for can_id in sorted(self._seen)))
         self._report(Event(now, kind, "", text.format(bus=self._name, seen=identifiers), level, details))
 
     def handlers(

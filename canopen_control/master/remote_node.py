@@ -11,7 +11,7 @@ import enum
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.abort import AbortCode
-from canopen_control.cia301.emcy import EmcyConsumer, error_text
+from canopen_control.cia301.emcy import MANUFACTURER_BYTES, EmcyConsumer
 from canopen_control.cia301.guarding import GuardingEventKind
 from canopen_control.cia301.heartbeat import HeartbeatEvent, HeartbeatEventKind
 from canopen_control.cia301.nmt import RESETS, NmtCommand, NmtState
@@ -21,12 +21,11 @@ from canopen_control.errors import BootError, HeartbeatLost, SdoAbort, SdoStoppe
 from canopen_control.master.boot import BootTask
 from canopen_control.master.event_log import Event, Level
 from canopen_control.master.supervision import DuplicateWatch, EmcyGate
-from canopen_control.rpc.messages.state import EventDetails
+from canopen_control.rpc.messages.fault import FaultEvent
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from canopen_control.cia301.emcy import EmcyMessage
     from canopen_control.cia301.guarding import GuardingEvent
     from canopen_control.cia301.sdo_exchange import SdoRequest
     from canopen_control.cia402.motors import ObjectPlace
@@ -70,7 +69,7 @@ class NodeLog:
         self._duplicates = DuplicateWatch(period_ns)
 
     def report(
-        self, now: int, kind: str, text: str, level: Level = Level.INFO, details: EventDetails | None = None
+        self, now: int, kind: str, text: str, level: Level = Level.INFO, details: FaultEvent | None = None
     ) -> None:
         """Report an event of the node; `text` follows its name and a colon."""
         self._report(Event(now, kind, self._name, f"{self.who}: {text}", level, details))
@@ -89,25 +88,26 @@ class NodeLog:
         """Expect heartbeats of the node in another period."""
         self._duplicates.set_period(period_ns)
 
-    def emcy(self, message: EmcyMessage, now: int, hints: Mapping[int, str] | None = None) -> str | None:
-        """Report an emergency recorded by `errors`; return the error as text, None for an error reset.
+    def emcy(self, fault: FaultEvent, now: int, hints: Mapping[int, str] | None = None) -> str | None:
+        """Report the fault of an EMCY recorded by `errors`; return the error as text, None for an error reset.
 
         `hints` are advice by EMCY code, before the general one.
         """
         is_passed = self._gate.passes(now)
-        if message.is_reset:
+        code, data = fault.error_code or 0, bytes.fromhex(fault.data or "")
+        if fault.is_over:
             if is_passed:
                 active = ", ".join(f"0x{code:04X}" for code in self.errors.active)
                 also = f"; still active: {active}" if active else ""
-                gone = f"an error is gone (EMCY 0x{message.error_code:04X}){also}"
-                self.report(now, "emcy_reset", gone, details=_details(message))
+                gone = f"an error is gone (EMCY 0x{code:04X}){also}"
+                self.report(now, "emcy_reset", gone, details=fault)
             return None
-        text = f"EMCY 0x{message.error_code:04X} ({error_text(message.error_code)})"
+        text = f"EMCY {fault.code_text}"
         if is_passed:
-            raw = f"register 0x{message.error_register:02X}, data {message.data.hex(' ') or 'none'}"
-            short = "" if message.is_complete else f"; {len(message.data) + 3} bytes, the standard has 8"
-            hint = (hints or {}).get(message.error_code, _HINTS.get(message.error_code, ""))
-            self.report(now, "emcy", f"{text}, {raw}{short}{hint}", Level.WARNING, _details(message))
+            raw = f"register 0x{fault.error_register or 0:02X}, data {data.hex(' ') or 'none'}"
+            short = "" if len(data) == MANUFACTURER_BYTES else f"; {len(data) + 3} bytes, the standard has 8"
+            hint = (hints or {}).get(code, _HINTS.get(code, ""))
+            self.report(now, "emcy", f"{text}, {raw}{short}{hint}", Level.WARNING, fault)
         return text
 
     def pdo(self, pdo: ReceivedPdo, now: int) -> None:
@@ -172,10 +172,6 @@ class NodeLog:
         self.report(now, "duplicate_node", text, Level.ERROR)
 
 
-def _details(message: EmcyMessage) -> EventDetails:
-    return EventDetails(message.error_code, message.error_register, message.data.hex())
-
-
 FAREWELL_NS = 2_000_000_000  # time in which stop commands are sent to a node that went silent
 _QUICK_STOP = b"\x02\x00"
 RETRY_NS = 1_000_000_000  # CiA 302-2: a request without an answer is repeated after a second
@@ -227,7 +223,8 @@ class RemoteNode:
         self.boots = 0
         self.received: list[ReceivedPdo] = []
         self.sent: list[SentPdo] = []
-        self.emcy: EmcyMessage | None = None
+        self.fault: FaultEvent | None = None
+        """That of its newest EMCY, which may be an error reset."""
         self.expected_state: NmtState | None = None  # what was commanded from outside a boot
         self.log = NodeLog(config, report, round(plan.heartbeat_timeout_ns / config.supervision.multiplier))
         self.who = self.log.who
@@ -386,12 +383,17 @@ class RemoteNode:
         """Record the newest EMCY and the active errors, and report them."""
         self.log.errors.receive(frame, now)
         for message in self.log.errors.events():
-            self.emcy, self.last_seen = message, now
-            text = self.log.emcy(message, now, self._hints)
+            self.fault, self.last_seen = FaultEvent.of_emcy(message), now
+            text = self.log.emcy(self.fault, now, self._hints)
             if text is not None:
                 self.error = text
             elif self.ready and not self.log.errors.active:
                 self.error = None
+
+    @property
+    def active_fault(self) -> FaultEvent | None:
+        """Fault of its newest EMCY while an error of it is active."""
+        return self.fault if self.fault is not None and not self.fault.is_over and self.log.errors.active else None
 
     @property
     def _hints(self) -> dict[int, str]:

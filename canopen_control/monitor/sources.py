@@ -12,14 +12,12 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
-from canopen_control.cia301.emcy import EmcyMessage
 from canopen_control.cia301.nmt import NmtState, state_of_byte
 from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import OperationMode, mode_name
 from canopen_control.cia402.state import decode_statusword
 from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, ConfigError, RemoteError
-from canopen_control.frame import CanFrame
 from canopen_control.monitor.drive_objects import DriveObjects, WorkRun, work_words
 from canopen_control.monitor.frame_tables import BusTap, FrameTable, TraceLog
 from canopen_control.monitor.monitor_content import (
@@ -168,8 +166,7 @@ class BusTable:
         if decoded.service == "hb" and len(decoded.data) == 1:
             self._heartbeat(node, decoded.data[0])
         elif decoded.service == "emcy":
-            message = EmcyMessage.parse(CanFrame(decoded.can_id, decoded.data), decoded.node_id)
-            node.error = "" if message is None or message.is_reset else f"0x{message.error_code:04X} {message.text}"
+            node.error = "" if decoded.fault is None or decoded.fault.is_over else decoded.fault.code_text
         elif decoded.service == "sdo":
             node.reads += decoded.text.startswith("read ") and decoded.subject == "SDO request"
             node.writes += decoded.text.startswith("write ") and decoded.subject == "SDO request"

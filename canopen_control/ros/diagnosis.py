@@ -61,10 +61,13 @@ def _node(robot: str, name: str, node: NodeReading) -> Diagnosis:
         "NMT state": node.nmt_state or "unknown",
         "age": "never seen" if node.age is None else f"{node.age:.3f} s",
     }
+    values |= {} if node.fault is None else node.fault.values
     for axis in axes:
         values[f"{axis.joint} state"] = str(axis.state)
         values[f"{axis.joint} mode"] = axis.mode or "none"
         values[f"{axis.joint} statusword"] = "-" if axis.statusword is None else f"0x{axis.statusword:04X}"
+        if axis.fault is not None and axis.fault.error_code is not None:
+            values[f"{axis.joint} error code"] = axis.fault.code_text
     return Diagnosis(f"{robot}: {name}", f"node {node.node_id}", level, message, values)
 
 

@@ -120,12 +120,8 @@ class DriveTopics(Endpoint):
         level = _LEVELS.get(event.level, DiagnosticStatus.WARN)
         status = DiagnosticStatus(level=level, name=self._view.name, message=event.text)
         status.hardware_id = f"node {self._view.node_id}"
-        if (details := event.details) is not None:
-            status.values = [
-                KeyValue(key="error_code", value=f"0x{details.error_code or 0:04X}"),
-                KeyValue(key="error_register", value=f"0x{details.error_register or 0:02X}"),
-                KeyValue(key="data", value=bytes.fromhex(details.data or "").hex(" ")),
-            ]
+        if (fault := event.details) is not None:
+            status.values = [KeyValue(key=key, value=value) for key, value in fault.values.items()]
         message = DiagnosticArray(status=[status])
         message.header.stamp = time_message(event.time)
         return message

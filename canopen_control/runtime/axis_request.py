@@ -145,7 +145,7 @@ class PendingAxisRequest:
 
     def _explaining(self, now: int) -> bool:
         """Whether a drive's fault reason is still being read."""
-        return now <= self._deadline and any(joint.reason.asking for joint in self._joints)
+        return now <= self._deadline and any(joint.faults.asking for joint in self._joints)
 
     def _refused(self, joint: JointDrive) -> bool:
         """Whether the request can no longer succeed."""
@@ -162,8 +162,8 @@ class PendingAxisRequest:
         word = "no statusword" if joint.statusword is None else f"statusword 0x{joint.statusword:04X}"
         name = "not there" if state is None else state.name.replace("_", " ")
         cause = f"; {node.error}" if node.error else ""
-        if joint.machine.fault and joint.reason.text:
-            cause += f"; {joint.reason.text}"
+        if (fault := joint.fault) is not None and fault.error_code is not None:
+            cause += f"; 0x603F is {fault.code_text}"
         if self._action is Action.ENABLE and joint.stopped_by:
             cause += f"; {joint.stopped_by}"
         if self._action is Action.HOME and joint.reference.result:

@@ -111,6 +111,7 @@ class _ReadNode:
             axes=self._axes,
             void_outputs=self._void,
             unsupervised=node.plan.unsupervised,
+            fault=node.active_fault,
         )
 
     def _inputs(self) -> tuple[object, ...]:
@@ -119,7 +120,7 @@ class _ReadNode:
         values: list[object] = [node.nmt_state, node.error, node.sdo_reads, node.sdo_writes, node.sdo_failed]
         for joint in self._joints:
             machine = joint.machine
-            values += (joint.state, joint.statusword, _mode(joint), machine.state)
+            values += (joint.state, joint.statusword, _mode(joint), machine.state, joint.fault)
         for device in self._devices:
             values += device.void_outputs(node)
         return tuple(values)
@@ -139,12 +140,13 @@ def _mode(joint: JointDrive) -> int | None:
 
 
 def _axis(joint: JointDrive) -> AxisReading:
-    state, mode = joint.state, _mode(joint)
+    state, mode, fault = joint.state, _mode(joint), joint.fault
     return AxisReading(
         joint.joint,
         joint.axis.number,
         state.name if state is not None else None,
         joint.statusword if state is not None else None,
         mode_name(mode) if mode is not None else None,
-        joint.node.error if joint.machine.fault else None,
+        None if fault is None else joint.node.error or fault.code_text or None,
+        fault,
     )

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.error_events import error_text, events_of
 from canopen_control.bus.port import BusEventKind
-from canopen_control.cia301.emcy import EmcyMessage, register_text
+from canopen_control.cia301.emcy import EmcyMessage
 from canopen_control.cia301.lss import (
     AUTOMATIC_BIT_TIMING,
     BIT_TIMINGS,
@@ -41,6 +41,7 @@ from canopen_control.frame import (
     service_of,
 )
 from canopen_control.od.eds import TYPES
+from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.trace.network_description import (
     DescribedPdoObject,
     NodeDescription,
@@ -259,7 +260,7 @@ class DecodedFrame:
 
     `time` is the one passed to `decode`, in ns. `service` is one of `SERVICES`; `node_id` is None if the frame has no
     node, and `node` empty without a name. `subject` is the instance of the service (``TPDO1``), `text` the description,
-    `values` the objects in the frame.
+    `values` the objects in the frame, `fault` the one that it reports: an EMCY, or a statusword that enters FAULT.
     """
 
     time: int
@@ -272,6 +273,7 @@ class DecodedFrame:
     values: tuple[SignalValue, ...] = ()
     subject: str = ""
     mark: Mark = Mark.PLAIN
+    fault: FaultEvent | None = None
 
     @property
     def who(self) -> str:
@@ -287,6 +289,7 @@ class _Decoded:
     values: tuple[SignalValue, ...] = ()
     mark: Mark = Mark.PLAIN
     node_id: int | None = None
+    fault: FaultEvent | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -364,6 +367,7 @@ class Decoder:
             result.values,
             route.subject,
             result.mark,
+            result.fault,
         )
 
     def _answer(self, frame: CanFrame) -> tuple[_Route, _Decoded]:
@@ -423,11 +427,8 @@ class Decoder:
             message = EmcyMessage.parse(frame, node_id)
             if message is None:
                 return _Decoded(f"malformed: {len(frame.data)} bytes", mark=Mark.WARNING)
-            bits = register_text(message.error_register)
-            register = f"register 0x{message.error_register:02X}" + (f" ({bits})" if bits else "")
-            extra = f", data {message.data.hex(' ')}" if any(message.data) else ""
-            text = f"0x{message.error_code:04X} {message.text}, {register}{extra}"
-            return _Decoded(text, mark=Mark.NOTABLE if message.is_reset else Mark.ERROR)
+            fault = FaultEvent.of_emcy(message)
+            return _Decoded(fault.text, mark=Mark.NOTABLE if fault.is_over else Mark.ERROR, fault=fault)
 
         return said
 
@@ -503,7 +504,19 @@ def _mapped(words: NodeWords, pdo: PdoDescription, codec: PdoCodec, data: bytes)
     text = "; ".join(f"{value.name} {value.text}" for value in values)
     if len(data) > codec.length:
         text += f"; {len(data)} bytes, {codec.length} are mapped"
-    return _Decoded(text or "nothing is mapped", values, _MARKS[words.take_change()])
+    change = words.take_change()
+    fault = _shown_fault(values) if change is ValueChange.FAULT else None
+    return _Decoded(text or "nothing is mapped", values, _MARKS[change], fault=fault)
+
+
+def _shown_fault(values: tuple[SignalValue, ...]) -> FaultEvent:
+    """Return the fault that the statusword of a PDO shows, with the error code beside it if it is mapped."""
+    by_object = {objects.axis_of(value.index)[0]: value.value for value in values}
+    word, code = by_object.get(objects.STATUSWORD), by_object.get(objects.ERROR_CODE)
+    return FaultEvent(
+        error_code=code if isinstance(code, int) and code else None,
+        statusword=word if isinstance(word, int) else None,
+    )
 
 
 def _sync(frame: CanFrame) -> _Decoded:

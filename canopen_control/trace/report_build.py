@@ -271,7 +271,10 @@ class FrameReader:
         node = decoded.who or None
         text = f"{node or 'bus'}: {decoded.subject or decoded.service} {decoded.text}".rstrip()
         level = _LEVELS[decoded.mark]
-        self.notable.append(RobotEvent(time=time_ns / _NS, kind=decoded.service, node=node, level=level, text=text))
+        event = RobotEvent(
+            time=time_ns / _NS, kind=decoded.service, node=node, level=level, text=text, details=decoded.fault
+        )
+        self.notable.append(event)
 
     def _remember(self, bus: str, time: float, decoded: DecodedFrame) -> None:
         heard = _Decoded(bus, time, decoded)

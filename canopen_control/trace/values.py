@@ -10,7 +10,7 @@ import enum
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from canopen_control.cia301.emcy import error_text, register_text
+from canopen_control.cia301.emcy import code_text, error_text, register_text
 from canopen_control.cia301.pdo import DUMMY_TYPES, INVALID_BIT, parse_mapping_entry
 from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import MODE_BITS, mode_name, supported_modes
@@ -282,7 +282,7 @@ _DRIVE_WORDS: Final[dict[int, Callable[[AxisWords, int], str]]] = {
     objects.CONTROLWORD: _controlword,
     objects.MODES_OF_OPERATION: lambda _axis, mode: _mode_text(mode),
     objects.MODES_OF_OPERATION_DISPLAY: _mode_display,
-    objects.ERROR_CODE: lambda _axis, code: f"0x{code:04X} {error_text(code)}",
+    objects.ERROR_CODE: lambda _axis, code: code_text(code),
     objects.SUPPORTED_DRIVE_MODES: _supported,
 }
 # first and last index, lowest subindex, text; CiA 301, 7.5.2

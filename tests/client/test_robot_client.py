@@ -15,6 +15,7 @@ from canopen_control.client.robot_client import EventStream, outpaced, stream_ra
 from canopen_control.errors import ConfigError, LocalProtocolError, RemoteError
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import close_listener, listen, socket_path
+from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.rpc.messages.robot import (
     Description,
     GetDescription,
@@ -30,7 +31,7 @@ from canopen_control.rpc.messages.robot import (
     Subscribe,
 )
 from canopen_control.rpc.messages.samples import TrajectoryPoint
-from canopen_control.rpc.messages.state import ControllerReading, CycleTimes, EventDetails, StateSample
+from canopen_control.rpc.messages.state import ControllerReading, CycleTimes, StateSample
 
 
 class Client:
@@ -62,7 +63,7 @@ def test_events_in_their_order_and_nothing_else_until_none_comes():
     client = Client(event("a"), StateSample(), event("b", details={"error_code": 1}))
     stream = EventStream(client, 0.5)
     assert client.calls == [Subscribe(events=True)]  # before the first is asked for: none is missed
-    assert [(each.kind, each.details) for each in stream] == [("a", None), ("b", EventDetails(error_code=1))]
+    assert [(each.kind, each.details) for each in stream] == [("a", None), ("b", FaultEvent(error_code=1))]
     assert client.timeout == 0.5
     assert client.closed == 1
 

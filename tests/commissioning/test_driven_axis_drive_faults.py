@@ -23,7 +23,7 @@ def test_a_drive_without_a_fault_has_nothing_to_tell():
 def test_a_fault_is_told_by_its_code_and_the_error_register():
     words = fault_words(session(FAULT, x603F=b"\x20\x32", x1001=b"\x05"))
     assert words.startswith("0x3220 ")
-    assert "error register 0x05 (" in words
+    assert "register 0x05 (" in words
 
 
 def test_without_an_error_code_the_history_tells_and_else_nobody():
@@ -44,7 +44,7 @@ def test_the_errors_that_a_drive_remembers_are_told_newest_first():
     held = {(0x1003, 0): b"\2", (0x1003, 1): (0x00012310).to_bytes(4, "little"), (0x1003, 2): b"\x10\x81\0\0"}
     found = error_history(NodeSession(NodeStub(held), 5, None))
     assert [each[:6] for each in found] == ["0x2310", "0x8110"]
-    assert found[0].endswith("(0x0001)")
+    assert found[0].endswith(", additional information 0x0001")
     assert error_history(NodeSession(NodeStub({(0x1003, 0): b"\0"}), 5, None)) == []
     with pytest.raises(ConfigError, match=r"node 5 keeps no error history \(0x1003\)"):
         error_history(NodeSession(NodeStub({}), 5, None))

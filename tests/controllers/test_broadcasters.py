@@ -328,7 +328,11 @@ def test_nothing_to_tell_is_refused_in_words():
             "not ready, NMT state pre-operational",
         ),
         ({"nmt_state": 5.0, "statusword": 0x08, "error_code": 0.0, "age": 0.02}, 2, "the drive is in fault"),
-        ({"nmt_state": 5.0, "statusword": 0x08, "error_code": 0x2310, "age": 0.02}, 2, "error code 0x2310"),
+        (
+            {"nmt_state": 5.0, "statusword": 0x08, "error_code": 0x2310, "age": 0.02},
+            2,
+            "error code 0x2310 (continuous over-current)",
+        ),
         ({"nmt_state": 5.0, "statusword": 0x27, "error_code": 0.0, "age": 0.75}, 3, "no news for 0.75 s"),
         ({}, 3, "nothing is heard of it"),
     ],

@@ -39,7 +39,7 @@ def make(*, velocity=True, extras=()):
         statusword=image.input(2, 0x6064),
         digital_inputs=None,
         error_code=None,
-        node=SimpleNamespace(nmt_state=None, emcy=None),
+        node=SimpleNamespace(nmt_state=None, fault=None),
     )
     description = ControlJoint("joint", state_interfaces={name: InterfaceInfo(name) for name in extras})
     feedback = Feedback(description, axis)
@@ -153,7 +153,7 @@ def test_further_interfaces_are_those_of_the_description():
     feedback.read(5_000_000)
     assert feedback.states["age"].value == 0.005
     assert math.isnan(feedback.states["nmt_state"].value)
-    axis.node.emcy = SimpleNamespace(error_code=0x4310)
+    axis.node.fault = SimpleNamespace(error_code=0x4310)
     feedback.read(5_000_000)
     assert feedback.states["error_code"].value == 0x4310
 

@@ -7,8 +7,9 @@ import pytest
 from canopen_control.cia402 import events
 from canopen_control.cia402.state import State
 from canopen_control.hardware.axis import AxisObjectLimits
-from canopen_control.hardware.joint_events import WRONG_LOOKS, FaultReason, StatusWatch, joint_event_of
+from canopen_control.hardware.joint_events import WRONG_LOOKS, FaultWatch, StatusWatch, joint_event_of
 from canopen_control.master.event_log import Level
+from canopen_control.rpc.messages.fault import FaultEvent
 
 pytestmark = pytest.mark.sources  # stand-ins for an axis or a joint
 
@@ -132,32 +133,42 @@ def test_control_that_comes_back_is_told_as_good():
     assert joint_event_of(events.ControlChanged(0, 0x0027)).level is Level.ERROR
 
 
-def make_reason(*, has=True):
-    asked, told = [], []
+FAULT = FaultEvent(statusword=0x0238)
+
+
+def test_an_event_of_a_fault_has_its_statusword_for_programs():
+    assert joint_event_of(events.FaultEntered(0, State.FAULT, 0x0238, True)).fault == FAULT
+    assert joint_event_of(events.FaultCleared(0, 0x0240)).fault == FaultEvent(statusword=0x0240)
+    assert joint_event_of(events.ControlChanged(0, 0x0227)).fault is None
+
+
+def make_watch(*, has=True):
+    asked, happened = [], []
     node = SimpleNamespace(read=lambda index, subindex, done: asked.append(done))
     axis = SimpleNamespace(node=node, has=lambda _index: has, index=lambda index: index)
-    return FaultReason(axis, told.append), asked, told
+    return FaultWatch(axis, happened), asked, happened
 
 
 def test_the_code_is_read_once_and_told_in_words():
-    reason, asked, told = make_reason()
-    reason.ask()
-    reason.ask()
+    watch, asked, happened = make_watch()
+    watch.enter(FAULT)
+    watch.enter(FAULT)
     assert len(asked) == 1
-    assert reason.asking
+    assert watch.asking
     asked[0](SimpleNamespace(error=None, data=b"\x10\x43"))
-    assert not reason.asking
-    assert reason.code == 0x4310
-    assert told == ["0x603F is 0x4310 (drive temperature too high)"]
+    assert not watch.asking
+    assert watch.fault == FaultEvent(error_code=0x4310, statusword=0x0238)
+    (event,) = happened
+    assert (event.kind, event.text) == ("error_code", "0x603F is 0x4310 (drive temperature too high)")
+    assert event.fault is watch.fault
 
 
 def test_a_drive_without_one_is_not_asked_and_a_failed_answer_is_no_code():
-    reason, asked, told = make_reason(has=False)
-    reason.ask()
+    watch, asked, happened = make_watch(has=False)
+    watch.enter(FAULT)
     assert asked == []
-    reason, asked, told = make_reason()
-    reason.ask()
+    watch, asked, happened = make_watch()
+    watch.enter(FAULT)
     asked[0](SimpleNamespace(error="timeout", data=b""))
-    assert reason.code is None
-    assert reason.text == ""
-    assert told == []
+    assert watch.fault == FAULT
+    assert happened == []

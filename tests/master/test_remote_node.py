@@ -15,7 +15,7 @@ from canopen_control.master.event_log import Level
 from canopen_control.master.keys import SupervisionKeys
 from canopen_control.master.remote_node import NodeLog, NodeState
 from canopen_control.od.model import DataType
-from canopen_control.rpc.messages.state import EventDetails
+from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.testing.tested_robot import TestedRobot
@@ -40,7 +40,7 @@ def log():
 
 def hear(log, message, now):
     log.errors.receive(message.encode(), now)
-    return log.emcy(message, now)
+    return log.emcy(FaultEvent.of_emcy(message), now)
 
 
 def test_an_emergency_is_its_code_its_words_and_its_bytes(log):
@@ -54,8 +54,8 @@ def test_what_an_emergency_holds_is_there_for_programs_too(log):
     hear(log, EmcyMessage(3, 0x4310, 9, b"\1\2"), 5)
     hear(log, EmcyMessage(3, 0, 0), 5)
     assert [event.details for event in log.told] == [
-        EventDetails(error_code=0x4310, error_register=9, data="0102"),
-        EventDetails(error_code=0, error_register=0, data="0000000000"),
+        FaultEvent(error_code=0x4310, error_register=9, data="0102"),
+        FaultEvent(error_code=0, error_register=0, data="0000000000"),
     ]
 
 

@@ -7,7 +7,7 @@ from support.samples import event_dict, layout_dict, nodes_dict, state_dict, sta
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.errors import ControlError
 from canopen_control.master.event_log import Event
-from canopen_control.rpc.messages.state import EventDetails
+from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.version import __version__, build
 
 
@@ -35,7 +35,7 @@ def test_a_state_sample_is_stamped_in_unix_time_and_lighter_than_the_status():
     assert "boot" not in state
     event = event_dict(bench.robot, bench.events[-1])
     assert set(event) == {"time", "kind", "node", "level", "text"}
-    emcy = Event(0, "emcy", "left_drive", "in words", details=EventDetails(error_code=0x4310))
+    emcy = Event(0, "emcy", "left_drive", "in words", details=FaultEvent(error_code=0x4310))
     assert event_dict(bench.robot, emcy)["details"] == {"error_code": 0x4310}
     bench.close()
 

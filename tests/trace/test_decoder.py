@@ -30,10 +30,10 @@ LINES = [
     (0x702, "85", "hb", "right_drive", "OPERATIONAL, toggle 1", Mark.PLAIN),
     (
         *(0x083, "1186210100000000", "emcy", "left_drive"),
-        "0x8611 following error, register 0x21 (generic, device profile), data 01 00 00 00 00",
+        "0x8611 (following error), register 0x21 (generic, device profile), data 01 00 00 00 00",
         Mark.ERROR,
     ),
-    (0x083, "0000000000000000", "emcy", "left_drive", "0x0000 error reset or no error, register 0x00", Mark.NOTABLE),
+    (0x083, "0000000000000000", "emcy", "left_drive", "0x0000 (error reset or no error), register 0x00", Mark.NOTABLE),
     (0x083, "11", "emcy", "left_drive", "malformed: 1 bytes", Mark.WARNING),
     (0x100, "0000000001 00", "time", "", "1984-01-02 00:00:00.000", Mark.PLAIN),
     (0x7E5, "0401", "lss", "", "all switch to configuration", Mark.PLAIN),

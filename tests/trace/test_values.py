@@ -64,7 +64,7 @@ def test_faults_are_faulty_and_the_rest_is_not():
         (0x1029, 1, 2, "2 (to STOPPED)"),
         (0x1029, 1, 9, "9"),
         (0x6502, 0, 0xA5, "0x000000A5 (PP, PV, HM, CSP)"),
-        (0x603F, 0, 0x8611, "0x8611 following error"),
+        (0x603F, 0, 0x8611, "0x8611 (following error)"),
         (0x6061, 0, -3, "-3"),
         (0x6061, 0, 9, "9 CSV"),
         (0x6064, 0, -5, "-5"),

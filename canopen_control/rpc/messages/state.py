@@ -13,6 +13,7 @@ import msgspec
 
 from canopen_control.cia402.state import State
 from canopen_control.rpc.messages.declare import Count, NodeId, UnixTime
+from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.rpc.messages.samples import ControllerSample, Sample, Values
 
 S = TypeVar("S", bound=Sample)
@@ -29,7 +30,10 @@ class SdoCounts(msgspec.Struct, frozen=True):
 
 
 class AxisReading(msgspec.Struct, frozen=True, rename={"state": "cia402_state"}):
-    """State of an axis: `state` as in CiA 402, such as "SWITCHED_ON", `mode` such as "PV"."""
+    """State of an axis: `state` as in CiA 402, such as "SWITCHED_ON", `mode` such as "PV".
+
+    `fault` is the one that its drive is in, as far as it is known, and `error` what is reported of it.
+    """
 
     joint: str
     axis: int = 0
@@ -37,6 +41,7 @@ class AxisReading(msgspec.Struct, frozen=True, rename={"state": "cia402_state"})
     statusword: int | None = None
     mode: str | None = None
     error: str | None = None
+    fault: FaultEvent | None = None
 
     @property
     def enabled(self) -> bool:
@@ -50,7 +55,8 @@ class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age
     `taken_out`: an NMT command has taken it out of the robot, which leaves it alone until another one starts it.
     `void_outputs` were commanded when it was lost, and not since: they are as the device has them.
     `unsupervised` is why nothing stops it when the master is lost, as `allow_unsupervised` accepts; "" if it stops.
-    `name` is empty in a recording from before protocol 2, which has it as the key alone.
+    `name` is empty in a recording from before protocol 2, which has it as the key alone. `fault` is that of its last
+    EMCY, None after an error reset.
     """
 
     name: str = ""
@@ -65,6 +71,7 @@ class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age
     axes: tuple[AxisReading, ...] = ()
     void_outputs: tuple[str, ...] = ()
     unsupervised: str = ""
+    fault: FaultEvent | None = None
 
 
 class TrackingReading(msgspec.Struct, frozen=True):
@@ -127,21 +134,12 @@ class CycleTimes(msgspec.Struct, frozen=True):
     late_counts: list[Count] = []
 
 
-class EventDetails(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Fields of an event for programs: parts of an emergency, `data` hexadecimal."""
-
-    error_code: int | None = None
-    error_register: int | None = None
-    data: str | None = None
-    identifiers: tuple[str, ...] = ()
-
-
 class RobotEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Event of the robot: `time` in Unix seconds, `level` "info", "warning" or "error".
 
     `node` is the name of the node concerned, None for the robot itself, `controller` that of the controller; `kind`
     is one word for programs, `text` a sentence for people, which includes `count` and `since` if it summarises
-    several.
+    several. `details` is the fault that it reports, for programs.
     """
 
     time: UnixTime
@@ -151,7 +149,7 @@ class RobotEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     text: str
     count: Count = 1
     since: UnixTime | None = None
-    details: EventDetails | None = None
+    details: FaultEvent | None = None
     controller: str | None = None
 
     @property

@@ -1,7 +1,7 @@
+from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.rpc.messages.state import (
     AxisReading,
     ControllerReading,
-    EventDetails,
     JointReading,
     NodeReading,
     RobotEvent,
@@ -26,7 +26,7 @@ def test_an_event_says_only_what_there_is_to_say():
     assert plain(event) == {"time": 2.0, "kind": "emcy", "node": None, "level": "info", "text": "t"}
     assert event.first == 2.0
     several = RobotEvent(
-        time=9.0, kind="emcy", node="a", level="info", text="t", count=3, since=2.0, details=EventDetails(error_code=1)
+        time=9.0, kind="emcy", node="a", level="info", text="t", count=3, since=2.0, details=FaultEvent(error_code=1)
     )
     assert several.first == 2.0
     assert plain(several)["details"] == {"error_code": 1}

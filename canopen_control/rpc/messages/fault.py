@@ -1,0 +1,65 @@
+"""Fault of a device, an axis or a bus: one record for EMCY, statusword, 0x603F, logs, status, page, report and ROS.
+
+Whoever sees a fault on the wire makes a `FaultEvent` of it; whoever shows one reads its fields or its texts. Each field
+has a value where that source shows it, so that a record says by its fields where it comes from.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from canopen_control.cia301.emcy import EmcyMessage, code_text, is_reset_code, register_text
+
+
+class FaultEvent(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Fault as it was seen on the bus.
+
+    `error_code` is that of an EMCY, or of 0x603F; `error_register` (0x1001) and `data`, the manufacturer's bytes in
+    hexadecimal, are those of an EMCY; `statusword` is the one that shows the fault of an axis; `identifiers` are those
+    of frames that belong to no node of the bus.
+    """
+
+    error_code: int | None = None
+    error_register: int | None = None
+    data: str | None = None
+    identifiers: tuple[str, ...] = ()
+    statusword: int | None = None
+
+    @classmethod
+    def of_emcy(cls, message: EmcyMessage) -> FaultEvent:
+        """Return the fault of an emergency message, or its end."""
+        return cls(message.error_code, message.error_register, message.data.hex())
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the error code reports the end of an error (00xx)."""
+        return self.error_code is not None and is_reset_code(self.error_code)
+
+    @property
+    def code_text(self) -> str:
+        """Error code and its meaning, "" without a code."""
+        return "" if self.error_code is None else code_text(self.error_code)
+
+    @property
+    def text(self) -> str:
+        """Code, register and manufacturer's bytes with their meanings, without what is absent or zero."""
+        parts = [self.code_text]
+        if self.error_register is not None:
+            bits = register_text(self.error_register)
+            parts.append(f"register 0x{self.error_register:02X}{bits and f' ({bits})'}")
+        if self.data and any(data := bytes.fromhex(self.data)):
+            parts.append(f"data {data.hex(' ')}")
+        if self.statusword is not None:
+            parts.append(f"statusword 0x{self.statusword:04X}")
+        return ", ".join(filter(None, parts))
+
+    @property
+    def values(self) -> dict[str, str]:
+        """Fields that are known, as text by name, for ROS messages."""
+        known = {
+            "error_code": None if self.error_code is None else f"0x{self.error_code:04X}",
+            "error_register": None if self.error_register is None else f"0x{self.error_register:02X}",
+            "data": None if self.data is None else bytes.fromhex(self.data).hex(" "),
+            "statusword": None if self.statusword is None else f"0x{self.statusword:04X}",
+        }
+        return {key: value for key, value in known.items() if value is not None}
