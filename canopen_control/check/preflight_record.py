@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Container, Iterable, Mapping
     from pathlib import Path
 
-    from canopen_control.controllers.manager import Limiter
+    from canopen_control.controllers.manager import CommandLimiter
     from canopen_control.hardware.interfaces import CommandInterface, InterfaceRegistry, StateInterface
     from canopen_control.hardware.joint import JointDrive
     from canopen_control.runtime.core import RobotCore
@@ -112,7 +112,7 @@ class SpeedCap:
     """Speed limit of `joints`, rad/s or m/s, applied after another limiter; `unlimited` are commands it cannot cap."""
 
     def __init__(
-        self, registry: InterfaceRegistry, joints: Container[str], limit: float, before: Limiter | None = None
+        self, registry: InterfaceRegistry, joints: Container[str], limit: float, before: CommandLimiter | None = None
     ) -> None:
         self.unlimited: list[str] = []
         self._before, self._limit = before, limit

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, TypeVar
 
-from canopen_control.controllers.limiter import VelocityLimits
+from canopen_control.controllers.limiters import VelocityLimits
 from canopen_control.controllers.params import CommonParams
 from canopen_control.errors import RobotConfigError
 from canopen_control.yamlfile.convert import setting

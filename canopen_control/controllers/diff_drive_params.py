@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.controllers.base import WheelGeometrySource
-    from canopen_control.controllers.limiter import VelocityLimits
+    from canopen_control.controllers.limiters import VelocityLimits
     from canopen_control.controllers.params import Params
 
 

@@ -87,12 +87,11 @@ def _send_goal(controller: Controller, goal: AnyGoal, now: int) -> None:
         raise controller.refusal(_NO_TRAJECTORIES)
 
 
-class Limiter(Protocol):
-    """Limiter of commands by the description (enforce_command_limits)."""
+class CommandLimiter(Protocol):
+    """Limiter of all commands of a cycle: those of the description (`CommandLimits`), the speed cap of a pre-flight."""
 
     def enforce(self, period: float) -> str | None:
         """Limit commands; `period` in s. Return the limited ones when limiting begins."""
-        ...
 
 
 class ControllerManager:
@@ -120,7 +119,7 @@ class ControllerManager:
         self._joints = None if joints is None else tuple(joints)
         self._geometry = geometry
         self._description = description or {}
-        self.limiter: Limiter | None = None
+        self.limiter: CommandLimiter | None = None
         self.enable_status = enable_status or EnableStatus()
         self._told_refusal: set[str] = set()
         self._controllers: dict[str, Controller] = {}

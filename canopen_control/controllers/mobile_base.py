@@ -21,7 +21,7 @@ from mypy_extensions import mypyc_attr
 from canopen_control.controllers.base import Controller, ControllerState, zero_targets
 from canopen_control.controllers.base_params import BaseParams
 from canopen_control.controllers.command_timeout import ENDLESS, unlimited_warning
-from canopen_control.controllers.limiter import RateLimiter, VelocityLimits
+from canopen_control.controllers.limiters import RateLaw, RateLimiter, VelocityLimits
 from canopen_control.controllers.planar_pose import MIN_DT, PlanarPose
 from canopen_control.errors import ControlError, RobotConfigError
 from canopen_control.hardware.interfaces import ERROR, OK, CommandInterface, ReturnType
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 # A twist and its limits: the desired value of each axis, and its limited value, which depends on the last two steps.
 
 
-_FREE: Final = RateLimiter(VelocityLimits())
 _STEPS: Final = 2  # that the limits of acceleration and jerk look back
 
 
@@ -50,14 +49,14 @@ class LimitedTwist:
         self._axes = tuple(axes)
         count = len(self._axes)
         self.wanted, self.limited = [math.nan] * count, [0.0] * count
-        self._previous, self._before = [0.0] * count, [0.0] * count
-        self._limiters = [_FREE] * count
+        self._actual = [0.0] * count  # where a history without commands begins: at standstill
+        self._limiter = RateLimiter(self._actual)
         self._quiet = 0  # consecutive steps with a desired and a limited value of zero
 
     def set_limits(self, controller: str, limits: Sequence[TwistAxisLimits]) -> None:
         """Set the limits of each axis; RobotConfigError, and no change, for a minimum above its maximum."""
         axes = zip(self._axes, limits, strict=True)
-        self._limiters = [_limiter(controller, axis, params.limits()) for axis, params in axes]
+        self._limiter.laws = [_law(controller, axis, params.limits()) for axis, params in axes]
         self._quiet = 0
 
     @property
@@ -77,27 +76,24 @@ class LimitedTwist:
 
     def limit(self, period: float) -> None:
         """Limit the requested twist against the last two steps; `period` in s."""
-        limited, requested, previous, before = self.limited, self.wanted, self._previous, self._before
-        for index, limiter in enumerate(self._limiters):
-            limited[index] = limiter.limit(requested[index], previous[index], before[index], period)
+        self.limited[:] = self.wanted
+        self._limiter.enforce(self._actual, self.limited, period)
 
     def step(self) -> None:
         """Shift the limited twist into the history."""
-        self._before[:] = self._previous
-        self._previous[:] = self.limited
+        self._limiter.step(self._actual, self.limited)
         self._quiet = 0 if any(self.wanted) or any(self.limited) else self._quiet + 1
 
     def forget(self) -> None:
         """Reset to no twist and standstill."""
         self._quiet = 0
         fill(self.wanted, math.nan)
-        fill(self._previous, 0.0)
-        fill(self._before, 0.0)
+        self._limiter.reset()
 
 
-def _limiter(controller: str, axis: str, limits: VelocityLimits) -> RateLimiter:
+def _law(controller: str, axis: str, limits: VelocityLimits) -> RateLaw:
     try:
-        return RateLimiter(limits)
+        return RateLaw(limits)
     except ValueError as error:
         raise RobotConfigError(f"{controller}: {axis}: {error}: a minimum is above its maximum") from error
 

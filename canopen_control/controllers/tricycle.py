@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 from canopen_control.controllers.base import DriveGeometry
 from canopen_control.controllers.base_params import BaseParams, read_checked
-from canopen_control.controllers.limiter import NAN, RateLimiter, VelocityLimits
+from canopen_control.controllers.limiters import NAN, RateLaw, RateLimiter, VelocityLimits
 from canopen_control.controllers.mobile_base import MobileBase
 from canopen_control.controllers.planar_pose import PlanarPose, RollingMean
 from canopen_control.hardware.interfaces import OK, ReturnType
@@ -50,13 +50,13 @@ class TractionLimits:
     max_deceleration: float = setting(NAN, low=0.0, nan=True, help="rad/s^2 while losing it; absent: the same")
     max_jerk: float = setting(NAN, low=0.0, nan=True, help="half of the rad/s^3")
 
-    def limiter(self) -> RateLimiter:
+    def law(self) -> RateLaw:
         """Return the limiter of the speed; upstream's jerk counts twice."""
         gain, loss = self.max_acceleration, self.max_deceleration
         if math.isnan(gain) and not math.isnan(loss):
             gain = math.inf
         jerk = 2.0 * self.max_jerk
-        return RateLimiter(VelocityLimits(NAN, self.max_velocity, NAN, gain, -loss, loss, NAN, jerk))
+        return RateLaw(VelocityLimits(NAN, self.max_velocity, NAN, gain, -loss, loss, NAN, jerk))
 
 
 @dataclass(frozen=True)
@@ -73,11 +73,11 @@ class SteeringLimits:
         low = -self.max_position if math.isnan(self.min_position) else self.min_position
         return low, -low if math.isnan(self.max_position) else self.max_position
 
-    def limiter(self) -> RateLimiter:
+    def law(self) -> RateLaw:
         """Return the limiter of the angle, whose derivative is a velocity; ROS's acceleration counts twice."""
         low, high = self.bounds()
         speed, gain = self.max_velocity, 2.0 * self.max_acceleration
-        return RateLimiter(VelocityLimits(low, high, -speed, speed, -speed, speed, -gain, gain))
+        return RateLaw(VelocityLimits(low, high, -speed, speed, -speed, speed, -gain, gain))
 
 
 @dataclass(frozen=True)
@@ -164,8 +164,9 @@ class TricycleController(MobileBase):
         self.kinematics = DrivenWheelPose(1.0, 1.0)
         super().__init__(name, type_name, self.kinematics)
         self.params = DrivenWheelParams()
+        self._limiter = RateLimiter((0.0, NAN))  # the angle begins where the wheel stands
         self._take_limits()
-        self._previous = self._before = (0.0, NAN)
+        self._commanded, self._actual = [0.0, NAN], [0.0, NAN]
         self._published: tuple[float, float] | None = None
         """Speed in rad/s and angle in rad that were commanded with the odometry published last."""
 
@@ -193,7 +194,7 @@ class TricycleController(MobileBase):
         self._take_limits()
 
     def _take_limits(self) -> None:
-        self._limiters = self.params.traction.limiter(), self.params.steering.limiter()
+        self._limiter.laws = [self.params.traction.law(), self.params.steering.law()]
 
     def command_interface_names(self) -> list[str]:
         """Return the velocity of traction and the position of steering."""
@@ -206,12 +207,12 @@ class TricycleController(MobileBase):
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         """Start at standstill."""
         super().on_activate(commands, states, now)
-        self._previous = self._before = (0.0, NAN)
+        self._limiter.reset()
 
     def forget(self, now: int) -> None:
         """Stop at once."""
         super().forget(now)
-        self._previous = self._before = (0.0, NAN)
+        self._limiter.reset()
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
         """Return the last published odometry and wheel command."""
@@ -239,22 +240,22 @@ class TricycleController(MobileBase):
         off = abs(angle - self.states[1].value) if self.states else NAN
         if off >= _ON_TARGET:  # not where it is unknown
             speed *= max(math.cos(min(off, math.pi / 2)), _SLOWEST)
-        traction, steering = self._limiters
+        traction, steering = self._limiter.laws
         self.targets[:] = traction.limit_velocity(speed), steering.limit_velocity(angle)
 
     def update(self, now: int, period: float) -> ReturnType:
         """Execute one step; limit both commands by their last two values; `period` in s."""
         result = super().update(now, period)
         if result is OK and all(command.enabled for command in self.commands):
-            traction, steering = self.commands
-            (speed, angle), (speed_before, angle_before) = self._previous, self._before
-            if math.isfinite(traction.value):
-                traction.value = speed = self._limiters[0].limit(traction.value, speed, speed_before, period)
-            angle = self.states[1].value if math.isnan(angle) else angle  # it begins where it stands
-            if math.isfinite(steering.value):
-                angle_before = angle if math.isnan(angle_before) else angle_before
-                steering.value = angle = self._limiters[1].limit(steering.value, angle, angle_before, period)
-            self._before, self._previous = self._previous, (speed, angle)
+            actual, commanded, limiter = self._actual, self._commanded, self._limiter
+            actual[1] = self.states[1].value
+            for index, command in enumerate(self.commands):
+                commanded[index] = command.value
+            if limiter.enforce(actual, commanded, period):
+                for index, command in enumerate(self.commands):
+                    command.value = commanded[index]
+            limiter.step(actual, commanded)
         if self.stamp == now:
-            self._published = self._previous if math.isfinite(self._previous[1]) else None
+            speed, angle = self._limiter.last
+            self._published = (speed, angle) if math.isfinite(angle) else None
         return result

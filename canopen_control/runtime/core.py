@@ -11,10 +11,10 @@ import enum
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.nmt import NmtState
+from canopen_control.controllers.command_limits import CommandLimits
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.errors import BusError, CanopenError, ControlError
 from canopen_control.hardware.axis_statechart import Action, regroup
-from canopen_control.hardware.command_limits import CommandLimits
 from canopen_control.hardware.interfaces import ERROR
 from canopen_control.master.event_log import Event, EventLog, Level
 from canopen_control.runtime.assembly import Assembly

@@ -7,7 +7,7 @@ from support.control import vectors
 
 from canopen_control.controllers.base_params import tf_prefix
 from canopen_control.controllers.diff_drive_params import read_params
-from canopen_control.controllers.limiter import RateLimiter, VelocityLimits
+from canopen_control.controllers.limiters import RateLaw, VelocityLimits
 from canopen_control.controllers.params import Params
 from canopen_control.errors import RobotConfigError
 
@@ -31,7 +31,7 @@ def test_a_jerk_limit_of_0_freezes_its_axis_unless_it_is_switched_off():
 
 def effective(limits: VelocityLimits) -> dict[str, float]:
     """What the limiter makes of limits: equal dictionaries limit equally."""
-    limiter = RateLimiter(limits)
+    limiter = RateLaw(limits)
     return {
         name: value
         for name, value in vars(limiter).items()

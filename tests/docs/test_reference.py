@@ -59,7 +59,12 @@ def test_every_key_of_bus_yml_has_its_words_and_no_words_are_left_over(generate)
 def test_every_parameter_is_told_with_its_words(generate):
     text = generate.controllers()
     modules = [import_module(each.name) for each in walk_packages(controllers.__path__, f"{controllers.__name__}.")]
-    classes = {each for module in modules for each in vars(module).values() if dataclasses.is_dataclass(each)}
+    classes = {
+        each
+        for module in modules
+        for each in vars(module).values()
+        if isinstance(each, type) and dataclasses.is_dataclass(each)
+    }
     texts = {field.metadata.get("help") for each in classes for field in dataclasses.fields(each)} - {"", None}
     assert len(texts) > 150
     assert [word for word in texts if f"| {word} |" not in text] == []

@@ -6,7 +6,7 @@ from typing import Any
 
 from support.control import vectors
 
-from canopen_control.hardware.command_limits import NOTHING, QUANTITIES
+from canopen_control.controllers.limiters import NOTHING, QUANTITIES
 from canopen_control.urdf.joint_element import HardLimits
 
 

@@ -20,9 +20,9 @@ from canopen_control.urdf.joint_element import ACCELERATION, EFFORT, POSITION, V
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from canopen_control.controllers.limiters import PointLimiter
     from canopen_control.controllers.trajectory.joint_group import JointGroup
     from canopen_control.controllers.trajectory.params import TrajectoryParams
-    from canopen_control.controllers.trajectory.point_limiter import PointLimiter
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 
 

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import TYPE_CHECKING, Final, Protocol
 
+from canopen_control.controllers.limiters import PointLimiter
 from canopen_control.controllers.trajectory.goal import ResultCode
 from canopen_control.controllers.trajectory.point import Point, Points, shortest_angular_distance, whole_turns
-from canopen_control.controllers.trajectory.point_limiter import PointLimiter
 from canopen_control.errors import ControlError, nearest
 from canopen_control.urdf.joint_element import POSITION
 

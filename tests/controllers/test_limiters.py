@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.control import same, vectors
 
-from canopen_control.controllers.limiter import RateLimiter, VelocityLimits
+from canopen_control.controllers.limiters import NAN, RateLaw, RateLimiter, VelocityLimits
 
 UPSTREAM = {
     "min_value": "min_velocity",
@@ -28,7 +28,7 @@ def limits(params: dict[str, float]) -> VelocityLimits:
 
 @pytest.mark.parametrize("case", vectors("rate_limiter_upstream") + vectors("rate_limiter_edges"))
 def test_it_limits_as_upstream_does(case):
-    limiter = RateLimiter(limits(case["params"]))
+    limiter = RateLaw(limits(case["params"]))
     v, v0, v1, dt = (case[key] for key in ("v", "v0", "v1", "dt"))
     found = {
         "limit": lambda: limiter.limit(v, v0, v1, dt),
@@ -42,10 +42,10 @@ def test_it_limits_as_upstream_does(case):
 @pytest.mark.parametrize("case", vectors("rate_limiter_ctor"))
 def test_it_refuses_what_upstream_refuses(case):
     if case["expect_error"] is None:
-        assert RateLimiter(limits(case["params"]))
+        assert RateLaw(limits(case["params"]))
     else:
         with pytest.raises(ValueError, match=case["expect_error"]):
-            RateLimiter(limits(case["params"]))
+            RateLaw(limits(case["params"]))
 
 
 POSITIVE = st.one_of(st.just(math.nan), st.floats(0.0, 50.0))
@@ -56,7 +56,7 @@ LIMITS = st.builds(VelocityLimits, NEGATIVE, POSITIVE, NEGATIVE, POSITIVE, NEGAT
 
 def outputs(given_limits: VelocityLimits, commands: list[float], dt: float) -> list[float]:
     """Return what comes out, from rest, two zeros first."""
-    limiter, out = RateLimiter(given_limits), [0.0, 0.0]
+    limiter, out = RateLaw(given_limits), [0.0, 0.0]
     for command in commands:
         out.append(limiter.limit(command, out[-1], out[-2], dt))
     return out
@@ -98,13 +98,13 @@ def test_no_jerk_limit_is_ever_exceeded_while_a_step_grows(jerk, commands, dt):
 
 
 def test_without_limits_nothing_is_changed():
-    assert RateLimiter(VelocityLimits()).limit(math.inf, 0.0, 0.0, 0.01) == math.inf
-    assert RateLimiter(VelocityLimits(max_deceleration=-1.0)).limit(7.0, 0.0, 0.0, 0.01) == 7.0
+    assert RateLaw(VelocityLimits()).limit(math.inf, 0.0, 0.0, 0.01) == math.inf
+    assert RateLaw(VelocityLimits(max_deceleration=-1.0)).limit(7.0, 0.0, 0.0, 0.01) == 7.0
 
 
 def test_the_jerk_limit_of_older_distributions_is_another_one():
     # humble bounds by jerk * 2 * dt^2 and always; ours is jazzy's jerk * dt^2, while the step grows: a smoother start
-    limiter = RateLimiter(VelocityLimits(max_jerk=5.0))
+    limiter = RateLaw(VelocityLimits(max_jerk=5.0))
     assert same(limiter.limit(1.0, 0.0, 0.0, 0.1), 5.0 * 0.1**2)
 
 
@@ -119,7 +119,7 @@ HUMBLE = [
 def test_an_older_file_limits_alike_with_min_acceleration_as_the_reverse_one(case):
     params, off = case["params"], math.nan
     velocity, acceleration = params["has_velocity_limits"], params["has_acceleration_limits"]
-    limiter = RateLimiter(
+    limiter = RateLaw(
         VelocityLimits(
             min_velocity=params["min_velocity"] if velocity else off,
             max_velocity=params["max_velocity"] if velocity else off,
@@ -140,7 +140,7 @@ JERKY = [
 def test_a_limit_that_is_on_without_a_number_is_off_where_older_ones_refuse_to_start(case):
     params = case["params"]
     given = VelocityLimits(max_velocity=params["max_velocity"], max_acceleration=params["max_acceleration"])
-    assert math.isfinite(RateLimiter(given).limit(case["v"], case["v0"], case["v1"], case["dt"]))
+    assert math.isfinite(RateLaw(given).limit(case["v"], case["v0"], case["v1"], case["dt"]))
 
 
 @pytest.mark.parametrize("case", JERKY)
@@ -149,9 +149,37 @@ def test_jerk_is_limited_at_least_as_gently_as_in_older_distributions(case):
     params, dt = case["params"], case["dt"]
     if math.isnan(params["max_jerk"]):
         return
-    limiter = RateLimiter(VelocityLimits(max_jerk=params["max_jerk"], min_jerk=params["min_jerk"]))
+    limiter = RateLaw(VelocityLimits(max_jerk=params["max_jerk"], min_jerk=params["min_jerk"]))
     found = limiter.limit_jerk(case["v"], case["v0"], case["v1"], dt)
     step, before = found - case["v0"], case["v0"] - case["v1"]
     if (case["v"] - case["v0"] - before) * (case["v"] - case["v0"]) > 0.0:
         low = params["min_jerk"] if not math.isnan(params["min_jerk"]) else -params["max_jerk"]
         assert 2 * low * dt * dt - 1e-9 <= step - before <= 2 * params["max_jerk"] * dt * dt + 1e-9
+
+
+def test_a_limiter_of_several_numbers_begins_at_rest_or_where_they_are_and_keeps_two_commands():
+    limiter = RateLimiter((0.0, NAN))
+    laws = limiter.laws = [RateLaw(VelocityLimits(max_acceleration=1.0, max_jerk=5.0)) for _ in range(2)]
+    expected = [(0.0, 0.0), (3.0, 3.0)]  # last and earlier of each
+    for _ in range(5):
+        desired = [9.0, 9.0]
+        assert limiter.enforce([7.0, 3.0], desired, 0.1)
+        wanted = [law.limit(9.0, *history, 0.1) for law, history in zip(laws, expected, strict=True)]
+        assert desired == wanted
+        limiter.step([7.0, 3.0], desired)
+        assert limiter.last == wanted
+        # the first command of a number that began where it was is its whole history
+        first = math.isnan(limiter._earlier[1])
+        expected = [(wanted[0], expected[0][0]), (wanted[1], wanted[1] if first else expected[1][0])]
+    limiter.reset()
+    assert limiter.last[0] == 0.0
+    assert math.isnan(limiter.last[1])
+
+
+def test_a_number_that_is_no_command_stays_with_its_history():
+    limiter = RateLimiter((0.0, NAN))
+    desired = [math.nan, math.nan]
+    assert not limiter.enforce([1.0, 0.4], desired, 0.1)
+    limiter.step([1.0, 0.4], desired)
+    assert math.isnan(desired[0])
+    assert limiter.last == [0.0, 0.4]

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.joint_limits import hard, limiter_cases, quantities, replay
 
-from canopen_control.hardware.command_limits import POS, VEL, SoftLimiter
+from canopen_control.controllers.limiters import POS, VEL, SoftLimiter
 from canopen_control.urdf.joint_element import HardLimits, SoftLimits
 
 CASES = limiter_cases("soft")

@@ -21,243 +21,26 @@ from collections.abc import Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
-from mypy_extensions import mypyc_attr
-
-from canopen_control.errors import ControlError
-from canopen_control.urdf.joint_element import ACCELERATION, EFFORT, POSITION, VELOCITY, HardLimits, InterfaceInfo
+from canopen_control.controllers.limiters import (
+    ACC,
+    EFF,
+    JERK,
+    NOTHING,
+    POS,
+    QUANTITIES,
+    VEL,
+    JointLimiter,
+    SoftLimiter,
+)
+from canopen_control.urdf.joint_element import ACCELERATION, POSITION, VELOCITY, HardLimits, InterfaceInfo
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from canopen_control.hardware.interfaces import CommandInterface, InterfaceRegistry, StateInterface
     from canopen_control.urdf.description import UrdfDescription
-    from canopen_control.urdf.joint_element import Joint, SoftLimits
+    from canopen_control.urdf.joint_element import Joint
     from canopen_control.urdf.ros2_control import ControlJoint
-
-
-# Joint limiter: clamps the commands of one joint to its limits of position, velocity, effort, acceleration and jerk.
-#
-# Rules (joint_limits of ros2_control jazzy, JointSaturationLimiter): the quantities are judged in their
-# order; a position moves by what the velocity, and that by what the acceleration allows since the command before; a
-# velocity does not lead past the end of the joint within the cycle; an effort does not push beyond the end, nor what is
-# too fast further. What is nan is not given. All in SI units (rad or m).
-
-
-POS: Final = 0
-VEL: Final = 1
-EFF: Final = 2
-ACC: Final = 3
-JERK: Final = 4
-QUANTITIES: Final = (POSITION, VELOCITY, EFFORT, ACCELERATION, "jerk")
-"""The quantities of a joint in the order in which they are judged; POS to JERK are their places."""
-NOTHING: Final = (math.nan,) * len(QUANTITIES)
-
-_FAR_OUT: Final = 0.0087  # rad or m: a joint that is this far outside of its range is an error
-NEAR: Final = 0.002  # rad or m: so far outside it may still move back
-
-
-@mypyc_attr(allow_interpreted_subclasses=True)
-class JointLimiter:
-    """Limiter of one joint's commands; `before` are the last ones, nan without one since `reset`."""
-
-    def __init__(self, limits: HardLimits) -> None:
-        self.limits = limits
-        self.before: list[float] = list(NOTHING)
-        self._low = self._high = 0.0
-
-    def reset(self) -> None:
-        """Clear the previous commands; the next one is compared with the joint's state."""
-        self.before[:] = NOTHING
-
-    def enforce(self, actual: list[float], desired: list[float], period: float) -> bool:
-        """Clamp the desired values by quantity and return whether any was clamped; `period` in s.
-
-        Raises ControlError for a position command to a joint that is far outside of its range.
-        """
-        if period <= 0.0:
-            return False
-        self._begin(actual, desired)
-        limited = False
-        for at in range(len(desired)):
-            target = desired[at]
-            if math.isnan(target):
-                continue
-            self._bound(at, target, actual, period)
-            if target < self._low or target > self._high:
-                limited = True
-                desired[at] = target = min(max(target, self._low), self._high)
-            self.before[at] = target
-        return limited
-
-    def _begin(self, actual: list[float], desired: list[float]) -> None:
-        """Start from the measured state, else from the first command, if no previous command is known."""
-        before = self.before
-        for limited in before:
-            if limited == limited:  # is not nan
-                return
-        for at in range(len(desired)):
-            if not math.isnan(desired[at]):
-                before[at] = desired[at] if math.isnan(actual[at]) else actual[at]
-
-    def _bound(self, at: int, target: float, actual: list[float], period: float) -> None:
-        """Set the range of a quantity; bounds in the wrong order are exchanged."""
-        if at == POS:
-            self._bound_position(actual, period)
-        elif at == VEL:
-            self._bound_velocity(target, actual, period)
-        elif at == EFF:
-            self._bound_effort(actual)
-        else:
-            most = self.limits.max_jerk if at == JERK else self._most_acceleration(target, actual[VEL])
-            self._low, self._high = -most, most
-        if self._low > self._high:
-            self._low, self._high = self._high, self._low
-
-    def _bound_position(self, actual: list[float], period: float) -> None:
-        limits = self.limits
-        low, high, here = limits.min_position, limits.max_position, actual[POS]
-        if here < low - _FAR_OUT or here > high + _FAR_OUT:
-            raise ControlError(f"it is at {here:g}, outside of its range from {low:g} to {high:g}; check its limits")
-        start = here if math.isnan(self.before[POS]) else self.before[POS]
-        if math.isfinite(limits.max_velocity) and math.isfinite(start):
-            fastest = limits.max_velocity
-            if math.isfinite(limits.max_acceleration):
-                speed = 0.0 if math.isnan(actual[VEL]) else abs(actual[VEL])
-                fastest = min(fastest, speed + limits.max_acceleration * period)
-            step = fastest * period
-            low = max(min(start - step, high), low)
-            high = min(max(start + step, low), high)
-        self._low, self._high = low, high
-
-    def _bound_velocity(self, target: float, actual: list[float], period: float) -> None:
-        limits, here, before = self.limits, actual[POS], self.before[VEL]
-        low, high = -limits.max_velocity, limits.max_velocity
-        if limits.has_ends and not math.isnan(here):
-            low, high = (
-                max((limits.min_position - here) / period, low),
-                min((limits.max_position - here) / period, high),
-            )
-            if self._may_not_move(target, here):
-                low = high = 0.0
-        if math.isfinite(limits.max_acceleration) and not math.isnan(before):
-            change = limits.max_acceleration * period
-            low, high = max(before - change, low), min(before + change, high)
-        self._low, self._high = low, high
-
-    def _may_not_move(self, target: float, here: float) -> bool:
-        """Whether the joint is outside its range and the command would move it further out."""
-        low, high = self.limits.min_position, self.limits.max_position
-        if low <= here <= high:
-            return False
-        above = low < here < high + NEAR and target >= 0.0
-        below = low - NEAR < here < high and target <= 0.0
-        return above or below or here > high + NEAR or here < low - NEAR
-
-    def _bound_effort(self, actual: list[float]) -> None:
-        limits, here, speed = self.limits, actual[POS], actual[VEL]
-        low, high = -limits.max_effort, limits.max_effort
-        if here <= limits.min_position and speed <= 0.0:  # False for nan
-            low = 0.0
-        elif here >= limits.max_position and speed >= 0.0:
-            high = 0.0
-        if speed < -limits.max_velocity:
-            low = 0.0
-        elif speed > limits.max_velocity:
-            high = 0.0
-        self._low, self._high = low, high
-
-    def _most_acceleration(self, target: float, speed: float) -> float:
-        slows_down = target * speed < 0.0
-        if slows_down and math.isfinite(self.limits.max_deceleration):
-            return self.limits.max_deceleration
-        return self.limits.max_acceleration
-
-
-# Soft joint limiter: slows a joint down before its soft limits, those of a URDF's <safety_controller>.
-#
-# Rules (joint_limits of ros2_control jazzy, JointSoftLimiter): towards a soft limit the velocity is at
-# most `k_position` times the distance to it, beyond it leads back at one degree per second (of a prismatic joint: as
-# many m/s), and an effort is at most `k_velocity` times what the velocity may still grow by. The hard limits
-# hold besides.
-
-
-_RETURN: Final = math.pi / 180.0
-_NO_RANGE: Final = 1e-10
-
-
-class SoftLimiter(JointLimiter):
-    """Limiter of one joint's commands with hard and soft limits."""
-
-    def __init__(self, limits: HardLimits, soft: SoftLimits) -> None:
-        super().__init__(limits)
-        self._soft = soft
-        self._slowest = self._fastest = 0.0
-        ends = math.isfinite(soft.lower) and math.isfinite(soft.upper)
-        self._has_range = ends and soft.upper - soft.lower > _NO_RANGE
-        slows = math.isfinite(soft.k_position) and abs(soft.k_position) > _NO_RANGE
-        self._slows = self._has_range and slows and limits.has_ends and math.isfinite(limits.max_velocity)
-
-    def _begin(self, actual: list[float], desired: list[float]) -> None:
-        super()._begin(actual, desired)
-        self._limit_speed(actual[POS])
-
-    def _limit_speed(self, actual: float) -> None:
-        """Compute the velocities permitted by the distances to the soft limits."""
-        limits, soft, most = self.limits, self._soft, self.limits.max_velocity
-        self._slowest, self._fastest = -most, most
-        start = self._start(actual)
-        if not (self._slows and math.isfinite(start)):
-            return
-        self._slowest = _clamp(-soft.k_position * (start - soft.lower), -most, most)
-        self._fastest = _clamp(-soft.k_position * (start - soft.upper), -most, most)
-        here = start if math.isnan(actual) else actual
-        if here < limits.min_position - NEAR or here > limits.max_position + NEAR:
-            self._slowest = self._fastest = 0.0
-        elif here < soft.lower or here > soft.upper:
-            self._slowest = math.copysign(_RETURN, self._slowest)
-            self._fastest = math.copysign(_RETURN, self._fastest)
-
-    def _start(self, actual: float) -> float:
-        """Return the previous position command, else the joint's position."""
-        before = self.before[POS]
-        return before if math.isfinite(before) else actual
-
-    def _bound(self, at: int, target: float, actual: list[float], period: float) -> None:
-        super()._bound(at, target, actual, period)
-        if at == POS:
-            self._narrow_position(actual, period)
-        elif at == VEL:
-            self._narrow_velocity(actual, period)
-        elif at == EFF:
-            self._narrow_effort(actual)
-
-    def _narrow_position(self, actual: list[float], period: float) -> None:
-        low, high = (self._soft.lower, self._soft.upper) if self._has_range else (-math.inf, math.inf)
-        start = self._start(actual[POS])
-        if math.isfinite(self.limits.max_velocity) and math.isfinite(start):
-            low = _clamp(start + self._slowest * period, low, high)
-            high = _clamp(start + self._fastest * period, low, high)
-        hard_low, hard_high = max(low, self._low), min(high, self._high)
-        self._low, self._high = (hard_low, hard_high) if hard_low <= hard_high else (low, high)
-
-    def _narrow_velocity(self, actual: list[float], period: float) -> None:
-        limits, speed = self.limits, actual[VEL]
-        if math.isfinite(limits.max_velocity) and math.isfinite(limits.max_acceleration) and not math.isnan(speed):
-            change = limits.max_acceleration * period
-            self._slowest, self._fastest = max(speed - change, self._slowest), min(speed + change, self._fastest)
-        self._low = self._slowest = max(self._slowest, self._low)
-        self._high = self._fastest = min(self._fastest, self._high)
-
-    def _narrow_effort(self, actual: list[float]) -> None:
-        most, k_velocity, speed = self.limits.max_effort, self._soft.k_velocity, actual[VEL]
-        if not (math.isfinite(most) and math.isfinite(k_velocity)) or math.isnan(speed):
-            return
-        self._low = max(_clamp(-k_velocity * (speed - self._slowest), -most, most), self._low)
-        self._high = min(_clamp(-k_velocity * (speed - self._fastest), -most, most), self._high)
-
-
-def _clamp(value: float, low: float, high: float) -> float:
-    return min(max(value, low), high)
 
 
 # Commands that are limited together: those of one joint, or one with bounds of its own.

@@ -8,18 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.joint_limits import hard, limiter_cases, quantities, replay
 
-from canopen_control.hardware.command_limits import (
-    EFF,
-    JERK,
-    NOTHING,
-    POS,
-    VEL,
-    CommandLimits,
-    JointCommands,
-    JointLimiter,
-    PlainCommand,
-    limited_joint,
-)
+from canopen_control.controllers.command_limits import CommandLimits, JointCommands, PlainCommand, limited_joint
+from canopen_control.controllers.limiters import EFF, JERK, NOTHING, POS, VEL, JointLimiter
 from canopen_control.hardware.interfaces import CommandInterface, InterfaceRegistry, StateInterface
 from canopen_control.hardware.plugins import GenericSystem
 from canopen_control.urdf.description import parse_description

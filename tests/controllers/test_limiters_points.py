@@ -9,8 +9,8 @@ from support.control import vectors
 from support.joint_limits import hard
 from support.trajectories import QUANTITIES, close, point
 
+from canopen_control.controllers.limiters import PointLimiter
 from canopen_control.controllers.trajectory.point import Point
-from canopen_control.controllers.trajectory.point_limiter import PointLimiter
 from canopen_control.urdf.joint_element import HardLimits
 
 CASES = vectors("joint_trajectory_point_limiter", "joint_limits.json")

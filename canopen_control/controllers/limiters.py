@@ -1,0 +1,542 @@
+"""Limiters of commands: the laws of ros2_control and of control_toolbox, with one interface.
+
+| law | class | limits | measured against |
+|---|---|---|---|
+| control_toolbox::RateLimiter | `RateLimiter` | numbers and their two derivatives | the last two commands |
+| joint_limits JointSaturationLimiter | `JointLimiter` | one joint's commands, by quantity | the command before |
+| joint_limits JointSoftLimiter | `SoftLimiter` | the same, slower before soft limits | the same, and the joint |
+| joint_limits JointTrajectoryPointSaturationLimiter | `PointLimiter` | points of several joints | the point before |
+
+The laws differ and stay as they are upstream. `enforce` is the same for all: it clamps `desired` in place, beginning at
+`actual` where no command came before, and returns whether it changed anything; `reset` forgets the commands before.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Generic, TypeVar
+
+from mypy_extensions import mypyc_attr
+
+from canopen_control.errors import ControlError
+from canopen_control.urdf.joint_element import ACCELERATION, EFFORT, POSITION, VELOCITY
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.controllers.trajectory.point import Point
+    from canopen_control.urdf.joint_element import HardLimits, SoftLimits
+
+
+S = TypeVar("S")
+NAN: Final = math.nan
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Limiter(Generic[S]):
+    """Limiter of commands; `S` is what it limits: numbers by axis, quantities of a joint, or a point of several."""
+
+    @abstractmethod
+    def enforce(self, actual: S, desired: S, period: float) -> bool:
+        """Clamp `desired` in place and return whether it was changed; `period` in s."""
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Forget the previous commands."""
+
+
+# Rate limiter (control_toolbox::RateLimiter): jerk, then acceleration, then velocity, each against the two previous
+# limited values. nan switches off or is derived: without max_velocity no velocity limit; without max_acceleration no
+# acceleration limit at all; without max_jerk no jerk limit; min_velocity is -max_velocity, max_acceleration_reverse
+# -max_acceleration, max_deceleration the same as max_acceleration_reverse, max_deceleration_reverse the same as
+# max_acceleration, min_jerk -max_jerk. Jerk limits only a step that grows, of speeding up or of braking.
+
+
+@dataclass(frozen=True)
+class VelocityLimits:
+    """Bounds in SI units, nan for none; min_velocity, decelerations and reverse limits are signed as in ROS.
+
+    `max_acceleration` and `max_deceleration_reverse` are >= 0; `max_deceleration` (moving forward) and
+    `max_acceleration_reverse` (speeding up backward) are <= 0.
+    """
+
+    min_velocity: float = NAN
+    max_velocity: float = NAN
+    max_acceleration_reverse: float = NAN
+    max_acceleration: float = NAN
+    max_deceleration: float = NAN
+    max_deceleration_reverse: float = NAN
+    min_jerk: float = NAN
+    max_jerk: float = NAN
+
+
+def _or(value: float, default: float) -> float:
+    return default if math.isnan(value) else value
+
+
+class RateLaw:
+    """Bounds of one number for `RateLimiter`; ValueError if a minimum is above its maximum."""
+
+    def __init__(self, limits: VelocityLimits) -> None:
+        self._min_v, self._max_v = _or(limits.min_velocity, -limits.max_velocity), limits.max_velocity
+        self._acc = limits.max_acceleration
+        self._acc_reverse = _or(limits.max_acceleration_reverse, -self._acc)
+        self._dec = _or(limits.max_deceleration, self._acc_reverse)
+        self._dec_reverse = _or(limits.max_deceleration_reverse, self._acc)
+        self._min_j, self._max_j = _or(limits.min_jerk, -limits.max_jerk), limits.max_jerk
+        self._has_v, self._has_a, self._has_j = (
+            not math.isnan(limit) for limit in (self._max_v, self._acc, self._max_j)
+        )
+        self._check()
+
+    def _check(self) -> None:
+        if self._has_v and self._min_v > self._max_v:
+            raise ValueError("Invalid value limits")
+        if self._has_a and (self._acc_reverse > self._acc or self._dec > self._dec_reverse):
+            raise ValueError("Invalid first derivative limits")
+        if self._has_j and self._min_j > self._max_j:
+            raise ValueError("Invalid second derivative limits")
+
+    def limit(self, v: float, v0: float, v1: float, dt: float) -> float:
+        """Return `v` limited by the previous two limited values, v0 (last) and v1; `dt` in s."""
+        if self._has_j:
+            v = self.limit_jerk(v, v0, v1, dt)
+        if self._has_a:
+            v = self.limit_acceleration(v, v0, dt)
+        return self.limit_velocity(v) if self._has_v else v
+
+    def limit_velocity(self, v: float) -> float:
+        """Clamp the value itself."""
+        if not self._has_v:
+            return v
+        return self._min_v if v < self._min_v else self._max_v if v > self._max_v else v
+
+    def limit_acceleration(self, v: float, v0: float, dt: float) -> float:
+        """Clamp the step from v0 by the bounds for acceleration and deceleration."""
+        if not self._has_a:
+            return v
+        step = v - v0
+        low = (self._dec if v0 > 0.0 else self._acc_reverse) * dt
+        high = (self._dec_reverse if v0 < 0.0 else self._acc) * dt
+        return v0 + (low if step < low else high if step > high else step)
+
+    def limit_jerk(self, v: float, v0: float, v1: float, dt: float) -> float:
+        """Clamp the change of the step, only while the step grows in its direction."""
+        if not self._has_j:
+            return v
+        dv, dv0 = v - v0, v0 - v1
+        if (dv - dv0) * dv <= 0.0:
+            return v
+        low, high = self._min_j * dt * dt, self._max_j * dt * dt
+        return v0 + dv0 + min(max(dv - dv0, low), high)
+
+
+_UNLIMITED: Final = RateLaw(VelocityLimits())
+
+
+class RateLimiter(Limiter["list[float]"]):
+    """Limiter of several numbers, each by its law and against its last two commands, which `step` records.
+
+    `rest` is where each number begins, nan for its actual value. A nan is no command: it stays, and its history does.
+    `last` are the commands of the last `step`.
+    """
+
+    def __init__(self, rest: Sequence[float]) -> None:
+        self._rest = list(rest)
+        self.laws: list[RateLaw] = [_UNLIMITED] * len(self._rest)
+        self.last, self._earlier = list(rest), list(rest)
+
+    def enforce(self, actual: list[float], desired: list[float], period: float) -> bool:
+        """See `Limiter`; the history stays until `step`."""
+        limited = False
+        for at in range(len(desired)):
+            target = desired[at]
+            if target != target:  # nan
+                continue
+            last, earlier = self.last[at], self._earlier[at]
+            if last != last:
+                last = actual[at]
+            if earlier != earlier:
+                earlier = last
+            value = self.laws[at].limit(target, last, earlier, period)
+            desired[at] = value
+            limited = limited or value != target
+        return limited
+
+    def step(self, actual: list[float], commanded: list[float]) -> None:
+        """Record the commands of this cycle."""
+        self._earlier[:] = self.last
+        for at in range(len(commanded)):
+            value = commanded[at]
+            if value == value:
+                self.last[at] = value
+            elif self.last[at] != self.last[at]:
+                self.last[at] = actual[at]
+
+    def reset(self) -> None:
+        """See `Limiter`."""
+        self.last[:] = self._earlier[:] = self._rest
+
+
+# Joint limiter: clamps the commands of one joint to its limits of position, velocity, effort, acceleration and jerk.
+#
+# Rules (joint_limits of ros2_control jazzy, JointSaturationLimiter): the quantities are judged in their
+# order; a position moves by what the velocity, and that by what the acceleration allows since the command before; a
+# velocity does not lead past the end of the joint within the cycle; an effort does not push beyond the end, nor what is
+# too fast further. What is nan is not given. All in SI units (rad or m).
+
+
+POS: Final = 0
+VEL: Final = 1
+EFF: Final = 2
+ACC: Final = 3
+JERK: Final = 4
+QUANTITIES: Final = (POSITION, VELOCITY, EFFORT, ACCELERATION, "jerk")
+"""The quantities of a joint in the order in which they are judged; POS to JERK are their places."""
+NOTHING: Final = (math.nan,) * len(QUANTITIES)
+
+_FAR_OUT: Final = 0.0087  # rad or m: a joint that is this far outside of its range is an error
+NEAR: Final = 0.002  # rad or m: so far outside it may still move back
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class JointLimiter(Limiter["list[float]"]):
+    """Limiter of one joint's commands; `before` are the last ones, nan without one since `reset`."""
+
+    def __init__(self, limits: HardLimits) -> None:
+        self.limits = limits
+        self.before: list[float] = list(NOTHING)
+        self._low = self._high = 0.0
+
+    def reset(self) -> None:
+        """Clear the previous commands; the next one is compared with the joint's state."""
+        self.before[:] = NOTHING
+
+    def enforce(self, actual: list[float], desired: list[float], period: float) -> bool:
+        """Clamp the desired values by quantity and return whether any was clamped; `period` in s.
+
+        Raises ControlError for a position command to a joint that is far outside of its range.
+        """
+        if period <= 0.0:
+            return False
+        self._begin(actual, desired)
+        limited = False
+        for at in range(len(desired)):
+            target = desired[at]
+            if math.isnan(target):
+                continue
+            self._bound(at, target, actual, period)
+            if target < self._low or target > self._high:
+                limited = True
+                desired[at] = target = min(max(target, self._low), self._high)
+            self.before[at] = target
+        return limited
+
+    def _begin(self, actual: list[float], desired: list[float]) -> None:
+        """Start from the measured state, else from the first command, if no previous command is known."""
+        before = self.before
+        for limited in before:
+            if limited == limited:  # is not nan
+                return
+        for at in range(len(desired)):
+            if not math.isnan(desired[at]):
+                before[at] = desired[at] if math.isnan(actual[at]) else actual[at]
+
+    def _bound(self, at: int, target: float, actual: list[float], period: float) -> None:
+        """Set the range of a quantity; bounds in the wrong order are exchanged."""
+        if at == POS:
+            self._bound_position(actual, period)
+        elif at == VEL:
+            self._bound_velocity(target, actual, period)
+        elif at == EFF:
+            self._bound_effort(actual)
+        else:
+            most = self.limits.max_jerk if at == JERK else self._most_acceleration(target, actual[VEL])
+            self._low, self._high = -most, most
+        if self._low > self._high:
+            self._low, self._high = self._high, self._low
+
+    def _bound_position(self, actual: list[float], period: float) -> None:
+        limits = self.limits
+        low, high, here = limits.min_position, limits.max_position, actual[POS]
+        if here < low - _FAR_OUT or here > high + _FAR_OUT:
+            raise ControlError(f"it is at {here:g}, outside of its range from {low:g} to {high:g}; check its limits")
+        start = here if math.isnan(self.before[POS]) else self.before[POS]
+        if math.isfinite(limits.max_velocity) and math.isfinite(start):
+            fastest = limits.max_velocity
+            if math.isfinite(limits.max_acceleration):
+                speed = 0.0 if math.isnan(actual[VEL]) else abs(actual[VEL])
+                fastest = min(fastest, speed + limits.max_acceleration * period)
+            step = fastest * period
+            low = max(min(start - step, high), low)
+            high = min(max(start + step, low), high)
+        self._low, self._high = low, high
+
+    def _bound_velocity(self, target: float, actual: list[float], period: float) -> None:
+        limits, here, before = self.limits, actual[POS], self.before[VEL]
+        low, high = -limits.max_velocity, limits.max_velocity
+        if limits.has_ends and not math.isnan(here):
+            low, high = (
+                max((limits.min_position - here) / period, low),
+                min((limits.max_position - here) / period, high),
+            )
+            if self._may_not_move(target, here):
+                low = high = 0.0
+        if math.isfinite(limits.max_acceleration) and not math.isnan(before):
+            change = limits.max_acceleration * period
+            low, high = max(before - change, low), min(before + change, high)
+        self._low, self._high = low, high
+
+    def _may_not_move(self, target: float, here: float) -> bool:
+        """Whether the joint is outside its range and the command would move it further out."""
+        low, high = self.limits.min_position, self.limits.max_position
+        if low <= here <= high:
+            return False
+        above = low < here < high + NEAR and target >= 0.0
+        below = low - NEAR < here < high and target <= 0.0
+        return above or below or here > high + NEAR or here < low - NEAR
+
+    def _bound_effort(self, actual: list[float]) -> None:
+        limits, here, speed = self.limits, actual[POS], actual[VEL]
+        low, high = -limits.max_effort, limits.max_effort
+        if here <= limits.min_position and speed <= 0.0:  # False for nan
+            low = 0.0
+        elif here >= limits.max_position and speed >= 0.0:
+            high = 0.0
+        if speed < -limits.max_velocity:
+            low = 0.0
+        elif speed > limits.max_velocity:
+            high = 0.0
+        self._low, self._high = low, high
+
+    def _most_acceleration(self, target: float, speed: float) -> float:
+        slows_down = target * speed < 0.0
+        if slows_down and math.isfinite(self.limits.max_deceleration):
+            return self.limits.max_deceleration
+        return self.limits.max_acceleration
+
+
+# Soft joint limiter: slows a joint down before its soft limits, those of a URDF's <safety_controller>.
+#
+# Rules (joint_limits of ros2_control jazzy, JointSoftLimiter): towards a soft limit the velocity is at
+# most `k_position` times the distance to it, beyond it leads back at one degree per second (of a prismatic joint: as
+# many m/s), and an effort is at most `k_velocity` times what the velocity may still grow by. The hard limits
+# hold besides.
+
+
+_RETURN: Final = math.pi / 180.0
+_NO_RANGE: Final = 1e-10
+
+
+class SoftLimiter(JointLimiter):
+    """Limiter of one joint's commands with hard and soft limits."""
+
+    def __init__(self, limits: HardLimits, soft: SoftLimits) -> None:
+        super().__init__(limits)
+        self._soft = soft
+        self._slowest = self._fastest = 0.0
+        ends = math.isfinite(soft.lower) and math.isfinite(soft.upper)
+        self._has_range = ends and soft.upper - soft.lower > _NO_RANGE
+        slows = math.isfinite(soft.k_position) and abs(soft.k_position) > _NO_RANGE
+        self._slows = self._has_range and slows and limits.has_ends and math.isfinite(limits.max_velocity)
+
+    def _begin(self, actual: list[float], desired: list[float]) -> None:
+        super()._begin(actual, desired)
+        self._limit_speed(actual[POS])
+
+    def _limit_speed(self, actual: float) -> None:
+        """Compute the velocities permitted by the distances to the soft limits."""
+        limits, soft, most = self.limits, self._soft, self.limits.max_velocity
+        self._slowest, self._fastest = -most, most
+        start = self._start(actual)
+        if not (self._slows and math.isfinite(start)):
+            return
+        self._slowest = _clamp(-soft.k_position * (start - soft.lower), -most, most)
+        self._fastest = _clamp(-soft.k_position * (start - soft.upper), -most, most)
+        here = start if math.isnan(actual) else actual
+        if here < limits.min_position - NEAR or here > limits.max_position + NEAR:
+            self._slowest = self._fastest = 0.0
+        elif here < soft.lower or here > soft.upper:
+            self._slowest = math.copysign(_RETURN, self._slowest)
+            self._fastest = math.copysign(_RETURN, self._fastest)
+
+    def _start(self, actual: float) -> float:
+        """Return the previous position command, else the joint's position."""
+        before = self.before[POS]
+        return before if math.isfinite(before) else actual
+
+    def _bound(self, at: int, target: float, actual: list[float], period: float) -> None:
+        super()._bound(at, target, actual, period)
+        if at == POS:
+            self._narrow_position(actual, period)
+        elif at == VEL:
+            self._narrow_velocity(actual, period)
+        elif at == EFF:
+            self._narrow_effort(actual)
+
+    def _narrow_position(self, actual: list[float], period: float) -> None:
+        low, high = (self._soft.lower, self._soft.upper) if self._has_range else (-math.inf, math.inf)
+        start = self._start(actual[POS])
+        if math.isfinite(self.limits.max_velocity) and math.isfinite(start):
+            low = _clamp(start + self._slowest * period, low, high)
+            high = _clamp(start + self._fastest * period, low, high)
+        hard_low, hard_high = max(low, self._low), min(high, self._high)
+        self._low, self._high = (hard_low, hard_high) if hard_low <= hard_high else (low, high)
+
+    def _narrow_velocity(self, actual: list[float], period: float) -> None:
+        limits, speed = self.limits, actual[VEL]
+        if math.isfinite(limits.max_velocity) and math.isfinite(limits.max_acceleration) and not math.isnan(speed):
+            change = limits.max_acceleration * period
+            self._slowest, self._fastest = max(speed - change, self._slowest), min(speed + change, self._fastest)
+        self._low = self._slowest = max(self._slowest, self._low)
+        self._high = self._fastest = min(self._fastest, self._high)
+
+    def _narrow_effort(self, actual: list[float]) -> None:
+        most, k_velocity, speed = self.limits.max_effort, self._soft.k_velocity, actual[VEL]
+        if not (math.isfinite(most) and math.isfinite(k_velocity)) or math.isnan(speed):
+            return
+        self._low = max(_clamp(-k_velocity * (speed - self._slowest), -most, most), self._low)
+        self._high = min(_clamp(-k_velocity * (speed - self._fastest), -most, most), self._high)
+
+
+def _clamp(value: float, low: float, high: float) -> float:
+    return min(max(value, low), high)
+
+
+# Point limiter (joint_limits, JointTrajectoryPointSaturationLimiter): positions, then velocities, then accelerations
+# are clamped, and the others follow from what was clamped; a joint that could not stop any more before the end of its
+# range brakes, and all others with it, so that they stay on the direction of their path.
+
+
+_ZERO: Final = 1e-10  # what is not larger is not given
+
+
+class PointLimiter(Limiter["Point"]):
+    """Limiter of points to the `limits` of their joints, in place; `joint` is the first limited one."""
+
+    def __init__(self, limits: Sequence[HardLimits]) -> None:
+        self.limits = list(limits)
+        count = len(self.limits)
+        self._positions, self._velocities, self._accelerations = [0.0] * count, [0.0] * count, [0.0] * count
+        self._still = [0.0] * count
+        self.joint = 0
+        self._limited = self._brakes = False
+        self._places = self._speeds = False  # whether the desired point has positions and velocities
+
+    def enforce(self, actual: Point, desired: Point, period: float) -> bool:
+        """Clamp the desired state and return whether it was clamped; `period` in s.
+
+        Nothing is done without the positions where the joints are, or without positions or velocities to be.
+        """
+        count = len(self.limits)
+        self._places, self._speeds = len(desired.positions) == count, len(desired.velocities) == count
+        complete = len(actual.positions) == count and (self._places or self._speeds)
+        if period <= 0.0 or not complete:
+            return False
+        speeds = actual.velocities if len(actual.velocities) == count else self._still
+        grows = len(desired.accelerations) == count
+        self._positions[:] = desired.positions if self._places else self._still
+        self._velocities[:] = desired.velocities if self._speeds else self._still
+        self._accelerations[:] = desired.accelerations if grows else self._still
+        self._limited = self._brakes = False
+        for joint in range(count):
+            self._clamp(joint, actual.positions[joint], speeds[joint], period)
+        if self._brakes:
+            for joint in range(count):
+                self._brake(joint, actual.positions[joint], speeds[joint], period)
+        if self._places:
+            desired.positions[:] = self._positions
+        if self._speeds:
+            desired.velocities[:] = self._velocities
+        if grows:
+            desired.accelerations[:] = self._accelerations
+        return self._limited
+
+    def reset(self) -> None:
+        """See `Limiter`: nothing is kept."""
+
+    def _note(self, joint: int) -> None:
+        if not self._limited:
+            self.joint, self._limited = joint, True
+
+    def _clamp(self, joint: int, here: float, speed: float, period: float) -> None:
+        limits = self.limits[joint]
+        if self._places:
+            self._clamp_position(joint, here, period)
+        if math.isfinite(limits.max_velocity):
+            self._clamp_velocity(joint, here, speed, period)
+        if math.isfinite(limits.max_acceleration) or math.isfinite(limits.max_deceleration):
+            self._clamp_acceleration(joint, here, speed, period)
+        if limits.has_ends:
+            self._look_ahead(joint, here, period)
+
+    def _clamp_position(self, joint: int, here: float, period: float) -> None:
+        limits, desired = self.limits[joint], self._positions[joint]
+        position = min(max(desired, limits.min_position), limits.max_position)
+        if position != desired and limits.has_ends:
+            self._positions[joint] = position
+            self._note(joint)
+        distance = position - here
+        if abs(distance) > _ZERO and abs(self._velocities[joint]) <= _ZERO:
+            self._velocities[joint] = distance / period
+
+    def _clamp_velocity(self, joint: int, here: float, speed: float, period: float) -> None:
+        most, velocity = self.limits[joint].max_velocity, self._velocities[joint]
+        if abs(velocity) <= _ZERO or math.isnan(velocity):
+            velocity = self._velocities[joint] = (self._positions[joint] - here) / period
+        if abs(velocity) <= most or math.isnan(velocity):
+            return
+        velocity = self._velocities[joint] = math.copysign(most, velocity)
+        self._note(joint)
+        if self._places:
+            self._positions[joint] = here + velocity * period
+        self._accelerations[joint] = (velocity - speed) / period
+
+    def _clamp_acceleration(self, joint: int, here: float, speed: float, period: float) -> None:
+        limits, acceleration = self.limits[joint], self._accelerations[joint]
+        if abs(acceleration) <= _ZERO or math.isnan(acceleration):
+            acceleration = self._accelerations[joint] = (self._velocities[joint] - speed) / period
+        slows_down = acceleration * speed < 0.0 and math.isfinite(limits.max_deceleration)
+        most = limits.max_deceleration if slows_down else limits.max_acceleration
+        if abs(acceleration) <= most or math.isnan(acceleration):
+            return
+        self._note(joint)
+        self._accelerate(joint, math.copysign(most, acceleration), here, speed, period)
+
+    def _accelerate(self, joint: int, acceleration: float, here: float, speed: float, period: float) -> None:
+        """Integrate an acceleration into position and velocity."""
+        self._accelerations[joint] = acceleration
+        self._velocities[joint] = speed + acceleration * period
+        if self._places:
+            self._positions[joint] = here + speed * period + 0.5 * acceleration * period * period
+
+    def _look_ahead(self, joint: int, here: float, period: float) -> None:
+        """Return whether a joint has to brake for the end of its range."""
+        limits = self.limits[joint]
+        if self._speeds and not self._places:
+            target = here + self._velocities[joint] * period
+            bounded = min(max(target, limits.min_position), limits.max_position)
+            if bounded != target:
+                self._velocities[joint] = (bounded - here) / period
+                self._note(joint)
+        velocity = self._velocities[joint]
+        rate = abs(velocity / period)
+        if math.isfinite(limits.max_deceleration):
+            rate = limits.max_deceleration
+        elif math.isfinite(limits.max_acceleration):
+            rate = limits.max_acceleration
+        if rate == 0.0:
+            return
+        below, above = here - limits.min_position, limits.max_position - here
+        needs, going_on = velocity * velocity / (2.0 * rate), velocity * abs(velocity) / rate
+        left = below if velocity < 0.0 else above
+        if velocity != 0.0 and (left < needs or left < going_on):
+            self._brakes = True
+            self._note(joint)
+
+    def _brake(self, joint: int, here: float, speed: float, period: float) -> None:
+        limits, acceleration = self.limits[joint], -speed / period
+        most = limits.max_deceleration if math.isfinite(limits.max_deceleration) else limits.max_acceleration
+        self._accelerate(joint, math.copysign(min(abs(acceleration), most), acceleration), here, speed, period)
