@@ -55,7 +55,7 @@ def make_of(file: PhysicsFile, path: Path) -> PhysicsWorld:
 
 def make_shared(plants: Mapping[str, Path], where: Path) -> PhysicsWorld:
     """Return one world with several robots, from their plant files by name; the file `where` contains their starts."""
-    from canopen_control.physics.shared_model import joined
+    from canopen_control.physics.body_model import joined
 
     require_physics()
     world = read_world_description(where)

@@ -6,8 +6,8 @@ From the outside in; a file imports those of its own line and of lines further d
 - devices: `device` (of an EDS), `scenario`, `control` (the socket), `node_host`
 - their faults: `fault_table`
 - their quirks: `quirks`, `power_quirks`, `motion_quirks`, `communication_quirks`, `quirk_base`
-- what both do to frames and to the node: `fault_frames`, `device_faults`
-- a node: `virtual_node`, of `communication_objects`, `node_pdos`, `device_store`
+- what both do to frames and to the node: `fault_effects`
+- a node: `virtual_node`, of `communication_objects`, `node_pdos`
 - a device that is not a drive: `io_device`
 - a drive: `virtual_drive`
 - its modes of operation: `drive_modes`, `profile_modes`, `mode_base`

@@ -8,14 +8,14 @@ from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.frame import CanFrame
-from canopen_control.virtual.device_faults import start_by_itself
-from canopen_control.virtual.fault_frames import (
+from canopen_control.virtual.fault_effects import (
     is_heartbeat,
     is_sdo_answer,
     is_sdo_request,
     refuses_blocks,
     refuses_mapping,
     refusing,
+    start_by_itself,
 )
 from canopen_control.virtual.node_pdos import TPDO
 from canopen_control.virtual.quirk_base import (

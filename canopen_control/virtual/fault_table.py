@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING
 
 from canopen_control.errors import ConfigError, nearest
 from canopen_control.rpc.messages.drive import FaultListing
-from canopen_control.virtual import device_faults
-from canopen_control.virtual import device_faults as device
-from canopen_control.virtual.fault_frames import (
+from canopen_control.virtual import fault_effects as device
+from canopen_control.virtual.fault_effects import (
     deaf,
     deaf_to_sdo,
     deaf_to_start,
@@ -42,8 +41,7 @@ from canopen_control.virtual.virtual_node import VirtualNode
 
 if TYPE_CHECKING:
     from canopen_control.frame import CanFrame
-    from canopen_control.virtual.device_faults import Switch
-    from canopen_control.virtual.fault_frames import Incoming, Outgoing
+    from canopen_control.virtual.fault_effects import Incoming, Outgoing, Switch
 
 
 # ruff: noqa: E501 - one fault is one line of the table
@@ -337,7 +335,7 @@ class FaultSwitches:
         while self._held and self._held[0][0] <= now:
             self._due.append(heapq.heappop(self._held)[2])
         while self._flood_at is not None and self._flood_at <= now:
-            device_faults.flood(self._node, now)
+            device.flood(self._node, now)
             self._flood_at = max(self._flood_at + _FLOOD_NS, now - 20 * _FLOOD_NS)
 
     def next_deadline(self) -> int | None:

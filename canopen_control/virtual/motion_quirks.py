@@ -10,7 +10,7 @@ from canopen_control.cia402 import objects as o
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import INTERNAL_LIMIT, REMOTE, TARGET_REACHED, VOLTAGE_ENABLED, State
 from canopen_control.virtual.device_model import MissingSetPoint
-from canopen_control.virtual.fault_frames import lacks_optional, refusing
+from canopen_control.virtual.fault_effects import lacks_optional, refusing
 from canopen_control.virtual.mode_base import BIT_12, NEW_SET_POINT
 from canopen_control.virtual.profile_modes import IMMEDIATELY
 from canopen_control.virtual.quirk_base import Quirk, Strength, axis_refuses, hears, in_seconds, lacks, whole

@@ -9,7 +9,7 @@ from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia402 import objects as o
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import HALT_BIT, VOLTAGE_ENABLED, Command, State, transition_of
-from canopen_control.virtual.device_faults import served_in_preop
+from canopen_control.virtual.fault_effects import served_in_preop
 from canopen_control.virtual.quirk_base import Quirk, axis_refuses, in_seconds, lacks, turns, whole
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.rpc.messages.drive import QuirkListing
-from canopen_control.virtual.fault_frames import refusing
+from canopen_control.virtual.fault_effects import refusing
 from canopen_control.virtual.mode_base import ModeGate
 from canopen_control.virtual.node_pdos import RPDO, TPDO
 
@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     from canopen_control.cia402.state import Transition
     from canopen_control.frame import CanFrame
     from canopen_control.od.model import Entry, Value
-    from canopen_control.virtual.device_faults import Switch
-    from canopen_control.virtual.fault_frames import Incoming, Outgoing
+    from canopen_control.virtual.fault_effects import Incoming, Outgoing, Switch
     from canopen_control.virtual.injection_point import InjectionPoint
     from canopen_control.virtual.object_store import Guard
     from canopen_control.virtual.virtual_drive import VirtualDrive

@@ -40,11 +40,10 @@ from canopen_control.virtual.communication_objects import (
     Services,
 )
 from canopen_control.virtual.device_model import GENERIC, DeviceModel, make_function
-from canopen_control.virtual.device_store import DeviceStore
 from canopen_control.virtual.injection_point import InjectionPoint
 from canopen_control.virtual.node_outbox import HEARTBEAT_ERROR, BitRateActivated, NodeClock, NodeIdChanged, NodeOutbox
 from canopen_control.virtual.node_pdos import PdoExchange
-from canopen_control.virtual.object_store import VirtualStore
+from canopen_control.virtual.object_store import DeviceStore, VirtualStore
 from canopen_control.virtual.virtual_drive import VirtualDrive
 
 if TYPE_CHECKING:

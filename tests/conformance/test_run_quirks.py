@@ -5,7 +5,7 @@ import pytest
 from canopen_control.conformance.check import CheckTouch, is_of_clause
 from canopen_control.conformance.html_report import DEVIATIONS
 from canopen_control.conformance.run import CHECKS, choose, run_checks
-from canopen_control.virtual.device_faults import power_stage, undervoltage
+from canopen_control.virtual.fault_effects import power_stage, undervoltage
 from canopen_control.virtual.quirks import QUIRKS
 
 SITUATIONS = {  # in which a quirk shows: the check is skipped in others, or has nothing to find

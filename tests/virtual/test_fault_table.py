@@ -72,7 +72,7 @@ def test_a_fault_may_carry_its_time():
 
 
 def test_every_switch_has_a_test_that_sees_it_on_the_wire():
-    files = ("test_fault_frames.py", "test_device_faults.py")
+    files = ("test_fault_effects_frames.py", "test_fault_effects.py")
     texts = [Path(__file__).with_name(name).read_text() for name in files]
     tested = {name for text in texts for name in re.findall(r'\bfault\("(\w+)"\)', text)}
     assert tested == set(FAULTS)
