@@ -9,7 +9,7 @@ import re
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 from canopen_control.cli.support.arguments import node_id
 from canopen_control.cli.support.output import Progress, json_text
@@ -492,13 +492,19 @@ def _convert(args: argparse.Namespace) -> int:
     write_whole(output, _converted(file.od, ending, args).encode())
     for issue in [] if args.json else file.issues:
         print(f"{args.file}:{issue.line}: {issue.severity.name.lower()}: {issue.text}")
+    own = sum(entry.parameter_value is not None for entry in file.od.entries.values())
+    if own and ending in _OF_A_TYPE and not args.json:
+        print(f"{output}: without the {own} values of one device (ParameterValue); .dcf and .xdc keep them")
     done = ConvertedDocument(args.file, str(output), len(file.od.objects), len(file.issues))
     print(json_text(done) if args.json else f"{output}: {done.objects} objects of {args.file}")
     return 0
 
 
+_OF_A_TYPE: Final = (".eds", ".xdd")  # the description of a type of device, without the values of one
+
+
 def _converted(od: ObjectDictionary, ending: str, args: argparse.Namespace) -> str:
-    if ending in (".eds", ".xdd"):  # the description of a type of device, without the values of one
+    if ending in _OF_A_TYPE:
         entries = {address: replace(entry, parameter_value=None) for address, entry in od.entries.items()}
         od = replace(od, entries=entries)
         return eds_text(od) if ending == ".eds" else xdd_text(od)

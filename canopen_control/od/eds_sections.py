@@ -14,10 +14,12 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from canopen_control.errors import EdsError
+from canopen_control.od.communication_types import communication_type
 from canopen_control.od.eds_values import Parsed, parse_number, parse_value
 from canopen_control.od.issues import Report
 from canopen_control.od.model import (
     ACCESS_TYPES,
+    Address,
     Commissioning,
     DataType,
     DeviceInfo,
@@ -359,7 +361,7 @@ class EntryReader:
 
     def read(self, section: Section, index: int, subindex: int, name: str, code: int) -> Entry:
         """Return the entry of `section`; `code` is its object code."""
-        traits = self._traits(section, code)
+        traits = self._traits(section, code, (index, subindex))
         data_type, is_known, access, pdo_mappable, low, high, obj_flags, _ = traits
         default = self._parsed(section, "defaultvalue", traits) if is_known else _NO_VALUE
         parameter = self._parsed(section, "parametervalue", traits) if is_known else _NO_VALUE
@@ -406,7 +408,7 @@ class EntryReader:
             model.line,
         )
 
-    def _traits(self, section: Section, code: int) -> _Traits:
+    def _traits(self, section: Section, code: int, address: Address) -> _Traits:
         text = section.values.get
         remark = (
             code,
@@ -421,7 +423,7 @@ class EntryReader:
         if traits is not None:
             return traits
         issues = len(self.report.issues)
-        data_type, is_known = self._data_type(section, code)
+        data_type, is_known = self._data_type(section, code, address)
         low, high = self._limits(section, data_type)
         access = self._access(section)
         pdo_mappable = read_number(section, "pdomapping", 0, self.report) != 0
@@ -431,7 +433,7 @@ class EntryReader:
             self.kept[remark] = traits
         return traits
 
-    def _data_type(self, section: Section, code: int) -> tuple[DataType, bool]:
+    def _data_type(self, section: Section, code: int, address: Address) -> tuple[DataType, bool]:
         if "datatype" not in section.values and code == ObjectCode.DOMAIN:
             return DataType.DOMAIN, True
         number = optional_number(section, "datatype", self.report)
@@ -446,6 +448,10 @@ class EntryReader:
             if "datatype" in section.values
             else f"[{section.title}] has no DataType"
         )
+        if (standard := communication_type(*address)) is not None:
+            text = f"{description}; taken as {standard.name}, which CiA 301 gives 0x{address[0]:04X}:{address[1]:02X}"
+            self.report.warning(section.line_of("datatype"), "data-type", text)
+            return standard, True
         remark = " and its values kept as text" if any(section.get(key) for key in _VALUE_KEYS) else ""
         self.report.warning(
             section.line_of("datatype"), "data-type", f"{description}; handled as bytes of any length{remark}"
@@ -459,8 +465,11 @@ class EntryReader:
         return self.ranges.get(number) if number is not None else None
 
     def _access(self, section: Section) -> str:
-        text = section.get("accesstype").lower()
+        text, _, comment = (part.strip() for part in section.get("accesstype").lower().partition("#"))
         access = _ACCESS.get(text)
+        if access is not None and comment:
+            said = f"AccessType={clip(section.get('accesstype'))}: the comment after # is cut off; CiA 306 knows ; only"
+            self.report.warning(section.line_of("accesstype"), "number-comment", said)
         if access is None:
             access = _ACCESS_ALIASES.get(text, "rw")
             description = f"AccessType={clip(text)} is unknown" if text else f"[{section.title}] has no AccessType"

@@ -219,6 +219,19 @@ def test_pdos_that_are_not_whole_are_shown_too(cli, tmp_path):
     ]
 
 
+def test_a_conversion_names_the_values_that_the_new_format_cannot_have(tmp_path, capsys):
+    dcf, eds, again = (str(tmp_path / name) for name in ("a.dcf", "b.eds", "c.dcf"))
+    text = data_path("eds", TMCM).read_text(encoding="latin-1").replace("[6081]", "[6081]\nParameterValue=7", 1)
+    (tmp_path / "a.dcf").write_text(text, encoding="latin-1")
+    assert main(["eds", "convert", dcf, "-o", eds]) == 0
+    assert (
+        f"{eds}: without the 1 values of one device (ParameterValue); .dcf and .xdc keep them"
+        in capsys.readouterr().out
+    )
+    assert main(["eds", "convert", dcf, "-o", again, "--node-id", "3"]) == 0
+    assert "without the" not in capsys.readouterr().out
+
+
 def test_a_file_is_converted_to_the_format_of_the_outputs_ending(tmp_path, capsys):
     xdd, eds, xdc = (str(tmp_path / name) for name in ("a.xdd", "b.eds", "c.xdc"))
     assert main(["eds", "convert", TMCM, "-o", xdd]) == 0

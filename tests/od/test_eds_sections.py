@@ -104,6 +104,7 @@ def test_a_domain_needs_no_type():
         ("Const", "const", []),
         ("r/w", "rw", ["access-type"]),
         ("readonly", "ro", ["access-type"]),
+        ("const # as the others", "const", ["number-comment"]),
         ("?", "rw", ["access-type"]),
         (None, "rw", ["access-type"]),
     ],
