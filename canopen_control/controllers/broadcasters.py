@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, cast
 
 from canopen_control.cia301.nmt import NmtState, state_of_byte
-from canopen_control.cia402.state import decode_statusword
+from canopen_control.cia402.state import State, decode_statusword
 from canopen_control.controllers.base import ALL_STATES, Controller, StateCopy, finite
 from canopen_control.controllers.params import CommonParams
 from canopen_control.errors import ControlError, RobotConfigError, nearest
@@ -691,7 +691,7 @@ class DiagnosticsBroadcaster(_StateBroadcaster):
         if (verdict := stale(age, self.params.stale_after, is_known=has_values)) is not None:
             return verdict
         state = None if word is None else decode_statusword(int(word))
-        name = "FAULT" if code else "" if state is None else state.name
+        name = State.FAULT.name if code else "" if state is None else state.name
         nmt_state = NmtState.OPERATIONAL if nmt is None else state_of_byte(int(nmt))
         return judge(
             [name] if name else [],

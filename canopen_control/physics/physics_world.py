@@ -21,7 +21,7 @@ from canopen_control.rpc.messages.drive import WorldShape
 from canopen_control.urdf.geometry import from_yaw
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from canopen_control.physics.body_model import JointPlace
     from canopen_control.physics.disturbances import Disturbances
@@ -328,9 +328,13 @@ class PhysicsWorld:
         own = self._robots[self._first if robot is None else robot].body.prefix
         return (*patches_of(self._disturbances.patches), *shapes_of(self.model, self.data, own))
 
-    def shaft(self, node_id: int) -> Callable[[], float | None] | None:
+    def has_shaft(self, node_id: int) -> bool:
         """See `ShaftWorld`; for the first robot, on its main bus."""
-        return self._robots[self._first].shaft("", node_id)
+        return ("", node_id) in self._robots[self._first].encoders
+
+    def shaft_position(self, node_id: int) -> float | None:
+        """See `ShaftWorld`; for the first robot, on its main bus."""
+        return self._robots[self._first].shaft_position("", node_id)
 
     def publish(self) -> None:
         """Do nothing: no other process needs the position of a shaft."""
@@ -366,9 +370,13 @@ class WorldSide:
         """Return the shapes around this robot."""
         return self._world.shapes(self._robot.name)
 
-    def shaft(self, node_id: int) -> Callable[[], float | None] | None:
+    def has_shaft(self, node_id: int) -> bool:
         """See `ShaftWorld`."""
-        return self._robot.shaft(self._bus, node_id)
+        return (self._bus, node_id) in self._robot.encoders
+
+    def shaft_position(self, node_id: int) -> float | None:
+        """See `ShaftWorld`."""
+        return self._robot.shaft_position(self._bus, node_id)
 
     def publish(self) -> None:
         """See `PhysicsWorld.publish`."""

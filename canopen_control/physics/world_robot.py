@@ -42,6 +42,10 @@ class WorldRobot:
     ) -> None:
         self.name, self.body, self.axes = name, body, axes
         self.encoders = dict(encoders or {})
+        self._shafts = {
+            address: int(body.model.joint(f"{body.prefix}{encoder.joint}").qposadr[0])
+            for address, encoder in self.encoders.items()
+        }
         self._sensors_here = sensors
         self._data: Any = None
         self._qpos = self._dof = 0  # indices of the base
@@ -83,13 +87,9 @@ class WorldRobot:
         for roller in self._rollers:
             roller.add_force(grip_at(x, y))
 
-    def shaft(self, bus: str, node_id: int) -> Callable[[], float | None] | None:
-        """Return a reader for the angle in rad (m) of a node's encoder, None if it is not on a joint."""
-        settings = self.encoders.get((bus, node_id))
-        if settings is None:
-            return None
-        at, factor = int(self.body.model.joint(f"{self.body.prefix}{settings.joint}").qposadr[0]), settings.factor
-        return lambda: float(self._data.qpos[at]) * factor
+    def shaft_position(self, bus: str, node_id: int) -> float:
+        """Return the angle in rad (m) of a node's encoder."""
+        return float(self._data.qpos[self._shafts[bus, node_id]]) * self.encoders[bus, node_id].factor
 
     # -- its base
 

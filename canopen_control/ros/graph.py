@@ -19,7 +19,7 @@ from canopen_control.ros.installation import from_wheels, prepare, require_ros
 from canopen_control.ros.interfaces import MissingInterface, interface
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator
 
     ClassOf = Callable[[str], type]
     Names = list[tuple[str, list[str]]]
@@ -163,14 +163,14 @@ MOMENT_S: Final = 1.0
 
 
 @contextlib.contextmanager
-def open_graph(arguments: Sequence[str] = ()) -> Iterator[Graph]:
+def open_graph() -> Iterator[Graph]:
     """Open a node; ConfigError without ROS, CanopenError if it does not start."""
     require_ros()
     prepare(os.environ, wheels=from_wheels(), prefix=sys.prefix)
     try:
         from canopen_control.ros.rcl import start
 
-        context, node = start(f"canopen_control_cli_{os.getpid()}", "", list(arguments))
+        context, node = start(f"canopen_control_cli_{os.getpid()}", "", [])
     except Exception as error:
         raise CanopenError(f"ROS 2 could not be started: {error}") from error
     graph = Graph(context, node)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import deque
 from functools import partial
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
 
 from canopen_control.bus.channel import may_host_virtual_drives, open_port, parse_channel
 from canopen_control.errors import CanopenError
@@ -75,6 +75,14 @@ class SupervisedRun(Protocol):
         ...
 
 
+class _Restartable(NamedTuple):
+    """Child that is started again after its end: its name, its policy, and its start."""
+
+    name: str
+    restarts: Restarts
+    start: Callable[[], None]
+
+
 class Supervisor:
     """Starts and ends the child processes of one robot; `report` gets an event when one ends unexpectedly.
 
@@ -97,7 +105,7 @@ class Supervisor:
         self._waiting = False  # whether `_run` waits for `children_ready`
         self._recorder_silent = False
         self._ending = self._over = False
-        self._again: dict[Child, Callable[[], None]] = {}
+        self._restartable: dict[Child, _Restartable] = {}
         self._like: list[str] = []
         self.missing: dict[str, str] = {}
         """The names of programs that have died, with what follows, until they are there again."""
@@ -145,7 +153,7 @@ class Supervisor:
             self._watch_answers(child, Silence(self._reactor.now()))
         if restarts is not None:
             start = partial(self.start_client, name, arguments, ros=ros, inherit_stdout=inherit_stdout, answers=answers)
-            self._again[child] = partial(self._restart, name, restarts, partial(start, restarts=restarts))
+            self._restartable[child] = _Restartable(name, restarts, partial(start, restarts=restarts))
 
     def _watch_answers(self, child: Child, silence: Silence) -> None:
         """Kill a client that does not answer."""
@@ -197,7 +205,7 @@ class Supervisor:
             self._recorder_silent = False
             if restarts is not None:
                 start = partial(self.start_recorder, buses, restarts)
-                self._again[self._recorder] = partial(self._restart, _FLIGHT, restarts, start)
+                self._restartable[self._recorder] = _Restartable(_FLIGHT, restarts, start)
             self._listen_to_recorder(self._recorder)
 
     def when_ready(self, run: SupervisedRun) -> None:
@@ -417,9 +425,9 @@ class Supervisor:
         self._report(Event(self._reactor.now(), "process_ended", "", text, Level.ERROR))
         self.missing[child.name] = how
         self._arrived(child)  # there is no other child to wait for
-        again = self._again.pop(child, None)
-        if again is not None and not self._over:
-            again()
+        restartable = self._restartable.pop(child, None)
+        if restartable is not None and not self._over:
+            self._restart(*restartable)
 
     def _end(self, children: list[Child]) -> None:
         self._ending = True

@@ -369,8 +369,6 @@ def _node(
     node = make_device(od, active, faults, serial=serial, plant=plant, quirks=quirks, like=like)
     if file is not None:
         file.attach(node, node_id)
-    if isinstance(world, ShaftWorld) and isinstance(node.function, ShaftFollower):
-        shaft = world.shaft(node_id)
-        if shaft is not None:
-            node.function.follow(shaft)
+    if isinstance(world, ShaftWorld) and isinstance(node.function, ShaftFollower) and world.has_shaft(node_id):
+        node.function.follow(world, node_id)
     return node

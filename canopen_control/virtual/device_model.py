@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.drive import SignalState
     from canopen_control.virtual.node_outbox import NodeClock, NodeOutbox
     from canopen_control.virtual.object_store import VirtualStore
+    from canopen_control.virtual.shaft import ShaftWorld
 
 
 # Functions of virtual devices other than drives: inputs and outputs at their terminals (CiA 401 to 419).
@@ -75,8 +76,8 @@ class DeviceFunction(Protocol):
 class ShaftFollower(Protocol):
     """Function that can be moved by a shaft."""
 
-    def follow(self, shaft: Callable[[], float | None]) -> None:
-        """Set the shaft position in rad (m); None if unknown."""
+    def follow(self, world: ShaftWorld, node_id: int) -> None:
+        """Follow the shaft of a node in a world from now on."""
 
 
 def make_function(

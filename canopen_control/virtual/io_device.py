@@ -17,12 +17,13 @@ from canopen_control.profiles.profile_tables import AI_DELTA, AI_ENABLE, ANALOGU
 from canopen_control.rpc.messages.drive import SignalState
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping
+    from collections.abc import Collection, Iterable, Mapping
 
     from canopen_control.od.model import Address, Entry, Value
     from canopen_control.profiles.device_signal import Signal
     from canopen_control.virtual.node_outbox import NodeClock, NodeOutbox
     from canopen_control.virtual.object_store import VirtualStore
+    from canopen_control.virtual.shaft import ShaftWorld
 
 
 # Faults of a virtual device's inputs: stuck at what they show, noisy, or off by a sudden jump.
@@ -543,7 +544,8 @@ class Encoder(SensorDevice):
         shown = [signal for signal in signals if signal.name != "position_absolute"]
         super().__init__(store, outbox, clock, shown)
         self._shift = 0.0  # of the preset, in steps
-        self._shaft: Callable[[], float | None] | None = None
+        self._world: ShaftWorld | None = None  # with the shaft of this node
+        self._node_id = 0
         store.on_write([_OPERATION], self._scale_written)
         store.on_write([_PRESET], self._preset_written)
         store.on_write([_TIMER], self._timer_written)
@@ -586,24 +588,24 @@ class Encoder(SensorDevice):
         if timer is not None and self.store.number(*_EVENT_TIMER) != value:
             self.store.write(timer, value)
 
-    def follow(self, shaft: Callable[[], float | None]) -> None:
-        """Follow a shaft from now on; see `Follower`."""
-        self._shaft = shaft
+    def follow(self, world: ShaftWorld, node_id: int) -> None:
+        """See `ShaftFollower`."""
+        self._world, self._node_id = world, node_id
         self.move(0.0)
 
     def set_signals(self, values: Mapping[str, float], now: int) -> None:
         """Set inputs, see `DeviceFunction`; the position is that of the shaft if there is one."""
-        if self._shaft is not None and (led := [name for name in ("position", "velocity") if name in values]):
+        if self._world is not None and (led := [name for name in ("position", "velocity") if name in values]):
             raise ConfigError(f"{led[0]} is that of the shaft it sits on, as the plant file says; move the drive")
         super().set_signals(values, now)
 
     def _moves_at(self) -> int | None:
-        return super()._moves_at() if self._shaft is None else (self._moved_at or 0) + self.step_ns
+        return super()._moves_at() if self._world is None else (self._moved_at or 0) + self.step_ns
 
     def move(self, seconds: float) -> None:
         """Advance the position by the velocity."""
-        if self._shaft is not None:
-            place = self._shaft()
+        if self._world is not None:
+            place = self._world.shaft_position(self._node_id)
             if place is not None:
                 self.outside["position"] = place
             return

@@ -190,19 +190,17 @@ class OwnWorld:
         new_plant = self._shafts[node_id, axis] = self._made(node_id, axis)
         return new_plant
 
-    def shaft(self, node_id: int) -> Callable[[], float | None] | None:
+    def has_shaft(self, node_id: int) -> bool:
         """See `ShaftWorld`."""
-        encoder = self._encoders.get(node_id)
-        if encoder is None:
-            return None
-        axis, coupling, file = _address(encoder.axis), encoder.coupling, self._files.get(encoder.share)
+        return node_id in self._encoders
 
-        def place() -> float | None:
-            plant = self._shafts.get(axis)
-            counts = load_counts(plant) if plant is not None else None if file is None else file.get(*axis)
-            return None if counts is None else coupling.place(counts)
-
-        return place
+    def shaft_position(self, node_id: int) -> float | None:
+        """See `ShaftWorld`."""
+        encoder = self._encoders[node_id]
+        axis, file = _address(encoder.axis), self._files.get(encoder.share)
+        plant = self._shafts.get(axis)
+        counts = load_counts(plant) if plant is not None else None if file is None else file.get(*axis)
+        return None if counts is None else encoder.coupling.place(counts)
 
     def publish(self) -> None:
         """See `ShaftWorld`."""

@@ -366,8 +366,11 @@ _AXES: Final = 8
 class ShaftWorld(World, Protocol):
     """World with shafts for encoders."""
 
-    def shaft(self, node_id: int) -> Callable[[], float | None] | None:
-        """Return a function for a node's shaft position in rad (m), None if unknown; None without a shaft."""
+    def has_shaft(self, node_id: int) -> bool:
+        """Return whether a node is an encoder on a shaft."""
+
+    def shaft_position(self, node_id: int) -> float | None:
+        """Return the position of a node's shaft in rad (m), None while it is unknown."""
 
     def publish(self) -> None:
         """Publish the shaft positions to other processes."""

@@ -12,15 +12,15 @@ ENCODERS = ROBBY + 'encoders: {{"5": {{joint: left_wheel_joint, gear: 2, reverse
 def test_an_encoder_turns_with_the_joint_that_it_sits_on_behind_its_gear(tmp_path):
     axes = robby(tmp_path, ENCODERS)
     assert isinstance(axes.world, ShaftWorld)
-    place = axes.world.shaft(5)
-    assert axes.world.shaft(6) is None
+    assert axes.world.has_shaft(5)
+    assert not axes.world.has_shaft(6)
     axes.enable()
     for node in (3, 2):
         axes.cruise(node, 4.0)
     axes.go(1.0)
     wheel = -axes[3].plant.position / 254.64790894703253
     assert wheel > 1.0
-    assert place() == pytest.approx(-0.5 * wheel, abs=0.05)
+    assert axes.world.shaft_position(5) == pytest.approx(-0.5 * wheel, abs=0.05)
     axes.world.publish()
 
 

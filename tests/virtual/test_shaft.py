@@ -36,7 +36,7 @@ def driving(world):
 def measured(world):
     """Return an encoder on a shaft of a world."""
     bench = Bench(make_device(dictionary_of(EDS), ENCODER)).on(0.1)
-    bench.node.function.follow(world.shaft(ENCODER))
+    bench.node.function.follow(world, ENCODER)
     return bench
 
 
@@ -65,8 +65,8 @@ def test_an_encoder_shows_how_a_drive_has_moved_behind_its_gear(tmp_path, shared
 
 def test_it_is_where_the_drive_is_known_to_be_and_until_then_where_it_was(tmp_path):
     (world,) = worlds(tmp_path, more=f", share: {tmp_path}/shafts")
-    assert world.shaft(ENCODER)() is None  # nobody has told
-    assert world.shaft(4) is None
+    assert world.shaft_position(ENCODER) is None  # nobody has told
+    assert not world.has_shaft(4)
     encoder = measured(world)
     assert encoder.number(0x6004) == 0
     ShaftFile(tmp_path / "shafts").put(DRIVE, 0, -500.0)
