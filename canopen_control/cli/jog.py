@@ -18,7 +18,8 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cli.support.arguments import number, seconds, whole_number
+from canopen_control.cli.support.arguments import number
+from canopen_control.cli.support.job_verb import add_job_options, job_options
 from canopen_control.cli.support.jog_robot import choose_jog, dead_man_words, own_robot
 from canopen_control.cli.support.jog_run import JogRun, reset_fault
 from canopen_control.cli.support.open_session import (
@@ -31,7 +32,9 @@ from canopen_control.cli.support.open_session import (
 )
 from canopen_control.cli.support.output import json_alone, print_result
 from canopen_control.cli.support.target import parse_node_id, robot_on
-from canopen_control.commissioning.jog_motion import JogKind, JogLimits, JogScale, Quantity, parse_quantity
+from canopen_control.commissioning.jobs import JOG
+from canopen_control.commissioning.jog_motion import MAX_SPEED, JogKind, limits_of
+from canopen_control.commissioning.quantity import JogScale, Quantity, parse_quantity
 from canopen_control.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -39,6 +42,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from canopen_control.commissioning.driven_axis import JogDrive
+    from canopen_control.commissioning.jobs import MotionOptions
+    from canopen_control.commissioning.jog_motion import JogLimits
     from canopen_control.scaffold.drive_choice import AxisChoice
     from canopen_control.scaffold.new_robot import NewRobot
 
@@ -47,9 +52,8 @@ EXAMPLE = """canopen-control jog 5 --can can0 --eds my_drive.eds
          canopen-control jog 5 --can can0 --eds my_drive.eds --velocity 20rpm --for 3
          canopen-control jog 5 --can can0 --eds my_drive.eds --position 90deg"""
 
-_SPEED, _MAX_SPEED = 1.0, math.tau  # rad/s; a position is gone to at the first
-_MAX_TRAVEL = 10.0 * math.tau  # rad
-_TORQUE, _MAX_CURRENT = 300.0, 1000.0  # per mille of the rated ones
+_SPEED: Final = 1.0  # rad/s, also on the way to a position
+_TORQUE: Final = 300.0  # per mille of the rated one
 _KINDS: Final = {"velocity": JogKind.VELOCITY, "position": JogKind.POSITION, "torque": JogKind.TORQUE}
 
 
@@ -62,33 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     per_mille = number("torque in per mille of the rated one, -300 to 300", lambda value: abs(value) <= _TORQUE)
     group.add_argument("--torque", metavar="PERMILLE", type=per_mille, help="torque, in per mille of the rated torque")
     group.add_argument("--fault-reset", action="store_true", help="reset the fault of the drive; nothing moves")
-    parser.add_argument("--for", dest="seconds", type=seconds, metavar="S", help="move at once, for S seconds")
-    parser.add_argument("--max-speed", metavar="X[rad/s|rpm|pps]", help="speed limit (default: 60rpm)")
-    parser.add_argument(
-        "--max-travel", metavar="X[rad|deg|turns|counts]", help="travel limit in each direction (default: 10turns)"
-    )
-    parser.add_argument(
-        "--max-current",
-        type=number("current in per mille above 0", lambda value: value > 0),
-        default=_MAX_CURRENT,
-        metavar="PERMILLE",
-        help="current limit in per mille of the rated current; more ends the jog (default: 1000)",
-    )
-    parser.add_argument(
-        "--counts",
-        type=number("number of counts above 0", lambda value: value > 0),
-        metavar="N",
-        help="position counts per turn, if neither EDS nor drive gives them",
-    )
-    axis = whole_number("axis: 0 to 7", range(8))
-    parser.add_argument(
-        "--axis", type=axis, default=0, metavar="N", help="axis number of a drive with several (default: 0)"
-    )
-    parser.add_argument(
-        "--allow-unsupervised",
-        action="store_true",
-        help="accept a drive that would not stop when this computer dies",
-    )
+    add_job_options(parser, JOG)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,13 +75,10 @@ class _Request:
 
     kind: JogKind
     value: Quantity | float  # a number is in SI or per mille
-    speed: Quantity | None
-    travel: Quantity | None
 
-    def limits(self, scale: JogScale, current: float) -> tuple[float, JogLimits]:
+    def limits(self, scale: JogScale, options: MotionOptions) -> tuple[float, JogLimits]:
         """Return the value in SI or per mille, and the limits; ConfigError if the value exceeds them."""
-        speed = _SPEED if self.kind is JogKind.POSITION else _MAX_SPEED
-        limits = JogLimits(_limit(scale, self.speed, speed), _limit(scale, self.travel, _MAX_TRAVEL), current)
+        limits = limits_of(options, scale, _SPEED if self.kind is JogKind.POSITION else MAX_SPEED)
         value = scale.si(self.value) if isinstance(self.value, Quantity) else self.value
         most = {JogKind.VELOCITY: limits.speed, JogKind.POSITION: limits.travel}.get(self.kind, math.inf)
         if abs(value) > most * (1 + 1e-9):
@@ -129,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
         if args.fault_reset:
             print_result(args, {**place, "fault_reset": True}, reset_fault(drive))
             return 0
-        value, limits = request.limits(scale, args.max_current)
+        value, limits = request.limits(scale, job_options(args, JOG))
         jog = JogRun(drive, scale, request.kind, value, limits, args.seconds)
         with json_alone(args):
             code = jog.run()
@@ -149,14 +124,7 @@ def _request(args: argparse.Namespace) -> _Request:
         value = parse_quantity(getattr(args, kind), kind)
         if not value.value:
             raise ConfigError(f"--{kind} {value}: that moves nothing")
-    speed = None if args.max_speed is None else parse_quantity(args.max_speed, "velocity")
-    travel = None if args.max_travel is None else parse_quantity(args.max_travel, "position")
-    return _Request(_KINDS[kind], value, speed, travel)
-
-
-def _limit(scale: JogScale, quantity: Quantity | None, otherwise: float) -> float:
-    """Return a limit in SI units, or the default."""
-    return otherwise if quantity is None else abs(scale.si(quantity))
+    return _Request(_KINDS[kind], value)
 
 
 def _running(
@@ -177,7 +145,7 @@ def _own(args: argparse.Namespace, request: _Request) -> Iterator[tuple[JogDrive
     robot = choose_jog(device, request.kind.value, allow_unsupervised=args.allow_unsupervised)
     axis = axis_of(robot, args)
     scale = JogScale(args.counts or axis.counts, told=args.counts is not None or axis.told)
-    _, limits = request.limits(JogScale(axis.counts, scale.told) if args.counts is None else scale, args.max_current)
+    _, limits = request.limits(scale, job_options(args, JOG))
     with json_alone(args):
         print("\n".join(_lines(robot, axis, scale, limits)), flush=True)
     robot = with_counts(robot, args.counts)

@@ -16,8 +16,9 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any
 
-from canopen_control.cli.support.arguments import LONGEST_S, number
+from canopen_control.cli.support.arguments import number
 from canopen_control.cli.support.output import json_alone, json_text, print_result
+from canopen_control.commissioning.quantity import LONGEST_S
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.environment import MODULE, clean_environment
 from canopen_control.host.signals import block_for_exec

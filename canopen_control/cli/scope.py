@@ -16,35 +16,26 @@ import math
 import signal
 import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cli.support.arguments import add_duration, number, seconds, whole_number
+from canopen_control.cli.support.arguments import seconds
+from canopen_control.cli.support.job_verb import add_job_options, job_options
 from canopen_control.cli.support.open_session import add_session_arguments, open_sessions
 from canopen_control.cli.support.output import Table, json_text
+from canopen_control.commissioning.jobs import SCOPE
 from canopen_control.commissioning.scope_capture import (
-    Condition,
-    ScopeCapture,
     ScopeState,
     csv_of,
     named_shot,
     parse_csv,
-    parse_trigger,
     picture_of,
     refuse_without_pictures,
     write_bag,
 )
-from canopen_control.commissioning.scope_signals import (
-    MOST_SIGNALS,
-    PolledSource,
-    RobotSource,
-    SignalValues,
-    joint_signal_of,
-    node_of,
-    signal_of,
-    statuswords_of,
-)
+from canopen_control.commissioning.scope_run import Scope, capture_of
+from canopen_control.commissioning.scope_signals import joint_signal_of, node_of
 from canopen_control.errors import ConfigError
 from canopen_control.host.files import write_whole
 from canopen_control.host.signals import on_signals
@@ -52,10 +43,10 @@ from canopen_control.host.signals import on_signals
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator, Sequence
-    from typing import TextIO
 
-    from canopen_control.commissioning.scope_capture import NamedShot, Shot, Trigger
-    from canopen_control.commissioning.scope_signals import ScopeSource, Signal
+    from canopen_control.commissioning.jobs import ScopeOptions
+    from canopen_control.commissioning.scope_capture import CursorReading, Measures, NamedShot, Shot
+    from canopen_control.commissioning.scope_signals import Signal
 
 
 # What becomes of a scope's shots: measures and a curve of characters for people, and files (CSV, PNG, MCAP).
@@ -129,25 +120,42 @@ def shot_lines(shot: Shot, signals: Sequence[Signal], overlay: NamedShot | None 
     yield from table.lines()
 
 
-def _shot_document(
+@dataclass(frozen=True, slots=True)
+class SignalReport:
+    """Signal of a capture for --json."""
+
+    name: str
+    label: str
+    unit: str
+    measured: Measures | None
+    cursors: CursorReading | None
+
+
+@dataclass(frozen=True, slots=True)
+class ShotReport:
+    """Capture for --json: each of `samples` is a time from the trigger, and the values of the signals."""
+
+    triggered: float | None
+    signals: list[SignalReport]
+    samples: list[list[float | None]]
+    file: str | None
+
+
+def _shot_report(
     shot: Shot, signals: Sequence[Signal], cursors: tuple[float, float] | None, written: Path | None
-) -> dict[str, object]:
-    """Return a capture for --json: measurements, cursors and samples of each signal, times from the trigger."""
-    return {
-        "triggered": shot.triggered,
-        "signals": [
-            {
-                "name": other.name,
-                "label": other.label,
-                "unit": other.unit,
-                "measured": shot.measure(place),
-                "cursors": None if cursors is None else shot.cursors(place, *cursors),
-            }
-            for place, other in enumerate(signals)
-        ],
-        "samples": [[time - shot.zero, *row[: len(signals)]] for time, row in shot.rows],
-        "file": None if written is None else str(written),
-    }
+) -> ShotReport:
+    rows = [
+        SignalReport(
+            other.name,
+            other.label,
+            other.unit,
+            shot.measure(place),
+            None if cursors is None else shot.cursors(place, *cursors),
+        )
+        for place, other in enumerate(signals)
+    ]
+    samples: list[list[float | None]] = [[time - shot.zero, *row[: len(signals)]] for time, row in shot.rows]
+    return ShotReport(shot.triggered, rows, samples, None if written is None else str(written))
 
 
 def _measured(shot: Shot, place: int) -> list[str]:
@@ -198,9 +206,6 @@ EXAMPLE = """canopen-control scope left_drive:0x6064 left_drive:0x606C --for 2
          canopen-control scope 3:0x606C --trigger 1:rising:100 --overlay step.csv --cursors 0,0.25 -o both.png
          canopen-control scope 3:0x6041 3:0x606C --trigger fault --before 2 --for 4"""
 
-_RATE: Final = 50.0  # Hz
-_FASTEST: Final = 1000.0
-_LOOK_S: Final = 0.1
 _LINE_S: Final = 0.5
 _ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -214,18 +219,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="signals such as 3:0x6064, left_drive:0x606C, left_joint:velocity",
     )
     add_session_arguments(parser, node=False)
-    rate = number("rate in Hz above 0, at most 1000", lambda value: 0 < value <= _FASTEST)
-    parser.add_argument("--rate", type=rate, default=_RATE, metavar="HZ", help="polling rate (default: 50)")
-    add_duration(parser, "length of a capture (default: 5)", former="--length", dest="length", default=5.0)
-    parser.add_argument(
-        "--trigger", metavar="T", help="start of a capture: SIGNAL:rising|falling|above|below:LEVEL, or fault"
-    )
-    parser.add_argument(
-        "--before", type=seconds, metavar="S", help="part of the capture before the trigger (default: a fifth)"
-    )
-    shots = whole_number("number of shots: 1 or more", range(1, 1_000_000))
-    parser.add_argument("--shots", type=shots, default=1, metavar="N", help="number of captures (default: 1)")
-    parser.add_argument("--rolling", action="store_true", help="capture repeatedly, until Ctrl-C")
+    add_job_options(parser, SCOPE)
     parser.add_argument("--wait", type=seconds, metavar="S", help="wait S seconds for a trigger, then give up")
     parser.add_argument("--cursors", metavar="T1,T2", help="two times of a capture in s, from its trigger or its start")
     parser.add_argument("--overlay", metavar="FILE.csv", help="an earlier capture, drawn underneath the new one")
@@ -242,42 +236,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    if len(args.signals) > MOST_SIGNALS:
-        raise ConfigError(f"{len(args.signals)} signals are too many for one look; {MOST_SIGNALS} at most")
-    if args.before is not None and args.trigger is None:
-        raise ConfigError("--before is of a trigger; give --trigger too")
+    options: ScopeOptions = job_options(args, SCOPE)
+    capture_of(options, len(args.signals))  # what does not fit is refused before anything is opened
     output = _Output(
         None if args.output is None else check_output(args.output),
         overlay=None if args.overlay is None else read_overlay(args.overlay),
         cursors=None if args.cursors is None else _cursors(args.cursors),
     )
-    trigger = None if args.trigger is None else parse_trigger(args.trigger, len(args.signals))
-    joints = [joint_signal_of(text) for text in args.signals]
-    nodes = [node_of(text) for text, joint in zip(args.signals, joints, strict=True) if joint is None]
+    nodes = [node_of(text) for text in args.signals if joint_signal_of(text) is None]
     with open_sessions(args, nodes) as (sessions, client):
-        if client is None and any(joints):
-            raise ConfigError("joints are of a running robot; on a bare bus a scope shows objects: NODE:OBJECT")
-        signals: list[Signal] = [
-            joint or signal_of(text, sessions[node_of(text)]) for text, joint in zip(args.signals, joints, strict=True)
-        ]
-        by_id = {session.node_id: session for session in sessions.values()}
-        is_fault = trigger is not None and trigger.condition is Condition.FAULT
-        extra: list[Signal] = [*statuswords_of(signals, by_id)] if is_fault else []
-        capture = _capture(args, trigger, len(signals), len(extra))
-        values = SignalValues([*signals, *extra])
-        source: ScopeSource = (
-            PolledSource(values, by_id, args.rate) if client is None else RobotSource(client, values, by_id, args.rate)
-        )
-        return _ScopeLoop(
-            capture, source, signals, output, wait=args.wait, several=args.rolling or args.shots > 1, as_json=args.json
-        ).run()
-
-
-def _capture(args: argparse.Namespace, trigger: Trigger | None, signals: int, extra: int) -> ScopeCapture:
-    if trigger is not None and trigger.condition is Condition.FAULT:
-        trigger = replace(trigger, places=tuple(range(signals, signals + extra)))
-    before = 0.0 if trigger is None else args.length / 5 if args.before is None else args.before
-    return ScopeCapture(trigger, length=args.length, before=before, shots=None if args.rolling else args.shots)
+        scope = Scope(args.signals, sessions, client, options)
+        return _ScopeLoop(scope, output, args, several=options.rolling or options.shots > 1).run()
 
 
 def _cursors(text: str) -> tuple[float, float]:
@@ -301,44 +270,28 @@ class _Output:
 
 
 class _ScopeLoop:
-    """Main loop of a scope: receives samples and outputs captures until it is complete or stopped."""
+    """Main loop of a scope: outputs captures until it is complete or stopped."""
 
-    def __init__(
-        self,
-        capture: ScopeCapture,
-        source: ScopeSource,
-        signals: Sequence[Signal],
-        output: _Output,
-        *,
-        wait: float | None,
-        several: bool,
-        as_json: bool,
-    ) -> None:
-        self._capture, self._source, self._signals, self._output = capture, source, signals, output
-        self._wait, self._several, self._as_json = wait, several, as_json
+    def __init__(self, scope: Scope, output: _Output, args: argparse.Namespace, *, several: bool) -> None:
+        self._scope, self._signals, self._output = scope, scope.signals, output
+        self._wait, self._as_json, self._several = args.wait, args.json, several
         self._ended = False
         self._taken = 0
         self._shown = 0.0
 
     def run(self) -> int:
         """Capture until complete; 1 without a capture."""
-        begin = time.monotonic()
-        before = self._source.cycles()
+        begin, capture = time.monotonic(), self._scope.capture
         with on_signals(_ENDS, self._end):
-            while not (self._capture.done or self._ended):
-                for moment, row in self._source.samples(_LOOK_S):
-                    self._capture.feed(moment, row)
-                    self._show(row)
-                    if self._capture.done:
-                        break
-                self._capture.tick(time.time())
-                self._report()
-                waits = self._capture.state is ScopeState.WAITING and self._wait is not None
+            for shots in self._scope.looks(lambda: self._ended):
+                self._report(shots)
+                self._show(self._scope.values.row)
+                waits = capture.state is ScopeState.WAITING and self._wait is not None
                 if waits and time.monotonic() - begin > (self._wait or 0.0):
-                    break
-            self._capture.stop()
-            self._report()
-        _print_missed(before, self._source.cycles(), sys.stderr if self._as_json else sys.stdout)
+                    self._ended = True
+        self._wipe()
+        if words := self._scope.cycle_words():
+            print(words, file=sys.stderr if self._as_json else sys.stdout)
         if not self._taken:
             print("canopen-control: no shot was taken: the trigger did not come", file=sys.stderr)
         return 0 if self._taken else 1
@@ -346,9 +299,9 @@ class _ScopeLoop:
     def _end(self) -> None:
         self._ended = True
 
-    def _report(self) -> None:
+    def _report(self, shots: Sequence[Shot]) -> None:
         """Print and write the completed captures."""
-        for shot in self._capture.take():
+        for shot in shots:
             self._taken += 1
             self._wipe()
             output, written = self._output, None
@@ -356,7 +309,7 @@ class _ScopeLoop:
                 path = numbered(output.path, self._taken, several=self._several)
                 written = write_shot(path, shot, self._signals, output.overlay, output.cursors)
             if self._as_json:
-                print(json_text(_shot_document(shot, self._signals, output.cursors, written), indent=None), flush=True)
+                print(json_text(_shot_report(shot, self._signals, output.cursors, written), indent=None), flush=True)
                 continue
             print("\n".join(shot_lines(shot, self._signals, output.overlay)), flush=True)
             if output.cursors is not None:
@@ -372,14 +325,8 @@ class _ScopeLoop:
         self._shown = now
         pairs = zip(self._signals, row, strict=False)
         values = ", ".join(f"{chosen.name} {'-' if value is None else f'{value:g}'}" for chosen, value in pairs)
-        print(f"\r{self._capture.state.value}: {values}\x1b[K", end="", file=sys.stderr, flush=True)
+        print(f"\r{self._scope.capture.state.value}: {values}\x1b[K", end="", file=sys.stderr, flush=True)
 
     def _wipe(self) -> None:
         if sys.stderr.isatty():
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
-
-
-def _print_missed(before: tuple[int, int] | None, after: tuple[int, int] | None, file: TextIO) -> None:
-    """Print the number of cycles of a running robot, and of missed cycles."""
-    if before is not None and after is not None:
-        print(f"the robot made {after[0] - before[0]} cycles meanwhile and missed {after[1] - before[1]}", file=file)

@@ -20,7 +20,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cli.support.arguments import number, seconds, whole_number
+from canopen_control.cli.support.arguments import number
+from canopen_control.cli.support.job_verb import add_job_options, job_options
 from canopen_control.cli.support.jog_robot import dead_man_words, own_robot
 from canopen_control.cli.support.jog_run import SIGNALS
 from canopen_control.cli.support.open_session import (
@@ -35,7 +36,9 @@ from canopen_control.cli.support.open_session import (
 from canopen_control.cli.support.output import json_text
 from canopen_control.cli.support.target import parse_node_id, robot_on
 from canopen_control.cli.support.tune_choice import choose_tuned
-from canopen_control.commissioning.jog_motion import JogKind, JogLimits, JogScale, parse_quantity
+from canopen_control.commissioning.jobs import TUNE
+from canopen_control.commissioning.jog_motion import JogKind
+from canopen_control.commissioning.quantity import JogScale, parse_quantity
 from canopen_control.commissioning.scope_capture import refuse_without_pictures
 from canopen_control.commissioning.tune_gains import (
     GAIN_NAMES,
@@ -45,8 +48,9 @@ from canopen_control.commissioning.tune_gains import (
     reverted,
     settable_gains,
 )
+from canopen_control.commissioning.tune_job import TunePlan, excite, request_of
 from canopen_control.commissioning.tune_report import CSV, PICTURE, findings, identified, proposed, report
-from canopen_control.commissioning.tune_run import PEAK_S, TuneRequest, TuneRun, TuneTest, torque_index_of
+from canopen_control.commissioning.tune_run import TuneTest
 from canopen_control.errors import ConfigError
 from canopen_control.host.signals import on_signals
 
@@ -55,6 +59,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from canopen_control.commissioning.driven_axis import JogDrive
+    from canopen_control.commissioning.jobs import TuneOptions
+    from canopen_control.commissioning.tune_run import TuneRequest
 
 
 EXAMPLE = """canopen-control tune 5 --can can0 --eds my_drive.eds --step 30rpm
@@ -63,77 +69,18 @@ EXAMPLE = """canopen-control tune 5 --can can0 --eds my_drive.eds --step 30rpm
          canopen-control tune 5 --can can0 --eds my_drive.eds --bode -o bode.png
          canopen-control tune 5 --can can0 --eds my_drive.eds --identify 150 --yes --json"""
 
-_MAX_SPEED = math.tau  # rad/s
-_MAX_TRAVEL = 10.0 * math.tau  # rad
-_MAX_CURRENT = 1000.0  # per mille of the rated one
 _TORQUE = 300.0  # per mille, maximum torque of an excitation
 _EFFORT_UNIT: Final = 1000.0  # per mille: default unit of an effort, a fraction of the rated torque
-_DECELERATION: Final = 20.0  # rad/s^2, for a drive without own ramps
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add_session_arguments(parser)
     _add_what(parser)
-    positive = number("number above 0", lambda value: value > 0)
-    parser.add_argument(
-        "--for", dest="seconds", type=seconds, metavar="S", help="duration in s (default: step 2, bode 8, identify 8)"
-    )
-    _add_proposal(parser)
-    parser.add_argument("--store", action="store_true", help="store the gains in the drive (0x1010)")
-    parser.add_argument("--max-speed", metavar="X[rad/s|rpm|pps]", help="speed limit (default: 60rpm)")
-    parser.add_argument(
-        "--max-travel", metavar="X[rad|deg|turns|counts]", help="travel limit in each direction (default: 10turns)"
-    )
-    parser.add_argument(
-        "--max-current",
-        type=positive,
-        default=_MAX_CURRENT,
-        metavar="PERMILLE",
-        help="current limit in per mille of the rated current (default: 1000)",
-    )
+    add_job_options(parser, TUNE)
     period = number("period in ms: 1 to 50", lambda value: 1 <= value <= 50)
     parser.add_argument(
         "--period", type=period, default=10.0, metavar="MS", help="SYNC period on a bare bus (default: 10)"
-    )
-    parser.add_argument(
-        "--counts", type=positive, metavar="N", help="position counts per turn, if neither EDS nor drive gives them"
-    )
-    axis = whole_number("axis: 0 to 7", range(8))
-    parser.add_argument(
-        "--axis", type=axis, default=0, metavar="N", help="axis number of a drive with several (default: 0)"
-    )
-    parser.add_argument("--allow-unsupervised", action="store_true", help="same as for `jog`")
-    parser.add_argument("--yes", action="store_true", help="confirm limits and excitation in advance")
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="FILE",
-        help="file of the record, or with --bode of the response: NAME.csv or NAME.png",
-    )
-    parser.add_argument("--json", action="store_true", help="print the result as JSON, all else on standard error")
-
-
-def _add_proposal(parser: argparse.ArgumentParser) -> None:
-    """Declare the options for the proposed gains and their writing."""
-    positive = number("number above 0", lambda value: value > 0)
-    parser.add_argument(
-        "--crossover",
-        type=positive,
-        default=20.0,
-        metavar="HZ",
-        help="crossover frequency of the proposal (default: 20)",
-    )
-    margin = number("phase margin in degrees: 20 to 85", lambda value: 20 <= value <= 85)
-    parser.add_argument(
-        "--phase-margin", type=margin, default=60.0, metavar="DEG", help="phase margin of the proposal (default: 60)"
-    )
-    parser.add_argument(
-        "--loop-delay",
-        type=positive,
-        default=0.5,
-        metavar="MS",
-        help="dead time of the drive's own loop (default: 0.5)",
     )
     parser.add_argument("--apply", action="store_true", help="write the gains that --identify proposes")
     parser.add_argument(
@@ -143,6 +90,14 @@ def _add_proposal(parser: argparse.ArgumentParser) -> None:
         default=[],
         help=f"object that holds a gain ({', '.join(GAIN_NAMES)}) and the value of 1 in it (repeatable)",
     )
+    parser.add_argument("--yes", action="store_true", help="confirm limits and excitation in advance")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="file of the record, or with --bode of the response: NAME.csv or NAME.png",
+    )
+    parser.add_argument("--json", action="store_true", help="print the result as JSON, all else on standard error")
 
 
 def _add_what(parser: argparse.ArgumentParser) -> None:
@@ -170,7 +125,8 @@ def run(args: argparse.Namespace) -> int:
         with open_session(args) as session:
             print("\n".join(_hinted(reverted(session, _place(args)), args)))
         return 0
-    request = _request(args)
+    options = job_options(args, TUNE)
+    request = _request(args, options)
     say = partial(print, file=sys.stderr if args.json else sys.stdout, flush=True)
     output = None if args.output is None else _output(args.output)
     if args.apply:
@@ -180,24 +136,13 @@ def run(args: argparse.Namespace) -> int:
         if args.can is None or owner is not None:
             mode = "PV" if request.kind is JogKind.VELOCITY else "TQ"
             drive, scale = running_drive(args, args.name if owner is None else owner[0], mode, stack)
-            limits = _limits(args, request, scale)
-            _confirm([*_plan(request, scale, limits)], args, say)
-            effort_unit = None
+            plan = TunePlan.of(request, options, scale)
+            _confirm(plan.lines(scale), args, say)
         else:
-            drive, scale, limits = stack.enter_context(_own(args, request, say))
-            effort_unit = _EFFORT_UNIT
-        excitation = request.excitation(scale)
-        tune = TuneRun(
-            drive,
-            request.kind,
-            excitation,
-            limits,
-            deceleration=_DECELERATION,
-            effort_unit=effort_unit,
-            torque_index=torque_index_of(args.axis),
-        )
-        with on_signals(SIGNALS, tune.leave):
-            record = tune.run()
+            drive, scale, plan = stack.enter_context(_own(args, request, options, say))
+        run = excite(drive, plan, scale, _EFFORT_UNIT if drive.alone else None)
+        with on_signals(SIGNALS, run.leave):
+            record = run.run()
     if record.lost:
         print(
             f"canopen-control: {record.lost} of {record.lost + len(record.samples)} cycles were lost", file=sys.stderr
@@ -250,23 +195,12 @@ def _find_gains(args: argparse.Namespace) -> None:
         settable_gains(session, args.axis, args.gain, 1.0)
 
 
-def _request(args: argparse.Namespace) -> TuneRequest:
+def _request(args: argparse.Namespace, options: TuneOptions) -> TuneRequest:
     """Parse the request; ConfigError."""
     speed = parse_quantity(args.step, "velocity") if args.step is not None else None
-    if speed is not None and not speed.value:
-        raise ConfigError(f"--step {speed}: that moves nothing")
     test = TuneTest.STEP if speed is not None else TuneTest.BODE if args.bode else TuneTest.IDENTIFY
-    return TuneRequest(
-        test=test,
-        speed=speed,
-        torque=args.identify or 0.0,
-        signal=args.bode or "prbs",
-        seconds=args.seconds or test.seconds,
-        period=args.period / 1e3,
-        crossover=args.crossover * math.tau,
-        margin=math.radians(args.phase_margin),
-        loop_delay=args.loop_delay / 1e3,
-    )
+    torque, signal = args.identify or 0.0, args.bode or "prbs"
+    return request_of(test, options, args.period / 1e3, speed=speed, torque=torque, signal=signal)
 
 
 def _output(name: str) -> Path:
@@ -279,23 +213,10 @@ def _output(name: str) -> Path:
     return path
 
 
-def _limits(args: argparse.Namespace, request: TuneRequest, scale: JogScale) -> JogLimits:
-    """Return the limits; ConfigError if the excitation exceeds them."""
-    speed = None if args.max_speed is None else parse_quantity(args.max_speed, "velocity")
-    travel = None if args.max_travel is None else parse_quantity(args.max_travel, "position")
-    limits = JogLimits(
-        _MAX_SPEED if speed is None else abs(scale.si(speed)),
-        _MAX_TRAVEL if travel is None else abs(scale.si(travel)),
-        args.max_current,
-    )
-    request.check(limits, scale)
-    return limits
-
-
 @contextlib.contextmanager
 def _own(
-    args: argparse.Namespace, request: TuneRequest, say: Callable[[str], None]
-) -> Iterator[tuple[JogDrive, JogScale, JogLimits]]:
+    args: argparse.Namespace, request: TuneRequest, options: TuneOptions, say: Callable[[str], None]
+) -> Iterator[tuple[JogDrive, JogScale, TunePlan]]:
     """Identify the drive on its bare bus, confirm the limits, then run a robot with this drive alone."""
     if args.eds is None:
         raise ConfigError(f"node {args.node}: give the EDS of the drive: --eds FILE (bundled: generic_cia402.eds, ...)")
@@ -305,20 +226,13 @@ def _own(
     robot = choose_tuned(device, request.kind, period_us, allow_unsupervised=args.allow_unsupervised)
     axis = axis_of(robot, args)
     scale = JogScale(args.counts or axis.counts, told=args.counts is not None or axis.told)
-    limits = _limits(args, request, scale)
+    plan = TunePlan.of(request, options, scale)
     node = robot.nodes[0]
     lines = [f"node {node.device.node_id}: {axis.interface} in {axis.mode.name}, a sample every {args.period:g} ms"]
-    _confirm([*lines, *_plan(request, scale, limits), f"dead-man: {dead_man_words(node.supervision)}"], args, say)
+    _confirm([*lines, *plan.lines(scale), f"dead-man: {dead_man_words(node.supervision)}"], args, say)
     robot = with_counts(robot, args.counts)
-    with own_robot(robot, axis_of(robot, args), args.can, limits.speed, WarningPrinter()) as drive:
-        yield drive, scale, limits
-
-
-def _plan(request: TuneRequest, scale: JogScale, limits: JogLimits) -> Iterator[str]:
-    """Yield the lines to confirm."""
-    yield f"excitation: {request.words(scale)}"
-    yield f"limits: {scale.velocity_words(limits.speed)}, {scale.position_words(limits.travel)} each way,"
-    yield f"        current {limits.current / 10:g} % of the rated one, more for {PEAK_S:g} s at most"
+    with own_robot(robot, axis_of(robot, args), args.can, plan.limits.speed, WarningPrinter()) as drive:
+        yield drive, scale, plan
 
 
 def _confirm(lines: list[str], args: argparse.Namespace, say: Callable[[str], None]) -> None:

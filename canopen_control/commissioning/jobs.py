@@ -9,11 +9,18 @@ options, in the modules of this subpackage; it returns the sentence at its end.
 from __future__ import annotations
 
 import datetime
-import math
 import threading
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
+from canopen_control.commissioning.quantity import (
+    Quantity,
+    number_that,
+    parse_quantity,
+    seconds_above_0,
+    whole_between,
+)
 from canopen_control.errors import ConfigError, DriveError
 
 if TYPE_CHECKING:
@@ -25,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class JobOption:
-    """Option of a job: its meaning, flag and metavar, as in the help of the verb; a page shows the same text.
+    """Option of a job: its meaning, flag, former flag and metavar, as in the help of the verb; pages show its text.
 
     `read` returns the value of a text (ConfigError), None: the text itself. One that `repeats` has several values.
     """
@@ -33,6 +40,7 @@ class JobOption:
     text: str
     name: str = ""
     flag: str = ""
+    former: str = ""
     metavar: str = ""
     default: Any = None
     read: Callable[[str], Any] | None = None
@@ -56,11 +64,12 @@ def option(
     text: str,
     *,
     flag: str = "",
+    former: str = "",
     metavar: str = "",
     read: Callable[[str], Any] | None = None,
 ) -> Any:  # noqa: ANN401 - as `dataclasses.field`, of any type
     """Declare a field of the options of a job; its flag is its name unless `flag` is another."""
-    declared = JobOption(text, flag=flag, metavar=metavar, read=read, repeats=default == ())
+    declared = JobOption(text, flag=flag, former=former, metavar=metavar, read=read, repeats=default == ())
     return field(default=default, metadata={"option": declared})
 
 
@@ -73,36 +82,6 @@ def options_of(kind: type[Any]) -> dict[str, JobOption]:
         )
         for entry, one in declared
     }
-
-
-def whole_between(low: int, high: int, noun: str) -> Callable[[str], int]:
-    """Return the reader of a whole number, decimal or 0x, from `low` to `high`."""
-
-    def read(text: str) -> int:
-        try:
-            value = int(text, 0)
-        except ValueError:
-            value = low - 1
-        if not low <= value <= high:
-            raise ConfigError(f"{text!r} is not a {noun}")
-        return value
-
-    return read
-
-
-def number_that(accept: Callable[[float], bool], noun: str) -> Callable[[str], float]:
-    """Return the reader of a finite number that `accept` takes."""
-
-    def read(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not (math.isfinite(value) and accept(value)):
-            raise ConfigError(f"{text!r} is not a {noun}")
-        return value
-
-    return read
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,6 +173,78 @@ class ProgramOptions:
     start_s: float = 30.0
 
 
+_positive: Final = number_that(lambda value: value > 0, "number above 0")
+_SPEED, _TRAVEL = "X[rad/s|rpm|pps]", "X[rad|deg|turns|counts]"
+
+
+@dataclass(frozen=True, slots=True)
+class MotionOptions:
+    """Options of a job that moves an axis; `max_current` in 1/1000 of the rated current."""
+
+    seconds: float | None = option(None, "move at once, for S seconds", flag="--for", metavar="S", read=seconds_above_0)
+    max_speed: Quantity | None = option(
+        None, "speed limit (default: 60rpm)", metavar=_SPEED, read=partial(parse_quantity, kind="velocity")
+    )
+    max_travel: Quantity | None = option(
+        None,
+        "travel limit in each direction (default: 10turns)",
+        metavar=_TRAVEL,
+        read=partial(parse_quantity, kind="position"),
+    )
+    max_current: float = option(
+        1000.0,
+        "current limit in per mille of the rated current",
+        metavar="PERMILLE",
+        read=number_that(lambda value: value > 0, "current in per mille above 0"),
+    )
+    counts: float | None = option(
+        None, "position counts per turn, if neither EDS nor drive gives them", metavar="N", read=_positive
+    )
+    axis: int = option(0, "axis number of a drive with several", metavar="N", read=whole_between(0, 7, "axis: 0 to 7"))
+    allow_unsupervised: bool = option(False, "accept a drive that would not stop when this computer dies")
+
+
+@dataclass(frozen=True, slots=True)
+class TuneOptions(MotionOptions):
+    """Options of a tuning run: `crossover` in Hz, `phase_margin` in degrees, `loop_delay` in ms."""
+
+    seconds: float | None = option(
+        None, "duration in s (default: step 2, bode 8, identify 8)", flag="--for", metavar="S", read=seconds_above_0
+    )
+    crossover: float = option(20.0, "crossover frequency of the proposal", metavar="HZ", read=_positive)
+    phase_margin: float = option(
+        60.0,
+        "phase margin of the proposal",
+        metavar="DEG",
+        read=number_that(lambda value: 20 <= value <= 85, "phase margin in degrees: 20 to 85"),
+    )
+    loop_delay: float = option(0.5, "dead time of the drive's own loop", metavar="MS", read=_positive)
+    store: bool = option(False, "store the gains in the drive (0x1010)")
+
+
+@dataclass(frozen=True, slots=True)
+class ScopeOptions:
+    """Options of a scope; `before` None: a fifth of the `length`, both in s."""
+
+    rate: float = option(
+        50.0,
+        "polling rate",
+        metavar="HZ",
+        read=number_that(lambda value: 0 < value <= 1000.0, "rate in Hz above 0, at most 1000"),
+    )
+    length: float = option(
+        5.0, "length of a capture", flag="--for", former="--length", metavar="S", read=seconds_above_0
+    )
+    trigger: str = option("", "start of a capture: SIGNAL:rising|falling|above|below:LEVEL, or fault", metavar="T")
+    before: float | None = option(
+        None, "part of the capture before the trigger (default: a fifth)", metavar="S", read=seconds_above_0
+    )
+    shots: int = option(
+        1, "number of captures", metavar="N", read=whole_between(1, 999_999, "number of shots: 1 or more")
+    )
+    rolling: bool = option(False, "capture repeatedly, until Ctrl-C")
+
+
 # -- the jobs
 
 
@@ -236,13 +287,14 @@ CLONE: Final = Job(
     "clone", "give it the parameters of another", "NODE", _PARAMETERS, RestoreOptions, without=("any_node",)
 )
 FIRMWARE: Final = Job("firmware", "load a program", "FILE", "firmware", ProgramOptions, can_end=False)
-JOG: Final = Job("jog", "turn it, slowly", "20rpm,3s or 90deg; options of the verb after it: 90deg,--max-current=300")
-SCOPE: Final = Job("scope", "objects over time", "0x6064,0x606C; also --for=5, --trigger=fault, --output=step.csv")
+JOG: Final = Job("jog", "turn it, slowly", "20rpm,3s or 90deg", options=MotionOptions)
+SCOPE: Final = Job("scope", "objects over time", "0x6064,0x606C,--output=step.csv", "scope", ScopeOptions)
 TUNE: Final = Job(
     "tune",
     "step, Bode, identification, gains",
     "step=30rpm, bode, identify=150 or revert; --yes agrees to the limits that it tells without",
     "tune",
+    TuneOptions,
 )
 DUMP: Final = Job("dump", "all that it holds", "table or csv")
 NMT: Final = Job("nmt", "take it out, or start it", "preop, start, reset-node")

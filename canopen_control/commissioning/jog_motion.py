@@ -8,105 +8,15 @@ drive's shaft since the start of the jog.
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
 from enum import Enum
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.client.teleop_keys import Teleop
-from canopen_control.errors import ConfigError
 
-# Units of a jog: user input such as `20rpm`, `90deg`, `500pps` to rad and rad/s of the drive's shaft, and back.
-#
-# The units are those of the drive's own counts. The EDS or the drive gives the counts per revolution (0x608F, 0x6091,
-# 0x6092), else they are a guess, with which only counts and counts per second (pps) are correct. A number without a
-# unit is in SI units, as everywhere here.
-
-
-_NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)"
-_TEXT: Final = re.compile(rf"({_NUMBER})\s*([a-zA-Z°/]*)", re.IGNORECASE)
-POSITIONS: Final = {"": 1.0, "rad": 1.0, "deg": math.radians(1.0), "°": math.radians(1.0), "turns": math.tau}
-VELOCITIES: Final = {"": 1.0, "rad/s": 1.0, "rpm": math.tau / 60.0, "deg/s": math.radians(1.0)}
-COUNTS: Final = {"position": ("counts",), "velocity": ("pps", "counts/s")}
-_KNOWN: Final = {"position": POSITIONS, "velocity": VELOCITIES}
-
-
-@dataclass(frozen=True, slots=True)
-class Quantity:
-    """Number with its unit as typed; `kind` is "position" or "velocity"."""
-
-    value: float
-    unit: str
-    kind: str
-
-    @property
-    def in_counts(self) -> bool:
-        """Whether the unit is the drive's counts, or counts per second."""
-        return self.unit in COUNTS[self.kind]
-
-    def __str__(self) -> str:
-        return f"{self.value:g}{self.unit}"
-
-
-def parse_quantity(text: str, kind: str) -> Quantity:
-    """Parse a number with a unit of position or velocity; ConfigError with the valid units."""
-    units = [*filter(None, _KNOWN[kind]), *COUNTS[kind]]
-    match = _TEXT.fullmatch(text.strip())
-    if match is None:
-        raise ConfigError(f"{text!r} is not a {kind}: a number and its unit, such as 10{units[0]} ({', '.join(units)})")
-    unit = match[2].lower()
-    if unit and unit not in units:
-        raise ConfigError(f"{text!r}: there is no unit {match[2]!r} of a {kind}; there are: {', '.join(units)}")
-    value = float(match[1])
-    if not math.isfinite(value):
-        raise ConfigError(f"{text!r} is not a {kind} that a drive could reach; give a finite number")
-    return Quantity(value, unit, kind)
-
-
-@dataclass(frozen=True, slots=True)
-class JogScale:
-    """Position counts per revolution of the shaft; `told` is false for a guess.
-
-    `of_joint`: the position is that of a joint of a running robot, in rad. Then `counts` are for units only, and the
-    resolution is unknown.
-    """
-
-    counts: float
-    told: bool
-    of_joint: bool = False
-
-    @property
-    def resolution(self) -> float:
-        """Resolution of the position in rad; 0.0 if unknown."""
-        return 0.0 if self.of_joint else math.tau / self.counts
-
-    def si(self, quantity: Quantity) -> float:
-        """Return rad or rad/s; ConfigError if the counts per revolution are unknown."""
-        if quantity.in_counts:
-            return quantity.value * math.tau / self.counts
-        if not self.told:
-            raise ConfigError(
-                f"{quantity}: neither the EDS nor the drive gives the counts per turn (0x608F); give it with "
-                f"--counts N, or use raw units: {' or '.join(COUNTS[quantity.kind])}"
-            )
-        return quantity.value * _KNOWN[quantity.kind][quantity.unit]
-
-    def position_words(self, radians: float) -> str:
-        """Return a position as text: degrees if the counts per revolution are known, counts otherwise."""
-        if not self.told:
-            return f"{radians * self.counts / math.tau:.0f} counts"
-        return f"{math.degrees(radians):.1f} deg"
-
-    def velocity_words(self, speed: float) -> str:
-        """Return a velocity as text: rad/s and rpm if the counts per revolution are known, counts/s otherwise."""
-        if not self.told:
-            return f"{speed * self.counts / math.tau:.0f} pps"
-        return f"{_rounded(speed, 2)} rad/s ({_rounded(speed * 60.0 / math.tau, 1)} rpm)"
-
-
-def _rounded(value: float, places: int) -> str:
-    """Return a number as text, without the sign of a zero."""
-    return f"{round(value, places) + 0.0:.{places}f}"
+if TYPE_CHECKING:
+    from canopen_control.commissioning.jobs import MotionOptions
+    from canopen_control.commissioning.quantity import JogScale, Quantity
 
 
 HELP: Final = """\
@@ -153,6 +63,19 @@ class JogLimits:
     speed: float
     travel: float
     current: float
+
+
+MAX_SPEED: Final = math.tau  # rad/s, unless options say otherwise
+_MAX_TRAVEL: Final = 10.0 * math.tau  # rad
+
+
+def limits_of(options: MotionOptions, scale: JogScale, speed: float = MAX_SPEED) -> JogLimits:
+    """Return the limits of a motion; `speed` is that without an option. ConfigError for a unit without a scale."""
+
+    def limit(quantity: Quantity | None, otherwise: float) -> float:
+        return otherwise if quantity is None else abs(scale.si(quantity))
+
+    return JogLimits(limit(options.max_speed, speed), limit(options.max_travel, _MAX_TRAVEL), options.max_current)
 
 
 class JogMotion:

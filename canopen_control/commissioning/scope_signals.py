@@ -250,14 +250,6 @@ def signal_of(text: str, session: NodeSession) -> ScopeSignal:
     )
 
 
-def statuswords_of(signals: Iterable[Signal], sessions: Mapping[int, NodeSession]) -> list[ScopeSignal]:
-    """Return the statusword of each node of the signals, for a trigger on faults; ConfigError if one is missing."""
-    nodes = dict.fromkeys(signal.node_id for signal in signals if isinstance(signal, ScopeSignal))
-    if not nodes:
-        raise ConfigError("a trigger on faults looks at drives, and no signal is an object of one; add NODE:0x6041")
-    return [statusword_of(sessions[node_id]) for node_id in nodes]
-
-
 def statusword_of(session: NodeSession) -> ScopeSignal:
     """Return the statusword of a node; ConfigError without one."""
     return signal_of(f"{session.node_id}:0x{STATUSWORD:04X}", session)

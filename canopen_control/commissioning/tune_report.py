@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from canopen_control.commissioning.frequency_response import Bode
-    from canopen_control.commissioning.jog_motion import JogScale
+    from canopen_control.commissioning.quantity import JogScale
     from canopen_control.commissioning.tune_gains import CascadeGains, PlantModel
     from canopen_control.commissioning.tune_run import TuneRecord, TuneRequest, TuneSample
 

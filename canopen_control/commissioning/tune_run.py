@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from canopen_control.commissioning.driven_axis import JogDrive
-    from canopen_control.commissioning.jog_motion import JogLimits, JogScale, Quantity
+    from canopen_control.commissioning.jog_motion import JogLimits
+    from canopen_control.commissioning.quantity import JogScale, Quantity
     from canopen_control.rpc.messages.robot import RobotPush
 
 

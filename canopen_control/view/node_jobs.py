@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from canopen_control.commissioning.jobs import JobRun
     from canopen_control.commissioning.node_session import NodeSession
     from canopen_control.commissioning.object_rows import Edit
+    from canopen_control.commissioning.scope_run import ScopeRun
+    from canopen_control.commissioning.tune_job import TuneFound
     from canopen_control.od.model import Entry
     from canopen_control.rpc.messages.robot import NodePlace
-    from canopen_control.view.scope_run import ScopeRun
-    from canopen_control.view.tune_job import TuneFound
 
 
 T = TypeVar("T")

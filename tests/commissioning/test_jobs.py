@@ -7,10 +7,8 @@ from canopen_control.commissioning.jobs import (
     RESTORE,
     JobRun,
     ProgramDate,
-    number_that,
     options_of,
     parse_date,
-    whole_between,
 )
 from canopen_control.errors import ConfigError, DriveError
 
@@ -31,18 +29,6 @@ def test_a_job_leaves_out_the_options_that_it_has_no_use_for():
 def test_the_line_of_a_job_names_its_options():
     assert FIRMWARE.asks == "FILE; also --program=N, --expect=ID, --expect-date=DAY[TTIME], --confirm"
     assert JOBS["backup"].asks == "FILE.dcf"
-
-
-@pytest.mark.parametrize("text", ["0", "255", "x", "", "1.5"])
-def test_a_whole_number_outside_is_refused(text):
-    with pytest.raises(ConfigError, match=f"'{text}' is not a program"):
-        whole_between(1, 254, "program")(text)
-
-
-@pytest.mark.parametrize("text", ["-1", "nan", "inf", "x"])
-def test_a_number_that_does_not_fit_is_refused(text):
-    with pytest.raises(ConfigError, match=f"'{text}' is not a positive number"):
-        number_that(lambda value: value > 0, "positive number")(text)
 
 
 def test_a_date_is_a_day_with_or_without_a_time():

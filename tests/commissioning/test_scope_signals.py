@@ -11,7 +11,6 @@ from canopen_control.commissioning.scope_signals import (
     joint_signal_of,
     node_of,
     signal_of,
-    statuswords_of,
 )
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, SdoTimeout
@@ -151,11 +150,6 @@ def test_values_are_signed_as_their_type_and_none_for_another_length():
     assert values.row[0] is None
 
 
-def test_a_trigger_on_faults_looks_at_the_statusword_of_each_node_once():
-    signals = [signal_of("5:0x6064", NODE), signal_of("5:0x606C", NODE)]
-    assert [each.index for each in statuswords_of(signals, {5: NODE})] == [0x6041]
-
-
 def test_joints_of_a_robot_are_signals_too():
     speed = joint_signal_of("wheel:velocity")
     assert (speed.name, speed.unit, speed.key, speed.topic) == (
@@ -168,8 +162,3 @@ def test_joints_of_a_robot_are_signals_too():
     assert values.put_joints({"wheel": JointReading(velocity=2.5)})
     assert values.row == (None, 2.5, None)
     assert not SignalValues([signal_of("5:0x6064", NODE)]).put_joints({})
-
-
-def test_a_trigger_on_faults_needs_a_drive():
-    with pytest.raises(ConfigError, match="no signal is an object of one"):
-        statuswords_of([joint_signal_of("wheel:velocity")], {})

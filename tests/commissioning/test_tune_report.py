@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.tuneplant import COULOMB, INERTIA, loaded, pushed
 
-from canopen_control.commissioning.jog_motion import JogScale, parse_quantity
+from canopen_control.commissioning.quantity import JogScale, parse_quantity
 from canopen_control.commissioning.tune_report import _pairs, findings, identified, report, step_metrics, step_of
 from canopen_control.commissioning.tune_run import Prbs, TuneRecord, TuneRequest, TuneSample, TuneTest
 from canopen_control.errors import ConfigError, DriveError

@@ -3,7 +3,8 @@ import math
 import pytest
 
 from canopen_control.commissioning.driven_axis import JogDrive
-from canopen_control.commissioning.jog_motion import JogEnd, JogKind, JogLimits, JogScale, parse_quantity
+from canopen_control.commissioning.jog_motion import JogEnd, JogKind, JogLimits
+from canopen_control.commissioning.quantity import JogScale, parse_quantity
 from canopen_control.commissioning.tune_run import (
     LEAD_S,
     STEERED,

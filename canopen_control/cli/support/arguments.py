@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from canopen_control.commissioning.jobs import number_that, whole_between
+from canopen_control.commissioning.quantity import number_that, seconds_above_0, whole_between
 from canopen_control.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
 
 T = TypeVar("T")
-LONGEST_S: Final = 1e9  # some thirty years
 
 
 def argument(read: Callable[[str], T]) -> Callable[[str], T]:
@@ -41,7 +40,7 @@ def whole_number(title: str, numbers: range) -> Callable[[str], int]:
 
 
 node_id = whole_number("node id: 1 to 127", range(1, 128))
-seconds = number("time in seconds above 0", lambda value: 0.0 < value < LONGEST_S)
+seconds = argument(seconds_above_0)
 timeout_seconds = number("time in seconds above 0 and up to 60", lambda value: 0.0 < value <= 60.0)
 
 
@@ -56,13 +55,20 @@ def add_duration(
 ) -> None:
     """Declare --for S; the `former` name of the option is still accepted."""
     parser.add_argument("--for", dest=dest, type=read, default=default, metavar="S", help=meaning)
-    parser.add_argument(former, action=_Renamed, new="--for", dest=dest, type=read)
+    add_former(parser, former, "--for", dest, read)
+
+
+def add_former(
+    parser: argparse.ArgumentParser, former: str, new: str, dest: str, read: Callable[[str], Any] = str
+) -> None:
+    """Declare the former name of an option: accepted but hidden, with a notice."""
+    parser.add_argument(former, action=_Renamed, new=new, dest=dest, type=read)
 
 
 def add_new_name(parser: argparse.ArgumentParser, meaning: str) -> None:
     """Declare --as NAME, the name for a new robot; --name is still accepted."""
     parser.add_argument("--as", dest="name", metavar="NAME", help=meaning)
-    parser.add_argument("--name", action=_Renamed, new="--as", dest="name")
+    add_former(parser, "--name", "--as", "name")
 
 
 class _Renamed(argparse.Action):

@@ -6,7 +6,7 @@ import contextlib
 import sys
 from typing import TYPE_CHECKING, Any
 
-from canopen_control.cli.support.arguments import argument
+from canopen_control.cli.support.arguments import add_former, argument
 from canopen_control.cli.support.output import Progress, json_text
 from canopen_control.commissioning.jobs import JobRun
 
@@ -26,11 +26,18 @@ def add_job_options(parser: argparse.ArgumentParser, job: Job) -> None:
             continue
         if option.repeats:
             how |= {"action": "append", "default": [], "help": f"{option.text} (repeatable)"}
-        elif option.default is not None:
-            how |= {"default": option.default, "help": f"{option.text} (default: {option.default})"}
+        elif option.default not in (None, ""):
+            how |= {"default": option.default, "help": f"{option.text} (default: {_shown(option.default)})"}
         if option.read is not None:
             how["type"] = argument(option.read)
+        how.setdefault("default", option.default)
         parser.add_argument(option.flag, metavar=option.metavar, **how)
+        if option.former:
+            add_former(parser, option.former, option.flag, name, how.get("type", str))
+
+
+def _shown(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def job_options(args: argparse.Namespace, job: Job, **others: object) -> Any:  # noqa: ANN401 - of the job's own type

@@ -39,7 +39,8 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from canopen_control.commissioning.driven_axis import JogDrive
-    from canopen_control.commissioning.jog_motion import JogLimits, JogScale
+    from canopen_control.commissioning.jog_motion import JogLimits
+    from canopen_control.commissioning.quantity import JogScale
 
 
 # Terminal in raw mode that passes single keys, and is restored at the end.

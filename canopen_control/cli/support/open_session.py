@@ -19,9 +19,9 @@ from canopen_control.cli.support.target import RobotTarget, add_target_arguments
 from canopen_control.client import RobotClient
 from canopen_control.commissioning.driven_axis import drive_of_robot, fault_words, why_not_free
 from canopen_control.commissioning.jobs import Reached
-from canopen_control.commissioning.jog_motion import JogScale
 from canopen_control.commissioning.parameter_jobs import like_file
 from canopen_control.commissioning.parameter_set import read_backup, read_parameters, read_same
+from canopen_control.commissioning.quantity import JogScale
 from canopen_control.commissioning.restore import unfinished_words
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.od.eds import SUFFIXES

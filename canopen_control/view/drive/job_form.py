@@ -7,21 +7,33 @@ from typing import TYPE_CHECKING, Any
 from nicegui import ui
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from canopen_control.commissioning.jobs import Job, JobOption
 
 
 class JobForm:
-    """Inputs of a job in the current container, by the names of its options: a checkbox for a switch, else a text."""
+    """Inputs of a job by the names of its options: a checkbox for a switch, else a text.
 
-    def __init__(self, job: Job) -> None:
+    Those of `names`, by default all, are made in the current container; `add` makes others elsewhere.
+    """
+
+    def __init__(self, job: Job, names: Iterable[str] | None = None) -> None:
         self._job = job
-        self.inputs = {name: _input(option) for name, option in job.declared.items()}
+        self.inputs: dict[str, ui.checkbox | ui.input] = {}
+        self.add(*(job.declared if names is None else names))
+
+    def add(self, *names: str) -> None:
+        """Make the inputs of further options in the current container."""
+        declared = self._job.declared
+        self.inputs |= {name: _input(declared[name]) for name in names}
 
     def options(self, **others: object) -> Any:  # noqa: ANN401 - of the job's own type
-        """Return the options, with `others` that are not declared; ConfigError for an invalid input."""
+        """Return the options, with `others` that have no input; ConfigError for an invalid input."""
+        declared = self._job.declared
         values = {
-            name: bool(widget.value) if option.is_switch else option.value_of(str(widget.value or ""))
-            for (name, option), widget in zip(self._job.declared.items(), self.inputs.values(), strict=True)
+            name: bool(widget.value) if declared[name].is_switch else declared[name].value_of(str(widget.value or ""))
+            for name, widget in self.inputs.items()
         }
         return self._job.options(**values, **others)
 
@@ -30,5 +42,5 @@ def _input(option: JobOption) -> ui.checkbox | ui.input:
     if option.is_switch:
         return ui.checkbox(option.text, value=option.default).props("dense")
     label = f"{option.text} (several with commas)" if option.repeats else option.text
-    value = "" if option.repeats or option.default is None else str(option.default)
+    value = "" if option.repeats or option.default is None else f"{option.default}".removesuffix(".0")
     return ui.input(label, value=value).props("dense").style("width: 100%")

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from nicegui import background_tasks, ui
 
+from canopen_control.commissioning.jobs import ScopeOptions
 from canopen_control.commissioning.scope_capture import Condition, csv_of, parse_csv, write_bag
+from canopen_control.commissioning.scope_run import ScopeRun
 from canopen_control.commissioning.scope_signals import MOST_SIGNALS
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.rpc.messages.health import BAD, GOOD, IDLE
@@ -19,7 +21,6 @@ from canopen_control.view.elements.nicegui_elements import FileUpload
 from canopen_control.view.panels.panel import Html, show_notice
 from canopen_control.view.robot_connection import in_thread
 from canopen_control.view.scope_chart import chart_options, cursor_change, height_of
-from canopen_control.view.scope_run import ScopeForm, ScopeRun
 from canopen_control.view.words import sentence
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ _TRIGGERS: Final = {
 _FIRST: Final = (0x606C, 0x6064)  # what a person looks at first
 _LIMITS: Final = (0.05, 600.0)  # of a length, in s
 _STEPS: Final = 1000  # of the cursors
+_RATE: Final = 1000.0  # Hz, of what is polled: a robot has its own limit
 _MOST_BYTES: Final = 16_000_000  # of a file that is laid below
 
 
@@ -125,7 +127,7 @@ class ScopeTab:
         }
         run = self._desk.scope
         first = [f"{self._context.node}:0x{index:04X}:00" for index in _FIRST]
-        chosen = list(run.wish.signals) if run is not None else [signal for signal in first if signal in offered]
+        chosen = list(run.texts) if run is not None else [signal for signal in first if signal in offered]
         with self._client:
             self._signals.set_options(offered, value=[signal for signal in chosen if signal in offered])
         self._list_places()
@@ -169,18 +171,18 @@ class ScopeTab:
         if self._desk.scope is not None and not self._desk.scope.over:
             return
         try:
-            self._desk.scope = ScopeRun(self._desk, self._form(rolling=rolling))
+            self._desk.scope = ScopeRun(self._desk, self._signals.value or [], self._options(rolling=rolling))
         except ConfigError as error:
             self._state.show(sentence(str(error), BAD))
             return
         self._desk.scope.start()
 
-    def _form(self, *, rolling: bool) -> ScopeForm:
+    def _options(self, *, rolling: bool) -> ScopeOptions:
         kind = str(self._trigger.value)
         trigger = {_NONE: "", _FAULT: _FAULT}.get(kind, f"{self._place.value}:{kind}:{self._level.value or 0.0}")
         length = min(max(float(self._length.value or 0.0), _LIMITS[0]), _LIMITS[1])
-        before = float(self._before.value or 0.0)
-        return ScopeForm(tuple(self._signals.value or []), length, trigger, before, rolling)
+        before = float(self._before.value or 0.0) if trigger else None
+        return ScopeOptions(_RATE, length, trigger, before, rolling=rolling)
 
     def _end_it(self) -> None:
         if self._desk.scope is not None:

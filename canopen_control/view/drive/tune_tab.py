@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import partial
 from html import escape
 from typing import TYPE_CHECKING, Any, Final
@@ -10,12 +9,14 @@ from typing import TYPE_CHECKING, Any, Final
 from nicegui import ui
 
 from canopen_control.client import RobotClient
+from canopen_control.commissioning import tune_job as jobs
 from canopen_control.commissioning.jobs import TUNE, JobRun
+from canopen_control.commissioning.quantity import Quantity
 from canopen_control.commissioning.tune_run import TuneTest
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.health import BAD
-from canopen_control.view import tune_job as jobs
 from canopen_control.view.drive.drive_tab import LOOK_ONLY, WorkBar
+from canopen_control.view.drive.job_form import JobForm
 from canopen_control.view.elements.nicegui_elements import PresenceElement
 from canopen_control.view.panels.panel import Html
 from canopen_control.view.scope_chart import BODE_HEIGHT, bode_options, chart_options, height_of
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 
 _TIMEOUT_S: Final = 2.0
+_PROPOSAL: Final = ("crossover", "phase_margin", "loop_delay")
 _WARNING: Final = (
     "The drive moves by itself, at once and within these limits: free the shaft, lift the wheels, stand clear, have "
     "the hardware emergency stop in reach. STOP, the button Abort, a limit, a fault, and the end of this page end it."
@@ -52,7 +54,7 @@ class TuneTab:
         self._drawn: jobs.TuneFound | None = None
         self._mine = False
         self._period = 0.01
-        self._confirmed: jobs.TuneForm | None = None
+        self._confirmed: jobs.TunePlan | None = None
         with ui.element("div").classes("cc-tab-columns"):
             with ui.element("section").classes("cc-panel"):
                 ui.html("Excitation", sanitize=False, tag="h2")
@@ -86,15 +88,10 @@ class TuneTab:
             self._speed = ui.number("to, rad/s", value=3.0, step=0.5).props("dense")
             self._torque = ui.number("torque, per mille", value=150.0, min=1.0, max=300.0, step=10.0).props("dense")
             self._signal = ui.select(["chirp", "prbs"], value="chirp", label="signal").props("dense options-dense")
-            self._seconds = ui.number("for, s", value=2.0, min=1.0, max=10.0, step=1.0).props("dense")
-            self._crossover = ui.number("crossover, Hz", value=20.0, min=0.1, step=1.0).props("dense")
-            self._margin = ui.number("phase margin, degrees", value=60.0, min=20.0, max=85.0, step=5.0).props("dense")
+        self._form = JobForm(TUNE, ("seconds", *_PROPOSAL))
 
     def _make_limits(self) -> None:
-        with ui.element("div").classes("cc-row cc-wish"):
-            self._most_speed = ui.number("speed, rad/s", value=round(math.tau, 2), min=0.1, step=0.5).props("dense")
-            self._most_turns = ui.number("max. travel each way, turns", value=10.0, min=0.01, step=1.0).props("dense")
-            self._most_current = ui.number("current, per mille", value=1000.0, min=1.0, step=50.0).props("dense")
+        self._form.add("max_speed", "max_travel", "max_current")
         if not self._context.panel.teleop:
             ui.html(LOOK_ONLY, sanitize=False)
         self._no_run = Html()
@@ -103,9 +100,7 @@ class TuneTab:
 
     def _make_gains(self) -> None:
         ui.html(f"<p class='cc-note'>{_APPLY}</p>", sanitize=False)
-        with ui.element("div").classes("cc-row cc-wish"):
-            self._counts = ui.number("counts per revolution (0x6064)", min=1.0).props("dense")
-        self._store = ui.checkbox("store in the drive (0x1010)").props("dense")
+        self._form.add("counts", "store")
         self._no_gains = Html()
         with ui.element("div").classes("cc-row cc-acts"):
             self._apply = ui.button("Set the gains", color="orange-9", on_click=self._begin_apply)
@@ -125,9 +120,8 @@ class TuneTab:
         test = TuneTest[str(self._test.value)]
         self._speed.visible = test is TuneTest.STEP
         self._signal.visible = test is TuneTest.BODE
-        for widget in (self._torque, self._crossover, self._margin):
+        for widget in (self._torque, *(self._form.inputs[name] for name in _PROPOSAL)):
             widget.visible = test is TuneTest.IDENTIFY
-        self._seconds.value = test.seconds
 
     # ------------------------------------------------------------------------------------ calls of the frame
 
@@ -174,26 +168,18 @@ class TuneTab:
 
     # ------------------------------------------------------------------------------------ what the user does
 
-    def _form(self) -> jobs.TuneForm:
-        def number(element: Any) -> float:  # noqa: ANN401 - an input of the toolkit
-            return float(element.value or 0.0)
-
-        wish = jobs.TuneForm(
+    def _plan(self) -> jobs.TunePlan:
+        """Return what the inputs say; ConfigError."""
+        options = self._form.options(axis=int(self._axis.value))
+        request = jobs.request_of(
             TuneTest[str(self._test.value)],
+            options,
             self._period,
-            number(self._seconds),
-            number(self._speed),
-            number(self._torque),
-            str(self._signal.value),
-            number(self._crossover),
-            number(self._margin),
-            number(self._most_speed),
-            number(self._most_turns) * math.tau,
-            number(self._most_current),
-            int(self._axis.value),
+            speed=Quantity(float(self._speed.value or 0.0), "rad/s", "velocity"),
+            torque=float(self._torque.value or 0.0),
+            signal=str(self._signal.value),
         )
-        wish.check()
-        return wish
+        return jobs.TunePlan.of(request, options, jobs.SCALE)
 
     @property
     def _moved(self) -> str:
@@ -205,25 +191,23 @@ class TuneTab:
         if not self._context.panel.teleop:
             return
         try:
-            wish = self._form()
+            plan = self._plan()
         except ConfigError as error:
             self._refused.show(sentence(str(error), BAD))
             return
         self._refused.show("")
-        words = "".join(
-            f"<p class='cc-line'>{escape(confirmed_word)}</p>" for confirmed_word in jobs.confirmed_words(wish)
-        )
+        words = "".join(f"<p class='cc-line'>{escape(line)}</p>" for line in plan.lines(jobs.SCALE))
         self._words.show(f"<p class='cc-ask'>Move {escape(self._moved)}?</p>{words}<p class='cc-note'>{_WARNING}</p>")
-        self._confirmed = wish
+        self._confirmed = plan
         self._dialog.open()
 
     def _begin(self) -> None:
         """Start the run with the confirmed values, even if the inputs have changed."""
         self._dialog.close()
-        wish, self._confirmed = self._confirmed, None
-        if wish is None or not self._context.panel.teleop:
+        plan, self._confirmed = self._confirmed, None
+        if plan is None or not self._context.panel.teleop:
             return
-        result = jobs.TuneFound(wish)
+        result = jobs.TuneFound(plan)
         self._here.here()
         here = self._here
 
@@ -240,16 +224,22 @@ class TuneTab:
         tuned = self._desk.tuned
         if not self._context.panel.teleop or tuned is None or tuned.gains is None:
             return
-        if not self._counts.value:
+        try:
+            options = self._form.options(axis=tuned.plan.axis)
+        except ConfigError as error:
+            self._refused.show(sentence(str(error), BAD))
+            return
+        if options.counts is None:
             self._refused.show(sentence("give the counts per revolution of the joint (user units of 0x6064)", BAD))
             return
-        counts, stores, axis = float(self._counts.value), bool(self._store.value), tuned.wish.axis
-        apply = partial(jobs.apply_gains, gains=tuned.gains, counts=counts, axis=axis, stores=stores)
+        apply = partial(
+            jobs.apply_gains, gains=tuned.gains, counts=options.counts, axis=options.axis, stores=options.store
+        )
         self._start("Setting gains", "objects", apply)
 
     def _begin_revert(self) -> None:
         if self._context.panel.teleop:
-            revert = partial(jobs.revert, axis=int(self._axis.value), stores=bool(self._store.value))
+            revert = partial(jobs.revert, axis=int(self._axis.value), stores=bool(self._form.inputs["store"].value))
             self._start("Taking gains back", "objects", revert)
 
     def _start(self, title: str, unit: str, function: Any) -> bool:  # noqa: ANN401 - takes a session and the work

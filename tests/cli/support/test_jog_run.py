@@ -10,7 +10,8 @@ from support.terminal import typed
 from canopen_control.cli.support import jog_run
 from canopen_control.cli.support.jog_run import JogRun, Keyboard, reset_fault
 from canopen_control.commissioning.driven_axis import JogDrive
-from canopen_control.commissioning.jog_motion import JogEnd, JogKind, JogLimits, JogMotion, JogScale
+from canopen_control.commissioning.jog_motion import JogEnd, JogKind, JogLimits, JogMotion
+from canopen_control.commissioning.quantity import JogScale
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.rpc.messages.robot import CommandController
 

@@ -9,13 +9,13 @@ from support.pages import FakeContext, StubDesk, html, settle, upload, visited
 from support.service_node import NodeStub
 
 from canopen_control.commissioning.scope_capture import NamedShot, Shot, csv_of
+from canopen_control.commissioning.scope_run import ScopeRun
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 from canopen_control.od.eds import read_eds
 from canopen_control.view.drive import scope_tab
 from canopen_control.view.drive.drive_tab import DriveTabContext
 from canopen_control.view.drive.scope_tab import ScopeTab, cursor_table, read_overlay, signals_of
-from canopen_control.view.scope_run import ScopeRun
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
 NAMED = NamedShot(
@@ -91,7 +91,7 @@ def test_a_shot_is_drawn_with_cursors_and_the_next_one_over_it(began, sent):
         return waits, first, readings, both, [each["id"] for each in tab._chart.options["series"]]
 
     waits, first, readings, both, after = played(act)
-    assert (began[0].wish.length, began[0].wish.trigger, began[0].wish.rolling) == (2.0, "", False)
+    assert (began[0].options.length, began[0].options.trigger, began[0].options.rolling) == (2.0, "", False)
     assert waits == (False, True)
     assert first == after == ["s0", "marks0"]
     assert [name for name, *_ in sent] == ["setOption"]
@@ -114,8 +114,8 @@ def test_a_trigger_is_asked_for_as_the_verb_writes_it(began):
         return shown, tab._level.visible
 
     assert played(act) == ((True, True), False)
-    assert (began[0].wish.trigger, began[0].wish.before, began[0].wish.rolling) == ("2:rising:50", 0.4, True)
-    assert began[1].wish.trigger == "fault"
+    assert (began[0].options.trigger, began[0].options.before, began[0].options.rolling) == ("2:rising:50", 0.4, True)
+    assert began[1].options.trigger == "fault"
 
 
 def test_nothing_chosen_is_told_and_a_scope_goes_on_when_the_tab_is_left(began):

@@ -9,14 +9,15 @@ from support.pages import FORWARD, TARGET, FakeContext, StubDesk, drive_state, h
 from support.service_node import NodeStub
 
 from canopen_control.commissioning.frequency_response import Bode, BodePoint
+from canopen_control.commissioning.jog_motion import JogLimits
 from canopen_control.commissioning.scope_capture import NamedShot, Shot
 from canopen_control.commissioning.tune_gains import CascadeGains
-from canopen_control.commissioning.tune_run import TuneTest
+from canopen_control.commissioning.tune_job import TuneFound, TunePlan
+from canopen_control.commissioning.tune_run import TuneRequest, TuneTest
 from canopen_control.data_files import data_path
 from canopen_control.od.eds import read_eds
 from canopen_control.view.drive.drive_tab import DriveTabContext
 from canopen_control.view.drive.tune_tab import TuneTab
-from canopen_control.view.tune_job import TuneForm, TuneFound
 
 OD = read_eds(data_path("eds", "generic_cia402.eds"), 3).od
 
@@ -48,7 +49,9 @@ def played(act, *, teleop=True, joints=("left",), controllers=None, new=None):
 def found(test=TuneTest.IDENTIFY, **more):
     rows = tuple((n / 100, (1.0, 0.5, 0.1 * n)) for n in range(5))
     curves = NamedShot(Shot(rows), ("command", "velocity", "position"), ("rad/s", "rad/s", "rad"))
-    return TuneFound(TuneForm(test, 0.01, 2.0), curves, lines=["inertia <1>"], **more)
+    return TuneFound(
+        TunePlan(TuneRequest(test, 2.0, 0.01), JogLimits(6.0, 60.0, 1000.0)), curves, lines=["inertia <1>"], **more
+    )
 
 
 @pytest.mark.rest
@@ -115,7 +118,7 @@ def test_what_was_found_is_shown_and_its_gains_are_set_with_the_units_of_a_turn(
         lines = html(user)
         user.find("Set the gains").click()
         refused = html(user)
-        tab._counts.value = 65536
+        tab._form.inputs["counts"].value = "65536"
         user.find("Set the gains").click()
         await settle(lambda: bool(tab._desk.begun))
         return lines, refused, tab._chart.options["series"][0]["name"], tab._bode.options["series"][1]["data"]
@@ -132,8 +135,8 @@ def test_each_test_shows_what_it_has():
         shown = {}
         for test in TuneTest:
             tab._test.value = test.name
-            inputs = (tab._speed, tab._signal, tab._torque, tab._crossover)
-            shown[test] = [each.visible for each in inputs], tab._seconds.value
+            inputs = (tab._speed, tab._signal, tab._torque, tab._form.inputs["crossover"])
+            shown[test] = [each.visible for each in inputs], tab._plan().request.seconds
         return shown
 
     shown, _ = played(act)
@@ -150,7 +153,7 @@ def test_of_a_drive_with_several_axes_one_is_chosen_and_named():
         words = html(user)
         user.find("Move it").click()
         await settle(lambda: bool(tab._desk.begun))
-        return shown, words, tab._form().axis
+        return shown, words, tab._plan().axis
 
     (shown, words, axis), _ = played(act, joints=("shoulder", "elbow"))
     assert (shown, axis) == (True, 1)
@@ -160,7 +163,7 @@ def test_of_a_drive_with_several_axes_one_is_chosen_and_named():
 def test_of_a_drive_with_one_axis_nothing_is_to_be_chosen():
     async def act(user, tab, page):
         user.find("Run ...").click()
-        return tab._axis.visible, html(user), tab._form().axis
+        return tab._axis.visible, html(user), tab._plan().axis
 
     (shown, words, axis), _ = played(act, joints=("wheel",))
     assert (shown, axis) == (False, 0)

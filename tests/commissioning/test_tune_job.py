@@ -14,8 +14,20 @@ from canopen_control.cli.support.jog_robot import own_robot
 from canopen_control.cli.support.target import find_eds
 from canopen_control.cli.support.tune_choice import choose_tuned
 from canopen_control.client import RobotClient
-from canopen_control.commissioning.jobs import TUNE, JobRun
+from canopen_control.commissioning.jobs import TUNE, JobRun, TuneOptions
 from canopen_control.commissioning.jog_motion import JogKind
+from canopen_control.commissioning.quantity import Quantity
+from canopen_control.commissioning.tune_job import (
+    SCALE,
+    PagePresence,
+    TuneFound,
+    TunePlan,
+    apply_gains,
+    curves_of,
+    request_of,
+    revert,
+    tune,
+)
 from canopen_control.commissioning.tune_run import TuneTest
 from canopen_control.errors import CanopenError, ConfigError, DriveError
 from canopen_control.od.eds import read_eds
@@ -23,18 +35,12 @@ from canopen_control.rpc.messages.robot import GetNodes, GetStatus, Stop
 from canopen_control.runtime.observer import RobotObserver
 from canopen_control.scaffold.new_robot import Device
 from canopen_control.view.node_jobs import NodeJobs
-from canopen_control.view.tune_job import (
-    PagePresence,
-    TuneForm,
-    TuneFound,
-    apply_gains,
-    confirmed_words,
-    curves_of,
-    revert,
-    tune,
-)
 
-STEP = TuneForm(TuneTest.STEP, 0.01, 1.0)
+
+def plan(test=TuneTest.STEP, *, speed=3.0, torque=150.0, **options):
+    chosen = TuneOptions(**options)
+    request = request_of(test, chosen, 0.01, speed=Quantity(speed, "rad/s", "velocity"), torque=torque, signal="chirp")
+    return TunePlan.of(request, chosen, SCALE)
 
 
 class Page:
@@ -71,7 +77,7 @@ def page_for(kind):
 
 def test_a_step_is_found_with_its_curves_and_stands_in_the_events(private_folders):
     with page_for(JogKind.VELOCITY) as page:
-        told, found = page.run(STEP)
+        told, found = page.run(plan(seconds=1.0))
         events = [event.text for event in page.client.ask(GetStatus()).events]
         assert page.power is not State.OPERATION_ENABLED
     assert told.endswith("step done, stopped and disabled")
@@ -85,7 +91,7 @@ def test_a_step_is_found_with_its_curves_and_stands_in_the_events(private_folder
 @pytest.mark.rest
 def test_a_plant_is_identified_and_its_gains_are_set_and_taken_back(private_folders):
     with page_for(JogKind.TORQUE) as page:
-        _, found = page.run(TuneForm(TuneTest.IDENTIFY, 0.01, 8.0, torque=190.0, crossover=10.0))
+        _, found = page.run(plan(TuneTest.IDENTIFY, torque=190.0, crossover=10.0))
         value = {line[:19].strip(): float(line[19:].split()[0]) for line in found.lines[:3]}
         assert value["inertia"] == pytest.approx(INERTIA, rel=0.03)
         assert value["Coulomb friction"] == pytest.approx(COULOMB, rel=0.03)
@@ -106,7 +112,7 @@ def test_a_page_that_goes_ends_it_at_once(private_folders):
         seconds = iter([0.0, *[0.0] * 60, *[5.0] * 1000])
         page.presence = PagePresence(lambda: next(seconds))
         with pytest.raises(DriveError, match="the page that began it is gone: stopped and disabled"):
-            page.run(STEP)
+            page.run(plan(seconds=1.0))
         assert page.power is not State.OPERATION_ENABLED
         assert page.bench.speed == pytest.approx(0.0, abs=200)
 
@@ -127,7 +133,7 @@ def test_stop_and_the_button_end_it(private_folders, end):
                 page.work.end()
 
         with in_background(press), pytest.raises(CanopenError):
-            page.run(TuneForm(TuneTest.STEP, 0.01, 8.0))
+            page.run(plan(seconds=8.0))
         assert page.power is not State.OPERATION_ENABLED
         assert 0 < page.work.done < 700
 
@@ -135,19 +141,20 @@ def test_stop_and_the_button_end_it(private_folders, end):
 @pytest.mark.parametrize(
     ("wish", "why"),
     [
-        (TuneForm(TuneTest.STEP, 0.01, 2.0, speed=0.0), "moves nothing"),
-        (TuneForm(TuneTest.STEP, 0.01, 2.0, speed=9.0), "beyond the limit"),
-        (TuneForm(TuneTest.IDENTIFY, 0.01, 8.0, torque=200.0, most_current=100.0), "beyond --max-current"),
-        (TuneForm(TuneTest.BODE, 0.01, 0.1), "too short"),
+        ({"speed": 0.0}, "moves nothing"),
+        ({"speed": 9.0}, "beyond the limit"),
+        ({"test": TuneTest.IDENTIFY, "torque": 200.0, "max_current": 100.0}, "beyond --max-current"),
+        ({"test": TuneTest.BODE, "seconds": 0.1}, "too short"),
     ],
 )
 def test_what_is_beyond_the_limits_is_told_before_anything_moves(wish, why):
     with pytest.raises(ConfigError, match=why):
-        wish.check()
+        plan(**wish)
 
 
 def test_what_is_confirmed_says_what_moves_within_which_limits():
-    words = confirmed_words(STEP)
-    assert words[0].startswith("a step to 3.00 rad/s")
-    assert "6.28 rad/s (60.0 rpm), 3600.0 deg each way, 100 % of the rated current" in words[1]
+    words = plan(seconds=1.0, max_speed=Quantity(60.0, "rpm", "velocity")).lines(SCALE)
+    assert words[0].startswith("excitation: a step to 3.00 rad/s")
+    assert words[1] == "limits: 6.28 rad/s (60.0 rpm), 3600.0 deg each way,"
+    assert words[2].startswith("        current 100 % of the rated one, more for 0.1 s")
     assert curves_of is not None

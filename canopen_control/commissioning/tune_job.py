@@ -1,23 +1,25 @@
-"""Tuning run started from a page: excites a drive, stores results, sets gains. No toolkit; on threads.
+"""Tuning job: a plan that is confirmed, its run within limits, its results, and gains set from a page.
 
-A run is a command source like any other. It ends with the page that started it: the page has to confirm repeatedly that
-it is open, and `GONE_S` without that ends the run, as a limit, a fault, STOP and the button do; the drive is stopped
-and disabled then, and there is no result.
+A run is a command source like any other. That of a page ends with the page: it has to confirm repeatedly that it is
+open, and `GONE_S` without that ends the run, as a limit, a fault, STOP and the button do; the drive is stopped and
+disabled then, and there is no result.
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.commissioning.driven_axis import drive_of_robot, takes_targets
-from canopen_control.commissioning.jog_motion import JogKind, JogLimits, JogScale, parse_quantity
+from canopen_control.commissioning.jog_motion import JogKind, limits_of
+from canopen_control.commissioning.quantity import JogScale
 from canopen_control.commissioning.scope_capture import NamedShot, Shot
 from canopen_control.commissioning.tune_gains import GainPlace, applied, reverted
 from canopen_control.commissioning.tune_report import bode_of, identified, proposed, report
-from canopen_control.commissioning.tune_run import TuneRequest, TuneRun, TuneTest, torque_index_of
+from canopen_control.commissioning.tune_run import PEAK_S, TuneRequest, TuneRun, TuneTest, torque_index_of
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.rpc.messages.robot import PublishEvent
 
@@ -25,9 +27,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from canopen_control.client import RobotClient
+    from canopen_control.commissioning.driven_axis import JogDrive
     from canopen_control.commissioning.frequency_response import Bode
-    from canopen_control.commissioning.jobs import JobRun
+    from canopen_control.commissioning.jobs import JobRun, TuneOptions
+    from canopen_control.commissioning.jog_motion import JogLimits
     from canopen_control.commissioning.node_session import NodeSession
+    from canopen_control.commissioning.quantity import Quantity
     from canopen_control.commissioning.tune_gains import CascadeGains
     from canopen_control.commissioning.tune_run import TuneRecord
     from canopen_control.rpc.messages.robot import NodePlace
@@ -41,66 +46,79 @@ _HUNDREDTHS: Final = 100
 
 
 @dataclass(frozen=True, slots=True)
-class TuneForm:
-    """Form of a tuning run: rad/s, travel per direction in rad, torque and current in per mille, crossover in Hz.
+class TunePlan:
+    """Tuning run of an axis within limits, as it is confirmed before the drive moves; ConfigError beyond them."""
 
-    `axis` is that of the drive, of one with several.
-    """
-
-    test: TuneTest
-    period: float
-    seconds: float
-    speed: float = 3.0
-    torque: float = 150.0
-    signal: str = "chirp"
-    crossover: float = 20.0
-    margin: float = 60.0
-    most_speed: float = math.tau
-    most_travel: float = 10.0 * math.tau
-    most_current: float = 1000.0
+    request: TuneRequest
+    limits: JogLimits
     axis: int = 0
 
-    @property
-    def request(self) -> TuneRequest:
-        """Request of the run; ConfigError for an invalid speed."""
-        return TuneRequest(
-            test=self.test,
-            seconds=self.seconds,
-            period=self.period,
-            speed=parse_quantity(f"{self.speed}rad/s", "velocity") if self.test is TuneTest.STEP else None,
-            torque=self.torque,
-            signal=self.signal,
-            crossover=self.crossover * math.tau,
-            margin=math.radians(self.margin),
-        )
+    @classmethod
+    def of(cls, request: TuneRequest, options: TuneOptions, scale: JogScale) -> TunePlan:
+        """Return the checked plan."""
+        plan = cls(request, limits_of(options, scale), options.axis)
+        request.check(plan.limits, scale)
+        return plan
+
+    def lines(self, scale: JogScale) -> list[str]:
+        """Return the lines to confirm."""
+        limits = self.limits
+        return [
+            f"excitation: {self.request.words(scale)}",
+            f"limits: {scale.velocity_words(limits.speed)}, {scale.position_words(limits.travel)} each way,",
+            f"        current {limits.current / 10:g} % of the rated one, more for {PEAK_S:g} s at most",
+        ]
 
     @property
-    def limits(self) -> JogLimits:
-        """Limits of the run."""
-        return JogLimits(self.most_speed, self.most_travel, self.most_current)
-
-    def check(self) -> None:
-        """Raise ConfigError for values beyond the limits before the drive moves."""
-        if self.test is TuneTest.STEP and not self.speed:
-            raise ConfigError("a step to 0 moves nothing")
-        self.request.check(self.limits, SCALE)
+    def mode(self) -> str:
+        """Mode of operation of the run in a running robot."""
+        return "PV" if self.request.kind is JogKind.VELOCITY else "TQ"
 
 
-def confirmed_words(wish: TuneForm) -> list[str]:
-    """Return the sentence to confirm before the drive moves."""
-    limits = wish.limits
-    return [
-        wish.request.words(SCALE),
-        f"within {SCALE.velocity_words(limits.speed)}, {SCALE.position_words(limits.travel)} each way, "
-        f"{limits.current / 10:g} % of the rated current",
-    ]
+def request_of(
+    test: TuneTest, options: TuneOptions, period: float, *, speed: Quantity | None, torque: float, signal: str
+) -> TuneRequest:
+    """Return the request of a test with cycles of `period` s; ConfigError for a step that moves nothing."""
+    if test is TuneTest.STEP and (speed is None or not speed.value):
+        raise ConfigError(f"a step to {speed or 0}: that moves nothing")
+    return TuneRequest(
+        test=test,
+        speed=speed,
+        torque=torque,
+        signal=signal,
+        seconds=options.seconds or test.seconds,
+        period=period,
+        crossover=options.crossover * math.tau,
+        margin=math.radians(options.phase_margin),
+        loop_delay=options.loop_delay / 1e3,
+    )
+
+
+def excite(
+    drive: JogDrive,
+    plan: TunePlan,
+    scale: JogScale,
+    effort_unit: float | None = None,
+    told: Callable[[float], object] = lambda _seconds: None,
+) -> TuneRun:
+    """Return the run of a plan at a drive; see `TuneRun`."""
+    return TuneRun(
+        drive,
+        plan.request.kind,
+        plan.request.excitation(scale),
+        plan.limits,
+        deceleration=_DECELERATION,
+        effort_unit=effort_unit,
+        torque_index=torque_index_of(plan.axis),
+        told=told,
+    )
 
 
 @dataclass(slots=True)
 class TuneFound:
     """Results of the last run: curves, frequency response, gains; written by its thread."""
 
-    wish: TuneForm
+    plan: TunePlan
     curves: NamedShot | None = None
     bode: Bode | None = None
     gains: CascadeGains | None = None
@@ -143,46 +161,26 @@ class PagePresence:
             raise DriveError("the page that began it is gone: stopped and disabled")
 
 
-def tune(
-    session: NodeSession,
-    work: JobRun,
-    client: RobotClient,
-    result: TuneFound,
-    presence: PagePresence,
-    run: Callable[..., TuneRun] = TuneRun,
-) -> str:
+def tune(session: NodeSession, run: JobRun, client: RobotClient, result: TuneFound, presence: PagePresence) -> str:
     """Excite an axis of a node within its limits and store the results; return the final sentence."""
-    wish, request = result.wish, result.wish.request
-    wish.check()
-    mode = "PV" if request.kind is JogKind.VELOCITY else "TQ"
-    drive = drive_of_robot(client, session.name or str(session.node_id), wish.axis, mode)
-    excitation = request.excitation(SCALE)
-
+    plan, request = result.plan, result.plan.request
+    request.check(plan.limits, SCALE)
+    drive = drive_of_robot(client, session.name or str(session.node_id), plan.axis, plan.mode)
+    seconds = request.excitation(SCALE).seconds
     client.ask(PublishEvent(kind="tune", text=f"page: {request.words(SCALE)} of {drive.joint}"))
 
-    def told(seconds: float) -> None:
+    def told(elapsed: float) -> None:
         presence.check()
-        work.at(round(seconds * _HUNDREDTHS), round(excitation.seconds * _HUNDREDTHS))
+        run.at(round(elapsed * _HUNDREDTHS), round(seconds * _HUNDREDTHS))
 
-    record = run(
-        drive,
-        request.kind,
-        excitation,
-        wish.limits,
-        deceleration=_DECELERATION,
-        effort_unit=None,
-        torque_index=torque_index_of(wish.axis),
-        told=told,
-    ).run()
+    record = excite(drive, plan, SCALE, told=told).run()
     result.curves = curves_of(record, request)
     result.lines = report(record, request, SCALE, None)
     if request.test is TuneTest.BODE:
         result.bode = bode_of(record, request)
     if request.test is TuneTest.IDENTIFY:
-        try:
+        with contextlib.suppress(ConfigError):  # the lines say why
             result.gains = proposed(identified(record), request)
-        except ConfigError:
-            result.gains = None  # the reason is in the lines
     lost = f"; {record.lost} of {record.lost + len(record.samples)} cycles were lost" if record.lost else ""
     return f"{session.name}: {request.test.value} done, stopped and disabled{lost}"
 
@@ -200,14 +198,14 @@ def curves_of(record: TuneRecord, request: TuneRequest) -> NamedShot:
 
 
 def apply_gains(
-    session: NodeSession, work: JobRun, gains: CascadeGains, counts: float, *, axis: int = 0, stores: bool
+    session: NodeSession, run: JobRun, gains: CascadeGains, counts: float, *, axis: int = 0, stores: bool
 ) -> str:
     """Set proposed gains of an axis and verify them; `counts` are the user units of 0x6064 per revolution."""
-    work.lines += applied(session, gains, counts / math.tau, GainPlace(axis, stores=stores))
+    run.lines += applied(session, gains, counts / math.tau, GainPlace(axis, stores=stores))
     return f"{session.name}: gains set and proven; Revert takes them back"
 
 
-def revert(session: NodeSession, work: JobRun, *, axis: int = 0, stores: bool) -> str:
+def revert(session: NodeSession, run: JobRun, *, axis: int = 0, stores: bool) -> str:
     """Restore the gains of an axis from before the first change."""
-    work.lines += reverted(session, GainPlace(axis, stores=stores))
+    run.lines += reverted(session, GainPlace(axis, stores=stores))
     return f"{session.name}: gains are those from before"

@@ -4,13 +4,14 @@ import pytest
 from support.samples import sample_of, status_of
 from support.service_node import NodeStub
 
+from canopen_control.commissioning.jobs import ScopeOptions
 from canopen_control.commissioning.node_session import NodeSession
+from canopen_control.commissioning.scope_run import KEPT, Scope, ScopeRun
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.robot import GetStatus, MappedValue, NodePlace, ProcessData
 from canopen_control.view.node_jobs import NodeJobs
-from canopen_control.view.scope_run import KEPT, ScopeForm, ScopeRun
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
 SPEED, STATUS = "left_drive:0x606C:00", "left_drive:0x6041:00"
@@ -54,14 +55,18 @@ def speeds(*values, begin=1000.0):
     return [data(begin + number / 10, 0x606C, value) for number, value in enumerate(values)]
 
 
-def run(wish, *stories):
-    scope = ScopeRun(Desk(), wish, Robot(*stories))
+def wish(signals, length=2.0, trigger="", before=None, **more):
+    return signals, ScopeOptions(1000.0, length, trigger, before, **more)
+
+
+def run(chosen, *stories):
+    scope = ScopeRun(Desk(), *chosen, Robot(*stories))
     scope.run()
     return scope
 
 
 def test_one_shot_is_taken_and_told_with_the_cycles_of_the_robot():
-    scope = run(ScopeForm((SPEED,), 0.35), speeds(1, 2, 3, 4, 5))
+    scope = run(wish((SPEED,), 0.35), speeds(1, 2, 3, 4, 5))
     (named,) = scope.shots
     assert (named.names, named.units) == (("left_drive:0x606C",), ("counts/s",))
     assert [row[0] for _, row in named.shot.rows] == [1.0, 2.0, 3.0, 4.0]
@@ -70,11 +75,11 @@ def test_one_shot_is_taken_and_told_with_the_cycles_of_the_robot():
 
 
 def test_a_trigger_has_what_was_before_it_and_a_fault_needs_no_statusword_among_the_signals():
-    scope = run(ScopeForm((SPEED,), 0.3, "1:rising:3", 0.1), speeds(1, 2, 3, 4, 5, 6))
+    scope = run(wish((SPEED,), 0.3, "1:rising:3", 0.1), speeds(1, 2, 3, 4, 5, 6))
     assert [row[0] for _, row in scope.shots[0].shot.rows] == [2.0, 3.0, 4.0]
     fault = [data(1000.25, 0x6041, 0x08, 2)]
     scope = run(
-        ScopeForm((SPEED,), 0.3, "fault", 0.1),
+        wish((SPEED,), 0.3, "fault", 0.1),
         [data(999.9, 0x6041, 0x27, 2), *speeds(1, 2, 3), *fault, *speeds(4, 5, 6, begin=1000.3)],
     )
     assert scope.shots[0].shot.triggered == 1000.25
@@ -82,7 +87,7 @@ def test_a_trigger_has_what_was_before_it_and_a_fault_needs_no_statusword_among_
 
 
 def test_rolling_goes_on_until_it_is_ended_and_keeps_only_the_newest():
-    scope = ScopeRun(Desk(), ScopeForm((SPEED,), 0.25, rolling=True), None)
+    scope = ScopeRun(Desk(), *wish((SPEED,), 0.25, rolling=True), None)
     story = Robot(*(speeds(1, 2, 3, begin=1000.0 + number) for number in range(2 * KEPT)))
     real = story.messages
 
@@ -102,26 +107,26 @@ def test_rolling_goes_on_until_it_is_ended_and_keeps_only_the_newest():
 def test_joints_are_looked_at_too():
     sample = sample_of({"time": 1000.0, "joints": {"left": {"velocity": 2.5}}})
     late = sample_of({"time": 1001.0, "joints": {"left": {"velocity": 2.5}}})
-    scope = run(ScopeForm(("left:velocity",), 0.5), [sample, late])
+    scope = run(wish(("left:velocity",), 0.5), [sample, late])
     assert scope.shots[0].shot.rows[0][1] == (2.5,)
 
 
 @pytest.mark.parametrize(
-    ("wish", "why"),
+    ("chosen", "why"),
     [
-        (ScopeForm(()), "one signal at least"),
-        (ScopeForm((SPEED,) * 9), "9 signals are too many"),
-        (ScopeForm((SPEED,), 1.0, "1:rising:0", 1.0), "do not fit into"),
-        (ScopeForm((SPEED,), 1.0, "2:rising:0"), "counted from 1 to 1"),
+        (wish(()), "one signal at least"),
+        (wish((SPEED,) * 9), "9 signals are too many"),
+        (wish((SPEED,), 1.0, "1:rising:0", 1.0), "do not fit into"),
+        (wish((SPEED,), 1.0, "2:rising:0"), "counted from 1 to 1"),
     ],
 )
-def test_what_is_no_look_is_told_before_it_begins(wish, why):
+def test_what_is_no_look_is_told_before_it_begins(chosen, why):
     with pytest.raises(ConfigError, match=why):
-        ScopeRun(Desk(), wish)
+        ScopeRun(Desk(), *chosen)
 
 
 def test_what_goes_wrong_is_its_end_and_its_words():
-    scope = run(ScopeForm(("left_drive:0x5FFE",), 1.0))
+    scope = run(wish(("left_drive:0x5FFE",), 1.0))
     assert (scope.over, scope.good) == (True, False)
     assert "has no 0x5FFE:00" in scope.words
 
@@ -129,6 +134,16 @@ def test_what_goes_wrong_is_its_end_and_its_words():
         def session(self):
             raise DriveError("node 3 does not answer")
 
-    scope = ScopeRun(Gone(), ScopeForm((SPEED,)), Robot())
+    scope = ScopeRun(Gone(), *wish((SPEED,)), Robot())
     scope.run()
     assert scope.words == "node 3 does not answer"
+
+
+def test_joints_and_a_fault_need_a_robot_and_a_drive():
+    options = ScopeOptions(trigger="fault")
+    with pytest.raises(ConfigError, match="joints are of a running robot"):
+        Scope(["left:velocity"], {}, None, options)
+    with pytest.raises(ConfigError, match="a trigger on faults looks at drives"):
+        Scope(["left:velocity"], {}, Robot(), options)
+    with pytest.raises(ConfigError, match="--before is of a trigger"):
+        ScopeRun(Desk(), (SPEED,), ScopeOptions(before=0.5))

@@ -1,0 +1,171 @@
+"""Scope at work: signals by their names, samples into the memory, captures out, for a verb and for pages."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from contextlib import ExitStack
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.client import RobotClient
+from canopen_control.commissioning.scope_capture import Condition, ScopeCapture, named_shot, parse_trigger
+from canopen_control.commissioning.scope_signals import (
+    MOST_SIGNALS,
+    PolledSource,
+    RobotSource,
+    SignalValues,
+    joint_signal_of,
+    node_of,
+    signal_of,
+    statusword_of,
+)
+from canopen_control.errors import CanopenError, ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from canopen_control.commissioning.jobs import ScopeOptions
+    from canopen_control.commissioning.live_reader import NodeObjects
+    from canopen_control.commissioning.node_session import NodeSession
+    from canopen_control.commissioning.scope_capture import NamedShot, Shot
+    from canopen_control.commissioning.scope_signals import ScopeSource, Signal
+
+
+KEPT: Final = 8  # shots
+_LOOK_S: Final = 0.1
+_TIMEOUT_S: Final = 2.0
+
+
+def capture_of(options: ScopeOptions, signals: int, faults: int = 0) -> ScopeCapture:
+    """Return the memory for a number of signals, followed by that of `faults` statuswords; ConfigError."""
+    if not signals:
+        raise ConfigError("choose what to look at: one signal at least")
+    if signals > MOST_SIGNALS:
+        raise ConfigError(f"{signals} signals are too many for one look; {MOST_SIGNALS} at most")
+    if options.before is not None and not options.trigger:
+        raise ConfigError("--before is of a trigger; give --trigger too")
+    trigger = parse_trigger(options.trigger, signals) if options.trigger else None
+    if trigger is not None and trigger.condition is Condition.FAULT:
+        trigger = replace(trigger, places=tuple(range(signals, signals + faults)))
+    before = 0.0 if trigger is None else options.length / 5 if options.before is None else options.before
+    return ScopeCapture(trigger, length=options.length, before=before, shots=None if options.rolling else options.shots)
+
+
+class Scope:
+    """Scope of the signals `texts`; `sessions` are those of their nodes, `client` the robot of these, if any.
+
+    ConfigError for a signal that does not exist.
+    """
+
+    def __init__(
+        self,
+        texts: Sequence[str],
+        sessions: Mapping[str, NodeSession],
+        client: RobotClient | None,
+        options: ScopeOptions,
+    ) -> None:
+        joints = [joint_signal_of(text) for text in texts]
+        if client is None and any(joints):
+            raise ConfigError("joints are of a running robot; on a bare bus a scope shows objects: NODE:OBJECT")
+        self.signals: list[Signal] = [
+            joint or signal_of(text, sessions[node_of(text)]) for text, joint in zip(texts, joints, strict=True)
+        ]
+        by_id = {session.node_id: session for session in sessions.values()}
+        faults = [statusword_of(session) for session in by_id.values()] if options.trigger == _FAULT else []
+        if options.trigger == _FAULT and not faults:
+            raise ConfigError("a trigger on faults looks at drives, and no signal is an object of one; add NODE:0x6041")
+        self.capture = capture_of(options, len(texts), len(faults))
+        self.values = SignalValues([*self.signals, *faults])
+        self._source: ScopeSource = (
+            PolledSource(self.values, by_id, options.rate)
+            if client is None
+            else RobotSource(client, self.values, by_id, options.rate)
+        )
+        self._before = self._source.cycles()
+
+    def looks(self, ended: Callable[[], bool]) -> Iterator[list[Shot]]:
+        """Yield the captures since the last look, again and again, until complete or `ended`.
+
+        A capture in progress is kept at the end, a waiting one dropped.
+        """
+        while not (self.capture.done or ended()):
+            for moment, row in self._source.samples(_LOOK_S):
+                self.capture.feed(moment, row)
+                if self.capture.done:
+                    break
+            self.capture.tick(time.time())
+            yield self.capture.take()
+        self.capture.stop()
+        yield self.capture.take()
+
+    def cycle_words(self) -> str:
+        """Return the number of cycles of the robot since the start, and of missed ones; "" without a robot."""
+        after = self._source.cycles()
+        if self._before is None or after is None:
+            return ""
+        return f"the robot made {after[0] - self._before[0]} cycles meanwhile and missed {after[1] - self._before[1]}"
+
+
+_FAULT: Final = Condition.FAULT.value
+
+
+class ScopeRun:
+    """Scope at a node of a running robot for all pages; `connect` is for tests.
+
+    It has a connection of its own, writes nothing, and goes on when the page that began it is closed, since a trigger
+    may be awaited for days; it keeps `KEPT` shots.
+    """
+
+    def __init__(
+        self,
+        desk: NodeObjects,
+        texts: Sequence[str],
+        options: ScopeOptions,
+        connect: Callable[[str, float], RobotClient] = RobotClient.connect,
+    ) -> None:
+        capture_of(options, len(texts))
+        self.texts, self.options = tuple(texts), options
+        self.shots: deque[NamedShot] = deque(maxlen=KEPT)
+        self.signals: Sequence[Signal] = ()
+        self.taken = 0
+        self.over, self.good = False, True
+        self.words = "begins"
+        self._desk, self._connect = desk, connect
+        self._ending = threading.Event()
+
+    def start(self) -> None:
+        """Start the thread."""
+        threading.Thread(target=self.run, name="page scope", daemon=True).start()
+
+    def end(self) -> None:
+        """End the run: a capture in progress is kept, a waiting one dropped."""
+        self._ending.set()
+
+    def run(self) -> None:
+        """Capture until complete or ended; body of the thread."""
+        try:
+            with ExitStack() as stack:
+                session = stack.enter_context(self._desk.session())
+                client = stack.enter_context(self._connect(self._desk.robot, _TIMEOUT_S))
+                nodes = (node_of(text) for text in self.texts if joint_signal_of(text) is None)
+                self._capture(
+                    Scope(self.texts, dict.fromkeys([*nodes, str(session.node_id)], session), client, self.options)
+                )
+        except CanopenError as error:
+            self.good, self.words = False, str(error)
+        except Exception as error:  # noqa: BLE001 - the page shows it and continues
+            self.good, self.words = False, f"the scope ended with {type(error).__name__}: {error}"
+        finally:
+            self.over = True
+
+    def _capture(self, scope: Scope) -> None:
+        self.signals = scope.signals
+        for shots in scope.looks(self._ending.is_set):
+            self.words = scope.capture.state.value
+            for shot in shots:
+                self.taken += 1
+                label = time.strftime("%H:%M:%S", time.localtime(shot.zero))
+                self.shots.append(named_shot(shot, self.signals, f"shot of {label}"))
+        self.words = f"{self.taken} {'shot' if self.taken == 1 else 'shots'}; {scope.cycle_words()}"
