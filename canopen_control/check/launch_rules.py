@@ -1,4 +1,4 @@
-"""Common mistakes of launch files (XML of ROS 1 and 2, and Python), compared with the robot's files.
+"""Common mistakes of launch files (XML of ROS 1 and 2, YAML and Python), compared with the robot's files.
 
 Nothing is launched or included. `$(arg NAME)` is its default; other substitutions of XML are not judged. A launch file
 in Python is parsed and never executed (`runtime.launch_python`); a name that it computes is reported as unknown.
@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.check.timing_rules import Finding
 from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.od.issues import Severity
-from canopen_control.runtime.launch_file import SPAWNER_VALUES, read_launch, words_of
+from canopen_control.runtime.launch_file import SPAWNER_VALUES, launch_elements, read_launch, words_of
 from canopen_control.runtime.launch_python import read_python
-from canopen_control.urdf.document import read_document
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -62,7 +61,7 @@ def check_launch(path: Path, robot: CheckedRobot) -> list[Finding]:
         launch.findings += _transmissions(launch)
         return launch.findings
     try:
-        root = read_document(path.read_text(encoding="utf-8"), launch.path).root
+        root = launch_elements(path.read_text(encoding="utf-8"), path)
     except RobotConfigError as error:
         return [Finding(launch.path, 1, Severity.ERROR, str(error).removeprefix(f"{launch.path}:"))]
     except (OSError, UnicodeDecodeError) as error:
@@ -77,7 +76,7 @@ def _walk(launch: _Launch, element: Element, namespace: str) -> None:
         space = namespace
         if child.tag == "arg":
             _argument(launch, child)
-        elif child.tag == "push-ros-namespace":
+        elif child.tag.replace("_", "-") == "push-ros-namespace":  # ROS 2 has both spellings
             namespace = _joined(namespace, launch.text(child, "namespace"))
         elif child.tag in ("group", "node"):
             space = _joined(namespace, launch.text(child, "ns") or launch.text(child, "namespace"))

@@ -185,7 +185,7 @@ def add_file_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--launch",
         metavar="FILE",
-        help="a ROS launch file (XML or Python). It is parsed, not executed: its arguments and any files "
+        help="a ROS launch file (XML, YAML or Python). It is parsed, not executed: its arguments and any files "
         "that the robot folder lacks are taken from it",
     )
     parser.add_argument(

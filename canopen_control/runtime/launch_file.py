@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.runtime.launch_python import LaunchCondition, LaunchInclude, LaunchNode, LaunchText, read_python
+from canopen_control.runtime.launch_yaml import read_yaml_launch
 from canopen_control.urdf.document import read_document
 from canopen_control.urdf.package_search import installed_file, package_folders
 
@@ -101,7 +102,7 @@ class LaunchFile:
 
 
 def read_launch(path: Path) -> LaunchFile:
-    """Read a launch file in XML or Python; RobotConfigError for another or an unreadable file."""
+    """Read a launch file in XML, YAML or Python; RobotConfigError for another or an unreadable file."""
     try:
         source = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -118,7 +119,14 @@ def read_launch(path: Path) -> LaunchFile:
             nodes=tuple(content.nodes),
             includes=tuple(content.includes),
         )
-    return _read_xml(read_document(source, str(path)).root, path)
+    return _read_xml(launch_elements(source, path), path)
+
+
+def launch_elements(source: str, path: Path) -> Element:
+    """Return the root element of a launch file in XML or YAML, by the ending of its name; RobotConfigError if wrong."""
+    if path.suffix in (".yaml", ".yml"):
+        return read_yaml_launch(source, str(path))
+    return read_document(source, str(path)).root
 
 
 @dataclass(slots=True)

@@ -112,6 +112,19 @@ def test_ros_2s_xml_is_read_too(tmp_path):
     assert "its controller_manager in '/r'" in told_text
 
 
+def test_yaml_is_read_too(tmp_path):
+    spawner = "node: {pkg: controller_manager, exec: spawner, args: %s -c /controller_manager}"
+    text = f"launch:\n  - {spawner % 'robby_base_controler'}\n"
+    (told_text,) = told(tmp_path, text, find_robot("robby"), name="base.launch.yaml")
+    assert "base.launch.yaml:2: error: the spawner is to load 'robby_base_controler'" in told_text
+    node = "node: {pkg: controller_manager, exec: spawner, args: robby_base_controller}"
+    text = f"launch:\n  - group:\n      - push_ros_namespace: {{namespace: r}}\n      - {node}\n"
+    (told_text,) = told(tmp_path, text, find_robot("robby"), name="base.launch.yaml")
+    assert "its controller_manager in '/r'" in told_text
+    (told_text,) = told(tmp_path, "launch: [", find_robot("robby"), name="base.launch.yaml")
+    assert "base.launch.yaml:1" in told_text
+
+
 def test_what_is_no_xml_or_python_is_told(tmp_path):
     (text,) = told(tmp_path, "<launch>")
     assert re.match(r"base\.launch:1: error: .*no element found", text)

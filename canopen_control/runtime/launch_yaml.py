@@ -1,0 +1,53 @@
+"""Elements of a ROS launch file in YAML, as those of the same file in XML (launch_yaml of ROS 2).
+
+An entity is a mapping with one key, its tag. Its scalars are attributes; a list of mappings is a child for each, with
+the key as tag. Entities below `group` stand in a list, or under `children`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.errors import RobotConfigError
+from canopen_control.urdf.document import Element, ElementPlace
+from canopen_control.yamlfile.reader import read
+
+if TYPE_CHECKING:
+    from canopen_control.yamlfile.node import Node
+
+
+def read_yaml_launch(source: str, path: str) -> Element:
+    """Return the root `launch` of a YAML launch file; RobotConfigError if it is not one, with all errors of YAML."""
+    document = read(source, path, error=RobotConfigError, strict=False)
+    document.problems.raise_if_any(RobotConfigError)
+    launch = document.get("launch")
+    if launch is None or launch.kind != "sequence":
+        raise RobotConfigError(f"{path}: no launch file: it has no list under the key `launch`")
+    return _with_entities(Element("launch", {}, _place(launch)), launch)
+
+
+def _place(node: Node) -> ElementPlace:
+    return ElementPlace(node.line, node.column)
+
+
+def _with_entities(parent: Element, entities: Node) -> Element:
+    for entity in entities.elements():
+        parent.children += [_element(tag, content) for tag, content in entity.items()]
+    return parent
+
+
+def _element(tag: str, content: Node) -> Element:
+    """Return the element of an entity or of a child such as `param`."""
+    element = Element(tag, {}, _place(content))
+    if content.kind == "sequence":  # a group
+        return _with_entities(element, content)
+    for key, value in content.items():
+        if key == "children":
+            _with_entities(element, value)
+        elif value.kind == "sequence":
+            element.children += [_element(key, child) for child in value.elements()]
+        elif value.kind == "mapping":
+            element.children.append(_element(key, value))
+        else:
+            element.attributes[key] = value.text
+    return element
