@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.arguments import add_duration, add_new_name, whole_number
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.host.quick_dataclasses import collector_off, quick_dataclasses
+from canopen_control.host.quick_start import quick_start
 from canopen_control.runtime.observer import RobotObserver
 from canopen_control.runtime.realtime import DEFAULT_PRIORITY, HIGHEST_PRIORITY
 
@@ -268,9 +268,10 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
     if motion and args.real:
         raise ConfigError(f"--real: {_NO_DEMO}")
     with contextlib.ExitStack() as stack:
-        with collector_off():
+        with quick_start():
             files = find_files(args)
-            bridge = stack.enter_context(_bridge_of(args, files)) if args.ros else None
+        bridge = stack.enter_context(_bridge_of(args, files)) if args.ros else None
+        with quick_start():
             setup, options = _prepare(args, files, bridge, motion=motion, table=table)
         return _run(args, setup, options)
 
@@ -326,9 +327,8 @@ def _prepare(
         channels = setup.files.asked.real_word or ", ".join(setup.channels.values())
         raise ConfigError(f"{channels}: {_NO_DEMO}")
     _require_parts(args, setup)
-    with quick_dataclasses():
-        from canopen_control.check import checker  # noqa: F401 - for the warnings
-        from canopen_control.runtime.run_session import RunOptions
+    from canopen_control.check import checker  # noqa: F401 - for the warnings
+    from canopen_control.runtime.run_session import RunOptions
 
     options = RunOptions(
         physics=args.physics,
@@ -355,14 +355,12 @@ def _prepare(
 
 def _share_imports(options: RunOptions) -> None:
     """Import the modules of drives, hub and recorder once, before they are forked."""
+    from canopen_control.bus import hub  # noqa: F401 - for the forks
     from canopen_control.host.fork import allow_forks
 
-    with quick_dataclasses():
-        from canopen_control.bus import hub  # noqa: F401 - for the forks
-
-        if options.drives:
-            from canopen_control.cli import drive  # noqa: F401 - for the forks
-            from canopen_control.virtual import device, launch, process  # noqa: F401 - for the forks
+    if options.drives:
+        from canopen_control.cli import drive  # noqa: F401 - for the forks
+        from canopen_control.virtual import device, launch, process  # noqa: F401 - for the forks
     allow_forks()
 
 
@@ -482,9 +480,10 @@ def read_setup(args: argparse.Namespace, files: RobotFiles | None = None, *, kee
         if files.bus_alone
         else DescriptionReader(files.description, mappings=mappings) as reader
     ):
-        with quick_dataclasses():  # takes as long as xacro does, on another processor
-            from canopen_control.od.eds import keep_files
-            from canopen_control.runtime.setup import read_robot
+        # the imports take as long as xacro does, on another processor
+        from canopen_control.od.eds import keep_files
+        from canopen_control.runtime.setup import read_robot
+
         if keep:
             keep_files()
         setup = read_robot(

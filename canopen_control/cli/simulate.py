@@ -42,6 +42,7 @@ import argparse
 import contextlib
 import gc
 import math
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -50,6 +51,7 @@ from canopen_control.cli.run import add_file_arguments, bridge_arguments, find_f
 from canopen_control.cli.support.arguments import add_new_name, number, whole_number
 from canopen_control.cli.support.output import Progress, json_line
 from canopen_control.errors import ConfigError, nearest
+from canopen_control.host.quick_start import quick_start
 
 if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
@@ -141,7 +143,9 @@ def _add_campaign(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="with --seeds: add N schedules for states in which no fault was injected yet",
     )
-    parser.add_argument("--jobs", type=_jobs, metavar="J", help="with --seeds: number of processes (default: 1)")
+    parser.add_argument(
+        "--jobs", type=_jobs, metavar="J", help="with --seeds: number of processes (default: one for each processor)"
+    )
     parser.add_argument(
         "--dask", metavar="ADDRESS", help="with --seeds: address of a Dask cluster, such as tcp://host:8786"
     )
@@ -192,15 +196,16 @@ def _run_one(args: argparse.Namespace) -> int:
     for option, value in (("--jobs", args.jobs), ("--aim", args.aim), ("--out", out), ("--dask", args.dask)):
         if value is not None:
             raise ConfigError(f"{option} is for a campaign; give the number of its seeds, as --seeds 100")
-    from canopen_control.simulation.robot_under_test import RobotUnderTest
-    from canopen_control.simulation.simulation_run import SimulationRun
-
     bridge = _bridge(args)
     if args.record is not None:
         from canopen_control.cli.support.simulation_recording import check_recording_name
 
         check_recording_name(Path(args.record))
-    setup = _setup(args)
+    with quick_start():
+        from canopen_control.simulation.robot_under_test import RobotUnderTest
+        from canopen_control.simulation.simulation_run import SimulationRun
+
+        setup = _setup(args)
     if setup.world is not None and not args.physics:
         raise ConfigError(f"{setup.files.asked.world_word or '--world'} is of a robot with physics; give --physics too")
     acts, seed, duration_ns = _schedule(args, setup)
@@ -304,8 +309,9 @@ def _setup(args: argparse.Namespace) -> RobotSetup:
 
 def _run_campaign(args: argparse.Namespace) -> int:
     """Run many seeds; 0 good, 1 with a breach."""
-    from canopen_control.cli.support.simulation_campaign import CampaignOrder, run_campaign
-    from canopen_control.simulation.random_schedule import known_faults
+    with quick_start():
+        from canopen_control.cli.support.simulation_campaign import CampaignOrder, run_campaign
+        from canopen_control.simulation.random_schedule import known_faults
 
     singles = ("--scenario", args.scenario), ("--recording", args.recording), ("--record", args.record)
     served = ("--serve", args.serve), ("--ros", args.ros), ("--like", args.like), ("--quirk", args.quirk)
@@ -314,7 +320,8 @@ def _run_campaign(args: argparse.Namespace) -> int:
             raise ConfigError(f"{option} is for one simulation; --seeds draws schedules, as fast as it can")
     if args.dask is not None and args.jobs is not None:
         raise ConfigError("--jobs is for processes of this computer, --dask for those of a cluster: give one of both")
-    setup = _setup(args)
+    with quick_start():
+        setup = _setup(args)
     drawn = known_faults(physics=args.physics)
     faults = drawn if args.faults in (None, "all") else _faults(args.faults, known_faults())
     files = (("--bus", args.bus), ("--controllers", args.controllers), ("--description", args.description))
@@ -329,13 +336,18 @@ def _run_campaign(args: argparse.Namespace) -> int:
         args.length or DEFAULT_NS // 3,
         faults,
         words,
-        args.jobs or 1,
+        args.jobs or min(_processors(), args.seeds),
         folder,
         args.json,
         args.dask,
         args.aim or 0,
     )
     return run_campaign(setup, order, folder or Path(f"simulate-{setup.name}"))
+
+
+def _processors() -> int:
+    """Return the number of processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[ScenarioEvent, ...], int, int]:

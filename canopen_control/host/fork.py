@@ -22,7 +22,7 @@ import threading
 import traceback
 from typing import TYPE_CHECKING, Final, NoReturn, TypeAlias
 
-from canopen_control.host.quick_dataclasses import quick_dataclasses
+from canopen_control.host.quick_start import quick_imports
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -148,7 +148,7 @@ def _run_child(
         sys.argv = [module, *arguments]
         _reset_signals()
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        with quick_dataclasses():
+        with quick_imports():
             program = importlib.import_module(module)
         code = program.main(list(arguments))
     except SystemExit as end:

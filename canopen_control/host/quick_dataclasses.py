@@ -1,19 +1,23 @@
-"""Faster imports at start: dataclasses that create their methods on first use, and no garbage collector.
+"""Dataclasses that create their methods on first use, for faster imports at start.
 
 The standard decorator compiles up to eight methods for each class, which is two fifths of the time that the imports of
-`run` take; most of them are never called. Python from 3.13 on compiles those of a class at once, and is left alone.
+`run` take; most of them are never called. Python from 3.13 on compiles those of a class at once, and is left alone. It
+also examines each annotation three times, for `ClassVar`, `InitVar` and `KW_ONLY`, which one look at the text excludes.
 """
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-import gc
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from types import FunctionType
+
+
+_PACKAGE: Final = "canopen_control."
+_SPECIAL: Final = ("ClassVar", "InitVar", "KW_ONLY")
 
 
 class _Method:
@@ -42,12 +46,10 @@ class _Method:
 
 @contextlib.contextmanager
 def quick_dataclasses() -> Iterator[None]:
-    """Make dataclasses defined in this context create methods on first use, except those of compiled modules.
-
-    To be used around imports of this package only.
-    """
+    """Make this package's dataclasses defined in this context create methods on first use, but for compiled modules."""
     create: Callable[..., FunctionType] | None = getattr(dataclasses, "_create_fn", None)
-    if create is None:
+    is_type: Callable[..., bool] | None = getattr(dataclasses, "_is_type", None)
+    if create is None or is_type is None:
         yield
         return
 
@@ -55,21 +57,20 @@ def quick_dataclasses() -> Iterator[None]:
         def make() -> FunctionType:
             return create(name, *arguments, globals=globals, **options)
 
-        return _Method(name, make) if str(globals.get("__file__", "")).endswith(".py") else make()
+        is_source = str(globals.get("__file__", "")).endswith(".py")
+        return _Method(name, make) if is_source and _is_ours(str(globals.get("__name__"))) else make()
 
-    dataclasses._create_fn = later  # type: ignore[attr-defined]  # noqa: SLF001 - no public way
+    def is_special(annotation: str, owner: type, *arguments: object) -> bool:
+        if _is_ours(owner.__module__) and not any(word in annotation for word in _SPECIAL):
+            return False
+        return is_type(annotation, owner, *arguments)
+
+    dataclasses._create_fn, dataclasses._is_type = later, is_special  # type: ignore[attr-defined]  # noqa: SLF001 - no public way
     try:
         yield
     finally:
-        dataclasses._create_fn = create  # type: ignore[attr-defined]  # noqa: SLF001 - as above
+        dataclasses._create_fn, dataclasses._is_type = create, is_type  # type: ignore[attr-defined]  # noqa: SLF001 - as above
 
 
-@contextlib.contextmanager
-def collector_off() -> Iterator[None]:
-    """Disable the garbage collector during a start, which creates almost no garbage."""
-    gc.disable()
-    try:
-        yield
-        gc.freeze()
-    finally:
-        gc.enable()
+def _is_ours(module: str) -> bool:
+    return module.startswith(_PACKAGE)

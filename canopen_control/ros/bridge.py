@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.client import RobotClient, select_robot
 from canopen_control.errors import CanopenError
 from canopen_control.host.lifeline import LivenessReport, gate_fd, lifeline_fd
-from canopen_control.host.quick_dataclasses import collector_off, quick_dataclasses
+from canopen_control.host.quick_start import quick_start
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import SocketInUse, claim, runtime_dir
 from canopen_control.ros.bridge_options import BridgeOptions, with_parameters
@@ -97,7 +97,7 @@ def _claim(robot: str, timeout: float) -> int:
 
 def _session_type() -> type[RosSession]:
     """Import the topics and services of a robot."""
-    with quick_dataclasses(), collector_off():
+    with quick_start():
         from canopen_control.ros.session import RosSession
     return RosSession
 
@@ -117,7 +117,7 @@ class Bridge:
         self._reactor.handle_signals({signal.SIGTERM: self._reactor.stop, signal.SIGINT: self._reactor.stop})
         if self._lifeline is not None:
             self._reactor.add_reader(self._lifeline, self._reactor.stop)
-        with collector_off():
+        with quick_start():
             self._start_ros(arguments.namespace, ros_arguments)
 
     def _take_robot(self) -> None:

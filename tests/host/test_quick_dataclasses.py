@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import gc
 import inspect
 import pickle
 import sys
@@ -12,10 +10,12 @@ from types import ModuleType
 
 import pytest
 
-from canopen_control.host.quick_dataclasses import _Method, collector_off, quick_dataclasses
+from canopen_control.host.quick_dataclasses import _Method, quick_dataclasses
 
 SOURCE = """
-from dataclasses import dataclass, field
+from __future__ import annotations
+from dataclasses import KW_ONLY, InitVar, dataclass, field
+from typing import ClassVar
 
 @dataclass(frozen=True, slots=True)
 class Point:
@@ -35,12 +35,22 @@ class Base:
 class Derived(Base):
     'Derived.'
     other: str = "a"
+
+@dataclass
+class Special:
+    'Fields that are none, and one by its name only.'
+    shared: ClassVar[int] = 3
+    seed: InitVar[int]
+    _: KW_ONLY
+    number: int = 0
+    def __post_init__(self, seed):
+        self.number += seed
 """
 
 
 @pytest.fixture(params=[True, False], ids=["quick", "standard"])
 def module(request, monkeypatch):
-    made = ModuleType("quick_module")
+    made = ModuleType("canopen_control.quick_module")
     made.__file__ = "quick_module.py"
     monkeypatch.setitem(sys.modules, made.__name__, made)
     if request.param:
@@ -83,9 +93,17 @@ def test_they_are_ordered_and_inherit(module):
     assert module.Base.__hash__ is None
 
 
+def test_what_is_no_field_is_recognised_by_its_annotation(module):
+    assert [field.name for field in dataclasses.fields(module.Special)] == ["number"]
+    assert module.Special(4, number=2).number == 6
+    assert (module.Special.shared, module.Special(1).number) == (3, 1)
+    with pytest.raises(TypeError, match="positional argument"):
+        module.Special(4, 2)
+
+
 @pytest.mark.skipif(sys.version_info >= (3, 13), reason="Python makes the methods of a class at once")
 def test_a_method_is_made_when_it_is_first_used():
-    made = ModuleType("quick_module")
+    made = ModuleType("canopen_control.quick_module")
     made.__file__ = "quick_module.py"
     sys.modules[made.__name__] = made
     with quick_dataclasses():
@@ -100,25 +118,14 @@ def test_a_method_is_made_when_it_is_first_used():
     assert dataclasses._create_fn.__module__ == "dataclasses"
 
 
-def test_compiled_modules_and_other_times_have_the_standard_ones(monkeypatch):
-    made = ModuleType("quick_module")
-    made.__file__ = "quick_module.cpython-311-x86_64-linux-gnu.so"
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [("canopen_control.quick_module", "quick_module.cpython-311-x86_64-linux-gnu.so"), ("users", "users.py")],
+)
+def test_compiled_modules_and_those_of_others_have_the_standard_ones(monkeypatch, name, file):
+    made = ModuleType(name)
+    made.__file__ = file
     monkeypatch.setitem(sys.modules, made.__name__, made)
     with quick_dataclasses():
         exec(SOURCE, made.__dict__)
     assert inspect.isfunction(vars(made.Point)["__eq__"])
-
-
-@pytest.mark.parametrize("fails", [False, True])
-def test_the_collector_is_off_for_a_start_only(fails):
-    frozen = gc.get_freeze_count()
-    assert gc.isenabled()
-    try:
-        with contextlib.suppress(ValueError), collector_off():
-            assert not gc.isenabled()
-            if fails:
-                raise ValueError
-        assert gc.isenabled()
-        assert (gc.get_freeze_count() > frozen) is not fails
-    finally:
-        gc.unfreeze()
