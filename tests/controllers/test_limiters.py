@@ -159,7 +159,7 @@ def test_jerk_is_limited_at_least_as_gently_as_in_older_distributions(case):
 
 def test_a_limiter_of_several_numbers_begins_at_rest_or_where_they_are_and_keeps_two_commands():
     limiter = RateLimiter((0.0, NAN))
-    laws = limiter.laws = [RateLaw(VelocityLimits(max_acceleration=1.0, max_jerk=5.0)) for _ in range(2)]
+    laws = limiter.laws = [RateLaw(VelocityLimits(max_jerk=5.0)) for _ in range(2)]
     expected = [(0.0, 0.0), (3.0, 3.0)]  # last and earlier of each
     for _ in range(5):
         desired = [9.0, 9.0]

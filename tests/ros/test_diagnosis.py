@@ -52,6 +52,15 @@ def test_what_is_wrong_with_a_drive_has_its_level(changes, level, message):
     assert (status.level, status.message) == (level, message)
 
 
+def test_a_drive_in_fault_has_the_fields_of_its_fault():
+    drive = node(3, "left") | {"fault": {"error_code": 0x4310, "error_register": 9, "data": "00"}}
+    drive["axes"][0] |= {"cia402_state": "FAULT", "fault": {"error_code": 0x4310, "statusword": 0x0618}}
+    values = diagnose("robby", sample_of({"time": 1.0, "state": "fault", "nodes": {"left_drive": drive}}), {})[0].values
+    expected = {"error_code": "0x4310", "error_register": "0x09", "data": "00"}
+    assert {key: values[key] for key in expected} == expected
+    assert values["left error code"] == "0x4310 (drive temperature too high)"
+
+
 def test_a_node_never_seen_says_so():
     assert told("left_drive", age_s=None).values["age"] == "never seen"
 

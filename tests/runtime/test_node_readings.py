@@ -8,6 +8,8 @@ import random
 
 import msgspec
 import pytest
+from support.faultbench import FaultBench
+from support.generic import write_generic
 from support.robots import RIGHT, Bench
 
 from canopen_control.errors import CanopenError
@@ -28,6 +30,23 @@ def test_a_drive_that_nothing_stops_says_why():
     assert read_anew(bench.robot)["left_drive"].unsupervised == ""
     node.plan = dataclasses.replace(node.plan, unsupervised="it has no 0x1016")
     assert read_anew(bench.robot)["left_drive"].unsupervised == "it has no 0x1016"
+    bench.close()
+
+
+def test_a_fault_is_that_of_the_emcy_at_the_node_and_of_statusword_and_code_at_the_axis(tmp_path):
+    bench = FaultBench("readings", config=write_generic(tmp_path), drives=(2, 3), controllers=["velocity"])
+    bench.start()
+    name = next(iter(bench.robot.nodes))
+    assert read_anew(bench.robot)[name].fault is None
+    bench.drives[2].drives[0].fault(0x4310, bench.reactor.now())
+    bench.run(100)
+    reading = bench.robot.node_readings.at(bench.reactor.now())[name]
+    axis = reading.axes[0]
+    assert (reading.fault.error_code, axis.fault.error_code) == (0x4310, 0x4310)
+    assert axis.fault.statusword & 0x4F == 0x08
+    assert axis.error == "EMCY 0x4310 (drive temperature too high)"
+    bench.robot.nodes[name].error = None  # as of a drive without EMCY
+    assert read_anew(bench.robot)[name].axes[0].error == "0x4310 (drive temperature too high)"
     bench.close()
 
 

@@ -5,6 +5,7 @@ from support.tracing import frame, robby_decoder, robby_network, said
 
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame
 from canopen_control.od.model import DataType
+from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.trace.decoder import SERVICES, Decoder, Mark
 from canopen_control.trace.network_description import (
     DescribedPdoObject,
@@ -99,6 +100,15 @@ def test_news_of_a_drive_are_marked_once():
         Mark.PLAIN,
         Mark.NOTABLE,
     ]
+
+
+def test_a_frame_that_shows_a_fault_has_it_for_programs():
+    decoder = robby_decoder()
+    faults = [decoder.decode(frame(0x183, data)).fault for data in ("370603", "180603", "180603", "500603")]
+    assert faults == [None, FaultEvent(statusword=0x0618), None, None]
+    emergency, end = (one(0x083, data).fault for data in ("1186210100000000", "0000000000000000"))
+    assert emergency == FaultEvent(0x8611, 0x21, "0100000000")
+    assert end.is_over
 
 
 def test_a_short_pdo_is_said_and_a_long_one_is_read():
