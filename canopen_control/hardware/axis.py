@@ -22,7 +22,7 @@ from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:
     from canopen_control.cia301.sdo_exchange import SdoRequest
-    from canopen_control.master.cycle import Input, Output, ProcessImage
+    from canopen_control.master.cycle import Input, Output, ProcessImage, ReceivedPdo
     from canopen_control.master.remote_node import RemoteNode
 
 
@@ -52,7 +52,14 @@ class AxisStatus:
         self.word: int | None = None
         self.display: int | None = None
         self._axis, self._machine = axis, machine
-        self._pdo, self._statusword, self._place = axis.statusword.pdo, axis.statusword, axis.statusword.position
+        self.pdo, self.place = axis.statusword.pdo, axis.statusword.position
+        """Where the statusword is."""
+        self.shown: ReceivedPdo | None = None
+        """The PDO of the mode, at `shown_place`; None where the mode is not in a TPDO and an RPDO."""
+        self.shown_place = 0
+        if axis.display is not None and axis.mode is not None:
+            self.shown, self.shown_place = axis.display.pdo, axis.display.position
+        self._statusword = axis.statusword
         self._node = axis.node
         self._shown = axis.display
         self._by_sdo = StatuswordBySdo(axis)
@@ -62,7 +69,7 @@ class AxisStatus:
 
     def update(self, now: int) -> None:
         """Process new values."""
-        pdo, shown = self._pdo, self._shown
+        pdo, shown = self.pdo, self._shown
         if not self._node.ready:
             self.word = self.display = None
             return
@@ -72,7 +79,7 @@ class AxisStatus:
         elif pdo.overdue:
             word = self._by_sdo.word(self._statusword.value, now)
         else:
-            word = pdo.values[self._place]
+            word = pdo.values[self.place]
         self.word = word  # type: ignore[assignment]  # a statusword is an integer
         display: object = None
         if shown is not None and (showing := shown.pdo).stamp >= 0:
@@ -87,14 +94,14 @@ class AxisStatus:
 
         Without SYNCs the first one has no due time: it is then read by SDO only if an end is awaited.
         """
-        if self._pdo.overdue or self._machine.goal is not DriveGoal.ENABLED:
+        if self.pdo.overdue or self._machine.goal is not DriveGoal.ENABLED:
             return self._by_sdo.word(None, now)
         return None
 
     def blind_word(self, now: int) -> int:
         """Return the controlword for a drive without a statusword: a quick stop, then power off."""
         if self._blind_since is None:
-            if self._pdo.stamp < 0:
+            if self.pdo.stamp < 0:
                 return 0  # never seen: not started yet
             self._blind_since = now
         stopping = self._holds_load or now - self._blind_since < BLIND_STOP_NS

@@ -19,6 +19,7 @@ from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 if TYPE_CHECKING:
     from canopen_control.hardware.axis import AxisProcessData
     from canopen_control.master.cycle import Input
+    from canopen_control.od.model import Value
     from canopen_control.urdf.ros2_control import ControlJoint
 
 
@@ -131,6 +132,11 @@ class Feedback:
         self._raw_velocity: int | None = None
         self._raw_effort: int | None = None
         self._more = self._effort is not None or bool(self._extras)
+        present_pdos = [None if signal is None else signal.pdo for signal in (axis.position, axis.velocity)]
+        self._position_pdo, self._velocity_pdo = (pdo or axis.statusword.pdo for pdo in present_pdos)
+        self._rests = None not in present_pdos and not self._more  # same values in both PDOs need no work
+        self._position_values: tuple[Value, ...] | None = None  # that were taken last, of an axis that `_rests`
+        self._velocity_values: tuple[Value, ...] | None = None
         self._position_state = self.states.get(POSITION, StateInterface(description.name, POSITION))
         self._velocity_state = self.states.get(VELOCITY, StateInterface(description.name, VELOCITY))
         self._slack = round(abs(axis.scale.pos_to_dev) * _SLACK) + 1
@@ -145,30 +151,37 @@ class Feedback:
         """Reset after the node returned: its position is set to the previous joint position."""
         self._axis.unwrap.rebase()
         self._derived_at = -_LOOK_NS
+        self._position_values = self._velocity_values = None
         self._raw_position = self._raw_velocity = self._raw_effort = None
 
     def restart(self) -> None:
         """Reset after homing: the drive's position is valid from now on."""
         self._axis.unwrap = PositionUnwrapper()
-        self._raw_position = None
+        self._position_values = self._raw_position = None
         self._derived_at = -_LOOK_NS
         self._jumps = 0
 
     def node_lost(self) -> None:
         """Reset after the node was lost: all values are unknown."""
         self.at_standstill = True
+        self._position_values = self._velocity_values = None
         for state in self.states.values():
             state.value = math.nan
 
     def read(self, now: int) -> int:
         """Process new values; return a jump of the position in counts, 0 for none."""
+        position_values, velocity_values = self._position_pdo.values, self._velocity_pdo.values
+        if self._rests and position_values is self._position_values and velocity_values is self._velocity_values:
+            self._sampled_before, self._sampled = self._sampled, self._position_pdo.stamp
+            return 0
         jump = 0
         velocity = self._velocity
         if velocity is not None:
             pdo = velocity.pdo
             if pdo.count != self._velocity_count and pdo.stamp >= 0:
                 self._velocity_count = pdo.count
-                raw: int = pdo.values[velocity.position]  # type: ignore[assignment]  # mapped drive objects are integers
+                self._velocity_values = velocity_values
+                raw: int = velocity_values[velocity.position]  # type: ignore[assignment]  # mapped drive objects are integers
                 if raw != self._raw_velocity:
                     self._raw_velocity = raw
                     # + 0.0: a mirrored drive that stands still has no velocity of -0.0
@@ -179,14 +192,13 @@ class Feedback:
             pdo = position.pdo
             if pdo.count != self._position_count and pdo.stamp >= 0:
                 self._position_count = pdo.count
+                self._position_values = position_values
                 self._sampled_before, self._sampled = self._sampled, pdo.stamp
-                raw = pdo.values[position.position]  # type: ignore[assignment]  # as above
+                raw = position_values[position.position]  # type: ignore[assignment]  # as above
                 if raw != self._raw_position:
                     jump = self._take_position(raw, pdo.stamp)
-                elif velocity is None:
-                    self.at_standstill = now - self._moved_at >= _STILL_NS
-                if self._derives:
-                    self._derive(pdo.stamp)
+                if velocity is None:
+                    self._without_velocity(pdo.stamp, now)
         if self._more:
             self._read_more(now)
         return jump
@@ -201,6 +213,7 @@ class Feedback:
     def refresh_scale(self) -> None:
         """Convert the next frames again after a change of the scale."""
         self._slack = round(abs(self._axis.scale.pos_to_dev) * _SLACK) + 1
+        self._position_values = self._velocity_values = None
         self._raw_position = self._raw_velocity = self._raw_effort = None
         self._position_count = self._velocity_count = self._effort_count = -1
 
@@ -220,6 +233,13 @@ class Feedback:
         self._jumps = unwrap.jumps
         self._jump_speed = unwrap.last_jump * 1e9 / max(stamp - self._sampled_before, 1)
         return unwrap.last_jump
+
+    def _without_velocity(self, stamp: int, now: int) -> None:
+        """Judge standstill by positions, and derive the velocity where it is a state interface."""
+        if self._moved_at != stamp:
+            self.at_standstill = now - self._moved_at >= _STILL_NS
+        if self._derives:
+            self._derive(stamp)
 
     def _derive(self, stamp: int) -> None:
         """Compute the velocity from positions at least `_DERIVED_NS` apart."""

@@ -229,13 +229,9 @@ class InterfaceRegistry:
         self._commands: dict[str, CommandInterface] = {}
         self._exported_states: dict[str, StateInterface] = {}
         self._components: dict[str, HardwareComponent] = {}
-        self._in_order: tuple[HardwareComponent, ...] = ()
-        self._exporters: dict[str, str] = {}
-
-    @property
-    def components(self) -> tuple[HardwareComponent, ...]:
+        self.components: tuple[HardwareComponent, ...] = ()
         """Registered components, in order of registration."""
-        return self._in_order
+        self._exporters: dict[str, str] = {}
 
     @property
     def state_interfaces(self) -> tuple[StateInterface, ...]:
@@ -254,7 +250,7 @@ class InterfaceRegistry:
         _refuse_doubles("state", component.name, component.state_interfaces, self._states)
         _refuse_doubles("command", component.name, component.command_interfaces, self._commands)
         self._components[component.name] = component
-        self._in_order = tuple(self._components.values())
+        self.components = tuple(self._components.values())
         self._states.update({state_interface.name: state_interface for state_interface in component.state_interfaces})
         self._commands.update({interface.name: interface for interface in component.command_interfaces})
         self._exporters.update({interface.name: component.name for interface in component.command_interfaces})

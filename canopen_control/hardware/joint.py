@@ -338,22 +338,26 @@ class JointDrive(JointParts):
         """Advance the state machine by one cycle; return whether `events` has entries."""
         self._now = now
         machine, status, power = self.machine, self._status, self.power
-        status.update(now)
-        word, before = status.word, machine.statusword
-        machine.standstill = self.feedback.at_standstill
-        if word == before and status.display == machine.mode_request.display and now < machine.due:
-            control = machine.controlword  # as `update`, without the call
+        pdo, shown = status.pdo, status.shown
+        word: int | None
+        display: int | None
+        if shown is not None and pdo.stamp >= 0 and shown.stamp >= 0 and not pdo.overdue and self.node.ready:
+            # as `AxisStatus.update`, without the call; both are integers
+            status.word = word = pdo.values[status.place]  # type: ignore[assignment]
+            status.display = display = shown.values[status.shown_place]  # type: ignore[assignment]
         else:
-            control = machine.update(word, status.display, now)
-        if machine.evaluations != self._evaluations or word != before:
-            self._evaluations = machine.evaluations
-            if power.following and not machine.may_move:
-                self._fire(PhaseTrigger.MUST_REST)
-            if word is not None and word != before:
-                self._events += self._watch.look(word, machine.mode, self.targets.current, self._stops_at_limits)
-            self._take_events()
-        elif (current := self.targets.current) is not None and current.handshakes:
-            self._take_events()
+            status.update(now)
+            word, display = status.word, status.display
+        before = machine.statusword
+        if word == before and display == machine.mode_request.display and now < machine.due:
+            control = machine.controlword  # as `update`, without the call
+            current = self.targets.current
+            if current is not None and current.handshakes:
+                self._take_events()
+        else:
+            machine.standstill = self.feedback.at_standstill
+            control = machine.update(word, display, now)
+            self._take_update(word, before)
         if power.watched:
             self._check_transitions(now)
         if self._limits.blocked and not self._events and machine.may_move and self._commands_into_limit():
@@ -364,6 +368,19 @@ class JointDrive(JointParts):
         if control != output.value:
             output.set(control)
         return bool(self._events)
+
+    def _take_update(self, word: int | None, before: int | None) -> None:
+        """Process what the machine has made of a statusword, of a mode or of a time."""
+        machine, current = self.machine, self.targets.current
+        if machine.evaluations != self._evaluations or word != before:
+            self._evaluations = machine.evaluations
+            if self.power.following and not machine.may_move:
+                self._fire(PhaseTrigger.MUST_REST)
+            if word is not None and word != before:
+                self._events += self._watch.look(word, machine.mode, current, self._stops_at_limits)
+            self._take_events()
+        elif current is not None and current.handshakes:
+            self._take_events()
 
     def write(self, now: int, period: float) -> None:
         """Set mode and targets, after every joint of the group has processed its statusword."""

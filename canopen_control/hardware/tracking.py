@@ -238,6 +238,12 @@ class Tracking:
     def step(self, target: float, actual: float) -> None:
         """Add this cycle's set-point and the value measured before it; nan for none."""
         last = self._first
+        if target == actual and target == last == self._second == self._third:  # no error, and none before
+            self._count += 1
+            self._still += 1
+            if self._count >= self._full:
+                self._turn()
+            return
         error = (self._third if self._late else self._second) - actual
         self._third, self._second, self._first = self._second, last, target
         if error < 0.0:

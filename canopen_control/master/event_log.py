@@ -110,7 +110,7 @@ class EventLog:
         self.waiting: deque[Event] = deque()
         self._recent: deque[_Repeated] = deque(maxlen=capacity)
         self._open: dict[tuple[str, str, str], _Repeated] = {}
-        self._due = _NEVER
+        self.due = _NEVER
         self._capacity = capacity
 
     @property
@@ -127,7 +127,7 @@ class EventLog:
             events = self._close_oldest() if len(self._open) >= _MOST_OPEN else []
             repeated = self._open[key] = _Repeated(event)
             self._recent.append(repeated)
-            self._due = min(self._due, repeated.until)
+            self.due = min(self.due, repeated.until)
         else:
             events = []
             repeated.event, repeated.count = event, repeated.count + event.count
@@ -136,24 +136,20 @@ class EventLog:
             events.append(event)
         return self._report(events)
 
-    def is_due(self, now: int) -> bool:
-        """Whether `tick` has summaries to return."""
-        return now >= self._due
-
     def tick(self, now: int) -> list[Event]:
         """Return the due summaries."""
         events: list[Event] = []
         for key, repeated in list(self._open.items()):
             if now >= repeated.until:
                 events += self._end_window(key, repeated)
-        self._due = min((repeated.until for repeated in self._open.values()), default=_NEVER)
+        self.due = min((repeated.until for repeated in self._open.values()), default=_NEVER)
         return self._report(events)
 
     def flush(self) -> list[Event]:
         """Return all pending summaries, at the end."""
         events = [repeated.sum() for repeated in self._open.values() if repeated.count > repeated.told]
         self._open.clear()
-        self._due = _NEVER
+        self.due = _NEVER
         return self._report(events)
 
     def _end_window(self, key: tuple[str, str, str], repeated: _Repeated) -> list[Event]:

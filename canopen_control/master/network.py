@@ -193,6 +193,8 @@ class Network:
         self.pdo_watch = PdoWatch(config.master.sync_period * 1000)
         self._since: int | None = None  # of what a late process reads: when no frame waited to be read
         self._pdo_owner: dict[ReceivedPdo, RemoteNode] = {}
+        self._last_records = b""  # what was received last; drives that stand send the same again
+        self._repeated: list[ReceivedPdo] | None = None  # its PDOs, once it came twice: they have these values already
         self._to_boot: list[RemoteNode] = []
         self._guarding: GuardingMaster | None = None
         self._sync_elsewhere = False
@@ -240,6 +242,16 @@ class Network:
     def receive(self, records: bytes, now: int, since: int | None = None) -> None:
         """Process received records; a late process reads those received between `since` and `now`."""
         self._since, stamp = since, now if since is None else since
+        if records == self._last_records:
+            if self._repeated is None:
+                self._repeated = self._pdos_of(records)
+            if self._repeated:
+                for received in self._repeated:
+                    received.stamp = stamp
+                    received.count += 1
+                return
+        else:
+            self._last_records, self._repeated = records, None
         handlers, pdos = self._handlers, self._pdos
         for can_id, length, data in RECORD.iter_unpack(records):
             pdo = pdos.get(can_id)
@@ -250,6 +262,16 @@ class Network:
                 self.unknown += 1
             else:
                 handler(data, length, now)
+
+    def _pdos_of(self, records: bytes) -> list[ReceivedPdo]:
+        """Return the PDOs of the records in order; nothing where one is no TPDO, or one of another length."""
+        received = []
+        for can_id, length, _ in RECORD.iter_unpack(records):
+            pdo = self._pdos.get(can_id)
+            if pdo is None or length != pdo.length:
+                return []
+            received.append(pdo)
+        return received
 
     def tick(self, now: int) -> None:
         """Process timeouts up to `now`; cheap while none is due."""
@@ -415,6 +437,7 @@ class Network:
 
     def _lay_out(self, node: RemoteNode, result: BootResult) -> None:
         """Set up process data as the boot found or configured them, with the node's own values."""
+        self._last_records, self._repeated = b"", None  # other routes, and values that were read by SDO
         own = {(kind, layout.number): layout for kind, layout in result.adopted}
         for planned, received in zip(node.plan.tpdos, node.received, strict=True):
             layout = own.get(("tpdo", planned.number), planned)

@@ -120,7 +120,8 @@ class RobotCycle:
         for component in components:
             if component.read(now, period) is ERROR:
                 self._failed(component, "read", now)
-        self._robot.advance(now)
+        if self._robot.advances:
+            self._robot.advance(now)
         manager.update(edge, period)
         for component in components:
             if component.write(now, self._period) is ERROR:
@@ -135,7 +136,8 @@ class RobotCycle:
     def _simulate(self, now: int) -> None:
         """Execute the cycle of a simulated robot without buses: the requested steps only while paused."""
         clock, edge, skipped = self.clock, self._pacer.edge, self._pacer.skipped
-        self._robot.advance(now)
+        if self._robot.advances:
+            self._robot.advance(now)
         if clock.take(edge):
             self._turn(clock.edge, self._skip(skipped) if skipped and not clock.paused else self._period)
             until = now + self._pacer.period_ns // 2
@@ -246,6 +248,8 @@ class RobotCore:
         self.cycle = RobotCycle(self.pacer, assembly, self.manager, reactor, self)
         self.pacer.on_edge = self.cycle.step
         self._phase = RobotState.STARTING
+        self.advances = True
+        """Whether it starts or stops, and `advance` has steps."""
         self._activated = self._was_latched = False
         self._deadline = self._stopping_until = 0
         self._requests: list[PendingAxisRequest] = []
@@ -354,7 +358,7 @@ class RobotCore:
             return
         now = self.reactor.now()
         self.report(Event(now, "stopping", "", f"stopping: {why}"))
-        self._phase = RobotState.STOPPING
+        self._phase, self.advances = RobotState.STOPPING, True
         self._stopping_until = now + STOP_TIMEOUT_NS
         self.manager.running.forget(self.cycle.clock.now(), f"the robot is stopping ({why})")
         self._release_all(now)
@@ -370,7 +374,7 @@ class RobotCore:
         for request in self._requests:
             request.fail("the robot has stopped")
         self._requests.clear()
-        self._phase = RobotState.STOPPED
+        self._phase, self.advances = RobotState.STOPPED, False
 
     # ------------------------------------------------------------------------------------------- verbs
 
@@ -506,11 +510,11 @@ class RobotCore:
 
     def after_cycle(self, now: int) -> None:
         """Process the results of a cycle whose frames were sent."""
-        if moved := self.wall.look(now):
+        pacer, manager, wall = self.pacer, self.manager, self.wall
+        if now >= wall.look_at and (moved := wall.look(now)):
             self._report_clock_step(moved)
         if self._requests:
             self._requests = [request for request in self._requests if not request.settle(now)]
-        pacer, manager = self.pacer, self.manager
         if pacer.missed != pacer.told and (missed := pacer.newly_missed(now)):
             text = f"a cycle was missed, {self.pacer.late_max / 1e6:.0f} ms late at worst; is the machine busy?"
             text += cost_of_skipping(self.joints.values())
@@ -518,13 +522,13 @@ class RobotCore:
         for event in manager.events() if manager.happened else ():
             level = _CONTROLLER_LEVELS.get(event.kind, Level.WARNING)
             self.report(Event(now, event.kind, "", event.text, level, controller=event.controller))
-        if self.events.is_due(now):
+        if now >= self.events.due:
             self._report(self.events.tick(now))
         for observer in self.observers:
             observer.after_cycle(now)
 
     def advance(self, now: int) -> None:
-        """Execute the next step of starting or stopping, if there is one."""
+        """Execute the next step of starting or stopping; called while `advances`."""
         if self._phase is RobotState.STARTING:
             self._advance_start(now)
         elif self._phase is RobotState.STOPPING:
@@ -541,7 +545,7 @@ class RobotCore:
             for system in self.systems if self._was_latched else ():
                 system.stop(now)  # a release enables nothing
         elif self._activated and (startup_complete(self.nodes.values(), self.joints.values()) or now > self._deadline):
-            self._phase = RobotState.RUNNING
+            self._phase, self.advances = RobotState.RUNNING, False
             self.report(Event(now, "running", "", f"{self.setup.name} runs: {self.setup.runs}"))
             self.has_run = True
             for observer in self.observers:

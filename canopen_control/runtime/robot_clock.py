@@ -35,7 +35,8 @@ class WallClock:
         self._now, self._follows = now, follows
         self._unix = time.time_ns if unix is None else unix
         self.offset_ns = self._unix() - now()
-        self._look_at = 0
+        self.look_at = 0
+        """When `look` is due again."""
         self._before: tuple[int, int] | None = (
             None  # the offset before the clock was set back, and until when it counts
         )
@@ -46,9 +47,9 @@ class WallClock:
 
     def look(self, now: int) -> int:
         """Follow the system clock, ten times a second; return its forward step in ns since the last call."""
-        if now < self._look_at:
+        if now < self.look_at:
             return 0
-        self._look_at = now + _LOOK_NS
+        self.look_at = now + _LOOK_NS
         return self.follow()
 
     def follow(self) -> int:

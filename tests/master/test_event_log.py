@@ -15,7 +15,7 @@ def run(log, events, until):
     for now in range(0, until, S // 10):
         while events and events[0].time <= now:
             told += [(now, each) for each in log.add(events.pop(0))]
-        if log.is_due(now):
+        if now >= log.due:
             told += [(now, each) for each in log.tick(now)]
     return told
 
