@@ -25,7 +25,6 @@ from canopen_control.version import __version__, build
 
 if TYPE_CHECKING:
     from canopen_control.hardware.joint import JointDrive
-    from canopen_control.master.remote_node import RemoteNode
     from canopen_control.runtime.core import RobotCore
 
 
@@ -66,7 +65,11 @@ def status_message(robot: RobotCore, readings: Readings | None = None) -> Status
         true_pose=robot.truth.reading,
         late_edges_s=[edge / 1e9 for edge in LATE_EDGES_NS],
         buses=_buses(robot),
-        boot=[step for node in robot.nodes.values() for step in _boot_steps(node)],
+        boot=[
+            BootStep(node.name, step.name, step.seconds, step.error or None)
+            for node in robot.nodes.values()
+            for step in node.boot_steps
+        ],
         failure=robot.failure,
         missing_programs=dict(robot.missing_programs),
         commander=robot.commander,
@@ -200,7 +203,3 @@ def _joints(robot: RobotCore) -> dict[str, JointReading]:
 def _tracking(joint: JointDrive | None) -> TrackingReading | None:
     figures = None if joint is None else joint.tracking.figures()
     return None if joint is None or figures is None else TrackingReading(joint.tracking.interface, *figures)
-
-
-def _boot_steps(node: RemoteNode) -> list[BootStep]:
-    return [BootStep(node.name, step.name, step.seconds, step.error or None) for step in node.boot_steps]

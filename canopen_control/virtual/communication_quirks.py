@@ -373,10 +373,6 @@ def _cob_id_not_stored(hooks: QuirkHooks, _strength: float) -> None:
     hooks.guard([0x1010], judge)
 
 
-def _rpdo_late(hooks: QuirkHooks, seconds: float) -> None:
-    hooks.healthy(hooks.node.pdos.input.delay_ns, round(seconds * _S))
-
-
 _PROCESS_DATA: Final[tuple[Quirk, ...]] = (
     Quirk(
         "mapping_count_first",
@@ -481,7 +477,7 @@ _PROCESS_DATA: Final[tuple[Quirk, ...]] = (
         "takes RPDOs late",
         "CiA 402-2, 12 to 15 (cyclic modes)",
         "unsourced",
-        node=_rpdo_late,
+        node=lambda hooks, seconds: hooks.healthy(hooks.node.pdos.input.delay_ns, round(seconds * _S)),
         strength=in_seconds(0.003, 1.0),
     ),
     Quirk(
@@ -550,10 +546,6 @@ def _clock_drift(hooks: QuirkHooks, ppm: float) -> None:
     hooks.node.set_clock_drift(ppm)
 
 
-def _heartbeat_at_start(hooks: QuirkHooks, seconds: float) -> None:
-    hooks.preset(0x1017, 0, round(seconds * 1000))
-
-
 _NETWORK: Final[tuple[Quirk, ...]] = (
     Quirk(
         "boot_delay",
@@ -593,7 +585,7 @@ _NETWORK: Final[tuple[Quirk, ...]] = (
         "sends heartbeats with this period from its boot-up on",
         "CiA 301, object 0x1017",
         "unsourced",
-        node=_heartbeat_at_start,
+        node=lambda hooks, seconds: hooks.preset(0x1017, 0, round(seconds * 1000)),
         strength=in_seconds(1.0),
         group="heartbeat",
     ),

@@ -286,7 +286,6 @@ def recovered_from_bus_off(node: VirtualNode, on: bool, _now: int) -> None:
 # else.
 
 
-_MS = 1_000_000
 _MUX = struct.Struct("<BHB")
 _ABORT, _SEGMENTS = 0x80, (0x00, 0x10)
 
@@ -336,14 +335,6 @@ def _data(frame: CanFrame, data: bytes) -> list[tuple[int, CanFrame]]:
     return [(0, CanFrame(frame.can_id, data))]
 
 
-def _shortened(frame: CanFrame) -> list[tuple[int, CanFrame]]:
-    return _data(frame, frame.data[:-1])
-
-
-def _lengthened(frame: CanFrame) -> list[tuple[int, CanFrame]]:
-    return _data(frame, (frame.data + b"\xa5")[:8])
-
-
 def _wrong_mux(frame: CanFrame) -> list[tuple[int, CanFrame]]:
     command, index, subindex = _MUX.unpack_from(frame.data)
     return _data(frame, _MUX.pack(command, index + 1 & 0xFFFF, subindex) + frame.data[4:])
@@ -354,10 +345,6 @@ def _toggled(frame: CanFrame) -> list[tuple[int, CanFrame]]:
     if frame.data[0] >> 5 in (0, 1):
         return _data(frame, bytes((frame.data[0] ^ 0x10,)) + frame.data[1:])
     return [(0, frame)]
-
-
-def _lost_segment(frame: CanFrame) -> list[tuple[int, CanFrame]]:
-    return [] if frame.data[0] >> 5 == 0 else [(0, frame)]
 
 
 def _one_byte(frame: CanFrame) -> list[tuple[int, CanFrame]]:
@@ -371,10 +358,6 @@ def _pre_operational(frame: CanFrame) -> list[tuple[int, CanFrame]]:
     return _data(frame, b"\x7f") if frame.data != b"\0" else [(0, frame)]
 
 
-def _twice(frame: CanFrame) -> list[tuple[int, CanFrame]]:
-    return [(0, frame), (0, frame)]
-
-
 def jittered(node: VirtualNode, frame: CanFrame, now: int) -> list[tuple[int, CanFrame]]:
     """Delay heartbeats by up to 60 % of their period, each by another amount."""
     if not is_heartbeat(node, frame) or frame.data == b"\0":
@@ -386,14 +369,14 @@ def jittered(node: VirtualNode, frame: CanFrame, now: int) -> list[tuple[int, Ca
 
 heartbeat_dropped: Outgoing = _on(is_heartbeat, lambda _frame: [])
 heartbeat_wrong: Outgoing = _on(is_heartbeat, _pre_operational)
-heartbeat_twice: Outgoing = _on(is_heartbeat, _twice)
+heartbeat_twice: Outgoing = _on(is_heartbeat, lambda frame: [(0, frame), (0, frame)])
 tpdo_dropped: Outgoing = _on(is_tpdo, lambda _frame: [])
-tpdo_shortened: Outgoing = _on(is_tpdo, _shortened)
-tpdo_lengthened: Outgoing = _on(is_tpdo, _lengthened)
+tpdo_shortened: Outgoing = _on(is_tpdo, lambda frame: _data(frame, frame.data[:-1]))
+tpdo_lengthened: Outgoing = _on(is_tpdo, lambda frame: _data(frame, (frame.data + b"\xa5")[:8]))
 tpdo_delayed: Outgoing = _on(is_tpdo, lambda frame: [(70 * _MS, frame)])
 sdo_wrong_mux: Outgoing = _on(is_sdo_answer, _wrong_mux)
 sdo_toggled: Outgoing = _on(is_sdo_answer, _toggled)
-sdo_segment_lost: Outgoing = _on(is_sdo_answer, _lost_segment)
+sdo_segment_lost: Outgoing = _on(is_sdo_answer, lambda frame: [] if frame.data[0] >> 5 == 0 else [(0, frame)])
 sdo_one_byte: Outgoing = _on(is_sdo_answer, _one_byte)
 
 

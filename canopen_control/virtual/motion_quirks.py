@@ -149,10 +149,6 @@ def _inputs_shifted(hooks: QuirkHooks, drive: VirtualDrive, bits: float) -> None
     hooks.show(o.DIGITAL_INPUTS + drive.objects.offset, 0, view)
 
 
-def _set_points_elsewhere(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
-    hooks.gate(drive).closed_by.add("source")
-
-
 def _takes(passes: Callable[[VirtualDrive, int, int], bool]) -> AxisAct:
     """Return an act that accepts a PP set-point only under a condition."""
 
@@ -186,10 +182,6 @@ def _own_velocity_unit(hooks: QuirkHooks, drive: VirtualDrive, counts: float) ->
     units.update(objects)
 
 
-def _record_position(hooks: QuirkHooks, drive: VirtualDrive, subindex: float) -> None:
-    hooks.attribute(drive.modes.interpolated, "position_subindex", int(subindex))
-
-
 def _period_rounded(hooks: QuirkHooks, drive: VirtualDrive, ms: float) -> None:
     step = int(ms)
 
@@ -197,10 +189,6 @@ def _period_rounded(hooks: QuirkHooks, drive: VirtualDrive, ms: float) -> None:
         return before(entry, max(1, int(value) // step * step) if entry.subindex == 1 else value)
 
     hooks.guard([o.INTERPOLATION_TIME_PERIOD + drive.objects.offset], judge)
-
-
-def _parameter_clamped(hooks: QuirkHooks, most: float) -> None:
-    hooks.healthy(hooks.node.store.ceilings, {o.PROFILE_ACCELERATION: int(most)})
 
 
 _SET_POINTS: Final[tuple[Quirk, ...]] = (
@@ -232,7 +220,7 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
         "takes its set-points from another source than the bus: enabled, it does not move",
         _CONTROL,
         "Vacon/H-Max frequency converters: a project's plan (START SRC)",
-        _set_points_elsewhere,
+        lambda hooks, drive, _strength: hooks.gate(drive).closed_by.add("source"),
     ),
     Quirk(
         "no_phase_lock",
@@ -265,7 +253,7 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
         "takes the position of IP from another subindex of 0x60C1 (the strength)",
         "CiA 402-2, object 0x60C1",
         "ros_canopen#307 (Kollmorgen RGM)",
-        _record_position,
+        lambda hooks, drive, subindex: hooks.attribute(drive.modes.interpolated, "position_subindex", int(subindex)),
         strength=whole("subindex", 2, 2, 8),
     ),
     Quirk(
@@ -312,7 +300,7 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
         "takes at most so much for 0x6083, silently",
         "CiA 402-2, object 0x6083",
         "unsourced",
-        node=_parameter_clamped,
+        node=lambda hooks, most: hooks.healthy(hooks.node.store.ceilings, {o.PROFILE_ACCELERATION: int(most)}),
         strength=whole("units", 1000, 1, 0xFFFFFFFF),
     ),
     Quirk(

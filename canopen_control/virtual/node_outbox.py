@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia301.emcy import error_text
+from canopen_control.cia301.emcy import code_text
 from canopen_control.cia301.nmt import NmtStateChanged
 from canopen_control.cia301.outbox import Outbox
 from canopen_control.cia402.modes import mode_name
@@ -125,7 +125,7 @@ def _emergency(event: EmergencyRaised) -> str:
     if event.code == 0:
         return "error reset"
     extra = f", data {event.data.hex(' ')}" if any(event.data) else ""
-    return f"EMCY 0x{event.code:04X} ({error_text(event.code)}){extra}"
+    return f"EMCY {code_text(event.code)}{extra}"
 
 
 def _missed(event: HeartbeatMissed) -> str:
@@ -136,7 +136,7 @@ def _missed(event: HeartbeatMissed) -> str:
 _WORDS: dict[type, Callable[..., str]] = {
     NmtStateChanged: lambda event: f"NMT {event.state.name}",
     DriveStateChanged: lambda event: f"{_axis(event.axis)}{event.previous.name} -> {event.state.name}",
-    DriveFaulted: lambda event: f"{_axis(event.axis)}fault 0x{event.code:04X} ({error_text(event.code)})",
+    DriveFaulted: lambda event: f"{_axis(event.axis)}fault {code_text(event.code)}",
     ControlwordIgnored: lambda event: f"{_axis(event.axis)}controlword 0x{event.controlword:04X} ignored: {event.why}",
     ModeChanged: lambda event: f"{_axis(event.axis)}mode {mode_name(event.mode)}",
     EmergencyRaised: _emergency,

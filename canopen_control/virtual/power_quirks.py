@@ -264,10 +264,6 @@ def _ends_in(state: State, end: State | None) -> AxisAct:
     return lambda hooks, drive, _strength: hooks.entry(drive.power.ends, state, end)
 
 
-def _quick_stop_off(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
-    hooks.act(drive, 11, lambda _transition, _now, _before: None)
-
-
 def _quick_stop_unseen(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
     hooks.act(drive, 11, lambda _transition, now, _before: drive.power.enter(State.SWITCH_ON_DISABLED, now))
 
@@ -345,10 +341,6 @@ def _torque_then_position(hooks: QuirkHooks, drive: VirtualDrive, _strength: flo
     hooks.guard([o.MODES_OF_OPERATION + drive.objects.offset], judge)
 
 
-def _sto_switched_on(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
-    hooks.attribute(drive.power, "unsupplied", State.SWITCHED_ON)
-
-
 def _sync_period_judged(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
     def enable(transition: Transition, now: int, before: Plain) -> None:
         before(transition, now)
@@ -421,7 +413,7 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
         "falls from OPERATION ENABLED to SWITCHED ON when its power stage is switched off",
         _POWER,
         "fastcat#164 (Elmo)",
-        _sto_switched_on,
+        lambda hooks, drive, _strength: hooks.attribute(drive.power, "unsupplied", State.SWITCHED_ON),
     ),
     Quirk(
         "quick_stop_ends_switched_on",
@@ -444,7 +436,7 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
         "ignores the quick stop (0x605A = -1 of its manufacturer)",
         _QUICK,
         "Beckhoff, AX8xxx, object 605A",
-        _quick_stop_off,
+        lambda hooks, drive, _strength: hooks.act(drive, 11, lambda _transition, _now, _before: None),
         group="quick stop",
     ),
     Quirk(
