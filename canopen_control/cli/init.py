@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -109,22 +109,44 @@ def run(args: argparse.Namespace) -> int:
     )
     on_can = args.can is not None and not args.can.startswith(("local:", "memory:"))
     written = write_robot(robot, folder.parent, force=args.force)
-    print_result(args, _document(written), "\n".join(_lines(written, args.can if on_can else "can0")))
+    print_result(args, _report(written), "\n".join(_lines(written, args.can if on_can else "can0")))
     return 0
 
 
-def _document(written: Written) -> dict[str, object]:
+@dataclass(frozen=True, slots=True)
+class CreatedNode:
+    """Node of a new robot."""
+
+    node_id: int
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class InitReport:
+    """Result of `init --json`; the scale of the `guessed` nodes is not in their EDS."""
+
+    robot: str
+    folder: str
+    files: list[str]
+    nodes: list[CreatedNode]
+    joints: list[str]
+    guessed: list[str]
+    warnings: list[str]
+    problems: list[str]
+
+
+def _report(written: Written) -> InitReport:
     robot = written.robot
-    return {
-        "robot": robot.name,
-        "folder": str(written.folder),
-        "files": written.files,
-        "nodes": [{"node_id": node.device.node_id, "name": node.name} for node in robot.nodes],
-        "joints": [joint.name for joint in robot.joints],
-        "guessed": list(dict.fromkeys(joint.node for joint in robot.joints if not joint.axis.told)),
-        "warnings": written.warnings,
-        "problems": written.problems,
-    }
+    return InitReport(
+        robot=robot.name,
+        folder=str(written.folder),
+        files=list(written.files),
+        nodes=[CreatedNode(node.device.node_id, node.name) for node in robot.nodes],
+        joints=[joint.name for joint in robot.joints],
+        guessed=list(dict.fromkeys(joint.node for joint in robot.joints if not joint.axis.told)),
+        warnings=list(written.warnings),
+        problems=list(written.problems),
+    )
 
 
 def _from_files(args: argparse.Namespace) -> list[Device]:

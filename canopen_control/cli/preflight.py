@@ -10,12 +10,11 @@ Exit codes: 0 passed; 1 not passed; 2 wrong usage or configuration.
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 import tempfile
 import time
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,7 +23,7 @@ from canopen_control.bus.channel import ChannelKind, parse_channel
 from canopen_control.check.preflight_record import SLOW, config_hash, read_serials, save_record
 from canopen_control.cli.run import add_file_arguments, find_files
 from canopen_control.cli.support.arguments import add_new_name, number
-from canopen_control.cli.support.output import json_alone, print_result
+from canopen_control.cli.support.output import json_alone, json_text, print_result
 from canopen_control.commissioning.identity import FIELDS, NAME, differences, identity_of, match_eds, read_known
 from canopen_control.errors import CanopenError, ConfigError, SdoAbort, SdoTimeout
 from canopen_control.host.files import write_whole
@@ -493,9 +492,7 @@ def _ask(question: str) -> bool:
     return answer.strip().lower() in ("y", "yes")
 
 
-def _conclude(
-    flight: Preflight, *, passed: bool, looked_only: bool, report: str | None
-) -> tuple[int, dict[str, object]]:
+def _conclude(flight: Preflight, *, passed: bool, looked_only: bool, report: str | None) -> tuple[int, PreflightReport]:
     """Print the verdict; return the exit code and the findings."""
     setup = flight.setup
     failed = [step for step in flight.steps if step.passed is False]
@@ -503,9 +500,9 @@ def _conclude(
     silent = [name for name, serial in serials.items() if serial is None]
     if passed and silent:
         raise CanopenError(f"{', '.join(silent)} does not answer any more; no pass was written")
-    document = _document(flight, passed, serials)
+    document = _findings(flight, passed, serials)
     if report is not None:
-        write_whole(Path(report), f"{json.dumps(document, indent=2)}\n".encode())
+        write_whole(Path(report), f"{json_text(document)}\n".encode())
     if passed:
         known_serials = {name: serial for name, serial in serials.items() if serial is not None}
         path = save_record(setup, known_serials, flight.covered)
@@ -520,14 +517,28 @@ def _conclude(
     return 1, document
 
 
-def _document(flight: Preflight, passed: bool, serials: dict[str, int | None]) -> dict[str, object]:
-    return {
-        "robot": flight.setup.name,
-        "time": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
-        "passed": passed,
-        "channels": flight.setup.channels,
-        "configuration": config_hash(flight.setup),
-        "serial_numbers": serials,
-        "joints": flight.covered,
-        "steps": [asdict(step) for step in flight.steps],
-    }
+@dataclass(frozen=True, slots=True)
+class PreflightReport:
+    """Findings of a preflight: the serial numbers by node, and the joints that turned as they should."""
+
+    robot: str
+    time: str
+    passed: bool
+    channels: dict[str, str]
+    configuration: str
+    serial_numbers: dict[str, int | None]
+    joints: list[str]
+    steps: list[PreflightStep]
+
+
+def _findings(flight: Preflight, passed: bool, serials: dict[str, int | None]) -> PreflightReport:
+    return PreflightReport(
+        robot=flight.setup.name,
+        time=time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+        passed=passed,
+        channels=flight.setup.channels,
+        configuration=config_hash(flight.setup),
+        serial_numbers=serials,
+        joints=flight.covered,
+        steps=flight.steps,
+    )

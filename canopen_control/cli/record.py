@@ -26,7 +26,6 @@ from canopen_control.client import RobotClient, find_robots
 from canopen_control.client.robot_client import outpaced, stream_rate
 from canopen_control.errors import BusClosed, ConfigError, DiskFull, RemoteError
 from canopen_control.host.signals import on_signals
-from canopen_control.rpc.messages.declare import Document
 from canopen_control.rpc.messages.robot import MAX_RATE, GetDescription, GetNodes, GetStatus, ListControllers, Subscribe
 from canopen_control.rpc.messages.state import RobotEvent, StateSample
 from canopen_control.trace.listen import batches, open_listener
@@ -127,20 +126,9 @@ LABEL = "record"
 FLUSH_S = 0.5  # what a crash may cost of the formats that are written frame by frame
 
 
-class RecordDocument(Document, frozen=True):
-    """Result of a recording of `seconds`."""
-
-    file: str
-    channel: str
-    frames: int
-    lost: int
-    left_out: int
-    seconds: float
-
-
 @dataclass(slots=True)
 class Recorded:
-    """Result of a recording: frames written, `lost` before, and `left_out` by the format."""
+    """Result of a recording of `seconds`: frames written, `lost` before, and `left_out` by the format."""
 
     file: str
     channel: str
@@ -148,12 +136,6 @@ class Recorded:
     lost: int = 0
     left_out: int = 0
     seconds: float = 0.0
-    problem: str = ""
-
-    @property
-    def document(self) -> RecordDocument:
-        """Document of `--json`."""
-        return RecordDocument(self.file, self.channel, self.frames, self.lost, self.left_out, round(self.seconds, 3))
 
     def sentence(self) -> str:
         """Return the result as a sentence."""
@@ -189,11 +171,11 @@ def run(args: argparse.Namespace) -> int:
         return _bag(args)
     format_of(args.output, writing=True)  # a wrong name is reported before a bus is opened
     channel, owner = _bus_of(args)
-    recorded = record_frames(open_listener(channel, LABEL, owner=owner), args.output, args.duration)
-    print(json_text(recorded.document, indent=None) if args.json else recorded.sentence())
-    if recorded.problem:
-        print(f"canopen-control: {recorded.problem}", file=sys.stderr)
-    return 1 if recorded.problem else 0
+    recorded, problem = record_frames(open_listener(channel, LABEL, owner=owner), args.output, args.duration)
+    print(json_text(recorded, indent=None) if args.json else recorded.sentence())
+    if problem:
+        print(f"canopen-control: {problem}", file=sys.stderr)
+    return 1 if problem else 0
 
 
 def _understand_old_form(args: argparse.Namespace) -> None:
@@ -236,9 +218,12 @@ def _bus_of(args: argparse.Namespace) -> tuple[str, str]:
     return buses[args.bus or next(iter(buses))].channel, robot.robot
 
 
-def record_frames(port: Port, path: str, seconds: float | None) -> Recorded:
-    """Write received frames until Ctrl-C, SIGTERM, the end of `seconds` or of the bus; the port is closed."""
-    recorded, stopping = Recorded(path, port.channel), threading.Event()
+def record_frames(port: Port, path: str, seconds: float | None) -> tuple[Recorded, str]:
+    """Write received frames until Ctrl-C, SIGTERM, the end of `seconds` or of the bus; the port is closed.
+
+    Also returns the reason of an early end, "" without one.
+    """
+    recorded, problem, stopping = Recorded(path, port.channel), "", threading.Event()
     begin = flushed = time.monotonic()
     with (
         contextlib.closing(port),
@@ -258,7 +243,7 @@ def record_frames(port: Port, path: str, seconds: float | None) -> Recorded:
                     if stopping.is_set():
                         break
         except (BusClosed, DiskFull) as error:
-            recorded.problem = str(error)
+            problem = str(error)
     recorded.frames, recorded.left_out = writer.written, writer.left_out
-    recorded.lost, recorded.seconds = port.stats.lost, time.monotonic() - begin
-    return recorded
+    recorded.lost, recorded.seconds = port.stats.lost, round(time.monotonic() - begin, 3)
+    return recorded, problem

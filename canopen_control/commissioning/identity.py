@@ -7,7 +7,7 @@ several. What is expected is what the boot would refuse (CiA 302-2), where 0 sta
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import EdsError
 from canopen_control.od.codec import fitted
@@ -48,6 +48,15 @@ class DeviceIdentity:
     hardware: str | None = None
     software: str | None = None
 
+    @classmethod
+    def of(cls, numbers: Iterable[int | None], texts: Iterable[str | None] = (None, None, None)) -> DeviceIdentity:
+        """Return an identity from its numbers in the order of `FIELDS`, and its texts in that of `TEXTS`."""
+        device_type, vendor_id, product_code, revision_number, serial_number = numbers
+        device_name, hardware, software = texts
+        return cls(
+            device_type, vendor_id, product_code, revision_number, serial_number, device_name, hardware, software
+        )
+
     def strangers(self, other: DeviceIdentity) -> list[str]:
         """Return why two devices are different products, whose parameters must not be exchanged."""
         return self._differences(other, ("device_type", "vendor_id", "product_code"))
@@ -81,10 +90,9 @@ class KnownEds:
 
 def identity_of(data: Mapping[Address, object]) -> DeviceIdentity:
     """Return the identity from objects by address; refused ones are None."""
-    numbers: dict[str, Any] = {field: _number(data.get(address)) for field, (address, _) in FIELDS.items()}
     name = data.get(NAME)
     text = name.rstrip(b"\0").decode("latin-1") if isinstance(name, bytes) else None
-    return DeviceIdentity(**numbers, device_name=text)
+    return DeviceIdentity.of((_number(data.get(address)) for address, _ in FIELDS.values()), (text, None, None))
 
 
 def _number(data: object) -> int | None:

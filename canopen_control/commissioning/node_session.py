@@ -11,7 +11,7 @@ import contextlib
 import functools
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.cia301.nmt import NmtState
 from canopen_control.cia402.objects import CONTROLWORD, STATUSWORD, axis_count, axis_index
@@ -150,9 +150,8 @@ class NodeSession:
 
     def identity(self) -> DeviceIdentity:
         """Read the device type, the identity (0x1018) and the names that the EDS has."""
-        fields: dict[str, Any] = {field: self.number(*address) for field, (address, _) in FIELDS.items()}
-        fields |= {field: self._text(*address) for field, address in TEXTS.items()}
-        return DeviceIdentity(**fields)
+        numbers = [self.number(*address) for address, _ in FIELDS.values()]
+        return DeviceIdentity.of(numbers, [self._text(*address) for address in TEXTS.values()])
 
     def _text(self, index: int, subindex: int) -> str:
         entry = None if self.od is None else self.od.get(index, subindex)

@@ -14,11 +14,13 @@ from canopen_control.commissioning.restore import first_of, guarded_restore, ref
 from canopen_control.errors import CanopenError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
     from contextlib import AbstractContextManager
 
     from canopen_control.commissioning.jobs import JobRun, Reached, RestoreOptions
     from canopen_control.commissioning.node_session import NodeSession
     from canopen_control.commissioning.parameter_set import ParameterSet
+    from canopen_control.od.model import Address
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,26 +57,61 @@ def _all_of(session: NodeSession, run: JobRun) -> tuple[ParameterSet, list[str]]
     return parameters, list(map(str, left_out))
 
 
+@dataclass(frozen=True, slots=True)
+class DifferentParameter:
+    """Parameter that differs: values as in a DCF; None if one side lacks the object."""
+
+    index: int
+    subindex: int
+    name: str
+    a: str | None
+    b: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class DiffReport:
+    """Result of a comparison: number of compared parameters, differences of the devices and of parameters."""
+
+    a: str
+    b: str
+    compared: int
+    identity: list[str]
+    differences: list[DifferentParameter]
+
+    def rows(self, why: Mapping[Address, str]) -> Iterator[tuple[str, str, str, str]]:
+        """Yield address, name and both values; `why` says for what reason a value is missing."""
+        for change in self.differences:
+            missing = why.get((change.index, change.subindex), "-")
+            place = f"0x{change.index:04X}:{change.subindex:02X}"
+            yield place, change.name, change.a or missing, change.b or missing
+
+
+def compared(a: ParameterSet, b: ParameterSet) -> DiffReport:
+    """Compare two sets of parameters."""
+    changes = [
+        DifferentParameter(
+            change.entry.index,
+            change.entry.subindex,
+            change.name,
+            None if change.a is None else change.a_text,
+            None if change.b is None else change.b_text,
+        )
+        for change in differences(a, b)
+    ]
+    identity = [*a.identity.strangers(b.identity), *a.identity.variations(b.identity)]
+    return DiffReport(a.where, b.where, len({*a.values, *b.values}), identity, changes)
+
+
 def run_diff(session: NodeSession, run: JobRun, file: ParameterSet) -> str:
     """Read the parameters of a file from the node and list the differences: address, name, file, node."""
     run.part(f"reading {session}", "objects")
     node, left_out = read_same(session, file, run.at)
-    why = {unread.entry.address: unread.why for unread in left_out}
-    changes = differences(file, node)
-    run.lines += [*file.identity.strangers(node.identity), *file.identity.variations(node.identity)]
-    run.table = [
-        (
-            f"0x{change.entry.index:04X}:{change.entry.subindex:02X}",
-            change.name,
-            change.a_text or "-",
-            change.b_text or why.get(change.entry.address, "-"),
-        )
-        for change in changes
-    ]
-    compared = len({*file.values, *node.values})
-    if not changes:
-        return f"{file.where} and {session}: {compared} parameters, equal"
-    return f"{file.where} and {session}: {len(changes)} of {compared} parameters differ"
+    result = compared(file, node)
+    run.document, run.lines = result, [*result.identity]
+    run.table = list(result.rows({unread.entry.address: unread.why for unread in left_out}))
+    if not result.differences:
+        return f"{file.where} and {session}: {result.compared} parameters, equal"
+    return f"{file.where} and {session}: {len(result.differences)} of {result.compared} parameters differ"
 
 
 def run_restore(session: NodeSession, run: JobRun, file: ParameterSet, options: RestoreOptions) -> str:

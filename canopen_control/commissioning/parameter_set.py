@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.pdo import NO_RTR_BIT
 from canopen_control.cia402.objects import (
@@ -321,29 +321,29 @@ def _get(lines: Mapping[str, str], wanted: str) -> str:
 
 
 def _told(lines: Mapping[str, str], od: ObjectDictionary) -> DeviceIdentity:
-    """Return the identity in a [Backup] section; an invalid number is None."""
-    fields: dict[str, Any] = {name: _get(lines, key) for key, name in _NAMES.items()}
-    for key, name in _NUMBERS.items():
+    """Return the identity in a [Backup] section; an invalid number is that of the objects."""
+    held = _identity_of(od)
+
+    def number(key: str, name: str) -> int | None:
         try:
-            fields[name] = parse_number(_get(lines, key)).value
+            return parse_number(_get(lines, key)).value
         except ValueError:
-            fields[name] = getattr(_identity_of(od), name)
-    return DeviceIdentity(**fields)
+            value: int | None = getattr(held, name)
+            return value
+
+    return DeviceIdentity.of((number(*pair) for pair in _NUMBERS.items()), (_get(lines, key) for key in _NAMES))
 
 
 def _identity_of(od: ObjectDictionary) -> DeviceIdentity:
     """Return the identity in the objects of a file; 0 as product or vendor is None."""
-    entries = {name: od.get(*OBJECTS[name]) for name in _NUMBERS.values()}
-    values = {name: None if entry is None else entry.value for name, entry in entries.items()}
-    numbers: dict[str, Any] = {}
-    numbers |= {name: value if isinstance(value, int) and value else None for name, value in values.items()}
-    numbers["vendor_id"] = numbers["vendor_id"] or od.device.vendor_number or None
-    numbers["product_code"] = numbers["product_code"] or od.device.product_number or None
-    return DeviceIdentity(**numbers)
-
-
-def _shown(value: object) -> str:
-    return f"0x{value:08X}" if isinstance(value, int) else repr(value)
+    entries = (od.get(*OBJECTS[name]) for name in _NUMBERS.values())
+    values = (None if entry is None else entry.value for entry in entries)
+    found = DeviceIdentity.of(value if isinstance(value, int) and value else None for value in values)
+    return replace(
+        found,
+        vendor_id=found.vendor_id or od.device.vendor_number or None,
+        product_code=found.product_code or od.device.product_number or None,
+    )
 
 
 # Compares the parameters of two nodes, two files, or one of each.

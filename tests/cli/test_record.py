@@ -192,6 +192,6 @@ def test_what_is_not_in_the_file_is_said():
         "x.trc: 10 frames of can0 in 1.5 s, 2 lost: they came faster than they were read, "
         "3 left out: the format cannot hold them"
     )
-    assert plain(whole.document) == {
+    assert plain(whole) == {
         "file": "x.trc", "channel": "can0", "frames": 10, "lost": 2, "left_out": 3, "seconds": 1.5,
     }  # fmt: skip
