@@ -21,7 +21,6 @@ from canopen_control.errors import RemoteError, UnreadableMessage
 from canopen_control.host.sockets import socket_path
 from canopen_control.ros.base_topics import SharedTwist
 from canopen_control.ros.controller_endpoints import endpoints_for
-from canopen_control.ros.controller_manager import STATES, ControllerManagerServices
 from canopen_control.ros.controller_nodes import ControllerNodes
 from canopen_control.ros.diagnostics import Diagnostics, Events, Rosout
 from canopen_control.ros.drive_services import DriveServices, DriveTargets, MasterServices
@@ -29,7 +28,7 @@ from canopen_control.ros.drive_topics import DriveTopics
 from canopen_control.ros.endpoint import Endpoint
 from canopen_control.ros.frames import Frames
 from canopen_control.ros.interfaces import MissingInterface, interface
-from canopen_control.ros.lifecycle_services import LifecycleServices
+from canopen_control.ros.manager_services import STATES, ControllerManagerServices, LifecycleServices
 from canopen_control.ros.node_context import NodeContext
 from canopen_control.ros.nodes import RosNode, nodes_of
 from canopen_control.ros.qos import LATCHED, SYSTEM_DEFAULT

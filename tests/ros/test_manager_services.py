@@ -6,7 +6,7 @@ import pytest
 from support import endpoints, ros
 from support.ros import Peer, bridge
 
-from canopen_control.ros import controller_manager
+from canopen_control.ros import manager_services
 from canopen_control.rpc.messages.robot import HardwareReading, InterfaceReading
 from canopen_control.rpc.messages.state import ControllerReading
 
@@ -68,9 +68,9 @@ def test_list_controllers_shows_type_state_and_claims(call):
 
 
 def test_list_controllers_shows_who_commands_whom(monkeypatch):
-    monkeypatch.setattr(controller_manager, "interface", endpoints.interface, raising=False)
+    monkeypatch.setattr(manager_services, "interface", endpoints.interface, raising=False)
     robot = endpoints.Ros()
-    controller_manager.ControllerManagerServices(robot)
+    manager_services.ControllerManagerServices(robot)
     names = ("loops/left/position", "loops/right/position", "loops/left/velocity", "loops/right/velocity")
     loops = ControllerReading(name="loops", type="x/Y", state="active", reference_interfaces=names,
                               exported_state_interfaces=names[:1])  # fmt: skip
