@@ -23,7 +23,7 @@ from canopen_control.view.drive.scope_tab import ScopeTab
 from canopen_control.view.drive.tune_tab import TuneTab
 from canopen_control.view.elements.nicegui_elements import ObjectTree
 from canopen_control.view.object_list import ObjectList, address_text
-from canopen_control.view.panels.panel import Html
+from canopen_control.view.panels.panel import Html, section
 from canopen_control.view.panels.target_panel import PowerPanel, TargetPanel
 from canopen_control.view.robot_connection import in_thread
 from canopen_control.view.words import axis_rows, chip, event_log, sentence
@@ -182,26 +182,20 @@ class StatusTab:
         self._context, self._client = context, ui.context.client
         self._drives: TargetPanel | None = None
         with ui.element("div").classes("cc-tab-columns"):
-            with ui.element("section").classes("cc-panel"):
-                ui.html("State", sanitize=False, tag="h2")
+            with section("State"):
                 self._facts = Html("cc-stale")
                 self._power = PowerPanel(context.panel, context.node) if context.place.axes else None
-            with ui.element("section").classes("cc-panel") as bits:
-                ui.html("Statusword", sanitize=False, tag="h2")
+            with section("Statusword") as bits:
                 self._bits = Html("cc-stale")
             bits.visible = bool(context.place.axes)
-            with ui.element("section").classes("cc-panel"):
-                ui.html("Teleop by target: hold a button", sanitize=False, tag="h2")
+            with section("Teleop by target: hold a button"):
                 self._drives = TargetPanel(context.panel, context.node)
-            with ui.element("section").classes("cc-panel"):
-                ui.html("Controlled by", sanitize=False, tag="h2")
+            with section("Controlled by"):
                 self._who = Html("cc-stale")
-            with ui.element("section").classes("cc-panel"):
-                ui.html("Error history (0x1003)", sanitize=False, tag="h2")
+            with section("Error history (0x1003)"):
                 self._errors = Html()
                 ui.button("Read again", color="blue-grey-6", on_click=self._read).props("outline dense")
-            with ui.element("section").classes("cc-panel"):
-                ui.html("Events of this node, newest first", sanitize=False, tag="h2")
+            with section("Events of this node, newest first"):
                 self._events = Html("cc-log")
         background_tasks.create(self._read(), name="errors")
 

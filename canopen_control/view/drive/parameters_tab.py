@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Generic, TypeVar
 
 from nicegui import ui
 
@@ -18,7 +18,7 @@ from canopen_control.rpc.messages.robot import MAX_OBJECT, NmtRequest
 from canopen_control.view.drive.drive_tab import LOOK_ONLY, WorkBar
 from canopen_control.view.drive.job_form import JobForm
 from canopen_control.view.elements.nicegui_elements import FileUpload
-from canopen_control.view.panels.panel import Html, show_notice
+from canopen_control.view.panels.panel import Html, section, show_notice
 from canopen_control.view.robot_connection import SOURCE, in_thread
 from canopen_control.view.words import sentence
 
@@ -99,6 +99,43 @@ def release_words(reading: NodeReading | None, robot: Banner) -> tuple[str, str]
     return "It is taken out of the robot, which leaves it alone until it is given back.", GOOD
 
 
+T = TypeVar("T")
+
+
+class FileChoice(Generic[T]):
+    """Upload of one file of at most `most` bytes: `value` is what `read` made of its bytes and name, None before.
+
+    `words` describe the value; what is refused, with a CanopenError too, is shown with the reason.
+    """
+
+    def __init__(
+        self, label: str, most: int, too_long: str, read: Callable[[bytes, str], T], words: Callable[[T], str]
+    ) -> None:
+        self.value: T | None = None
+        self.name = ""
+        self._most, self._too_long, self._read, self._words = most, too_long, read, words
+        self.upload = FileUpload(label, self._take, lambda: self._refuse(too_long), most)
+        self._told = Html()
+
+    async def _take(self, event: UploadEventArguments) -> None:
+        self.upload.reset()
+        self.name = name = event.file.name
+        try:
+            if event.file.size() > self._most:
+                raise ConfigError(f"{name}: {self._too_long}")
+            data = await event.file.read()
+            value = await in_thread(lambda: self._read(data, name))
+        except CanopenError as error:
+            self._refuse(str(error))
+            return
+        self.value = value
+        self._told.show(sentence(f"{name}: {self._words(value)}", IDLE))
+
+    def _refuse(self, why: str) -> None:
+        self.value = None
+        self._told.show(sentence(f"Not read. {why}", BAD))
+
+
 # The Firmware tab: choose a program, load it with its rate and remaining time, and show the result.
 
 
@@ -109,7 +146,6 @@ _WHAT: Final = (
     "interrupted transfer restarts; a drive without a program waits in its boot loader for the next attempt. A "
     "download cannot be cancelled from here: a partial program is unusable."
 )
-_FIRMWARE_TOO_LONG: Final = f"{MOST_FIRMWARE_BYTES} bytes at most go through a running robot"
 
 
 class FirmwareTab:
@@ -117,14 +153,12 @@ class FirmwareTab:
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._desk = context, context.desk
-        self._image: tuple[str, bytes] | None = None
+        self._image: FileChoice[bytes] | None = None
         self._load: ui.button | None = None
-        with ui.element("section").classes("cc-panel"):
-            ui.html("Now", sanitize=False, tag="h2")
+        with section("Now"):
             self._release = ReleasePanel(context)
             self._bar = WorkBar(self._desk, FIRMWARE.tab)
-        with ui.element("section").classes("cc-panel"):
-            ui.html("Program", sanitize=False, tag="h2")
+        with section("Program"):
             ui.html(f"<p class='cc-note'>{_WHAT}</p>", sanitize=False)
             if context.panel.teleop:
                 self._make_form()
@@ -132,13 +166,13 @@ class FirmwareTab:
                 ui.html(LOOK_ONLY, sanitize=False)
 
     def _make_form(self) -> None:
-        self._upload = FileUpload(
+        self._image = FileChoice(
             "Choose the firmware file as supplied by the manufacturer",
-            self._take,
-            lambda: self._refuse(_FIRMWARE_TOO_LONG),
             MOST_FIRMWARE_BYTES,
+            f"{MOST_FIRMWARE_BYTES} bytes at most go through a running robot",
+            program_of,
+            lambda image: f"{len(image):,} bytes",
         )
-        self._told = Html()
         self._form = JobForm(FIRMWARE)
         with ui.element("div").classes("cc-row cc-acts"):
             self._load = ui.button("Load it into the drive", color="orange-9", on_click=self._begin)
@@ -149,39 +183,22 @@ class FirmwareTab:
         self._release.show(content)
         self._bar.show()
         if self._load is not None:
-            self._load.set_enabled(not content.lost and not self._desk.busy and self._image is not None)
+            self._load.set_enabled(
+                not content.lost and not self._desk.busy and self._image is not None and self._image.value is not None
+            )
 
     def leave(self) -> None:
         """Hide the tab: a started download continues."""
 
-    async def _take(self, event: UploadEventArguments) -> None:
-        self._upload.reset()
-        name = event.file.name
-        try:
-            if event.file.size() > MOST_FIRMWARE_BYTES:
-                raise ConfigError(f"{name}: {_FIRMWARE_TOO_LONG}")
-            image = await event.file.read()
-            refuse_no_program(image, name)
-        except ConfigError as error:
-            self._refuse(str(error))
-            return
-        self._image = name, image
-        self._told.show(sentence(f"{name}: {len(image):,} bytes", IDLE))
-
-    def _refuse(self, why: str) -> None:
-        self._image = None
-        self._told.show(sentence(f"Not taken. {why}", BAD))
-
     def _begin(self) -> None:
-        if self._image is None or not self._context.panel.teleop:
+        if self._image is None or (image := self._image.value) is None or not self._context.panel.teleop:
             return
-        name, image = self._image
         try:
             options = self._form.options()
         except ConfigError as error:
             show_notice("Not begun", str(error))
             return
-        work = JobRun(FIRMWARE, f"Loading {name} into {self._context.node}")
+        work = JobRun(FIRMWARE, f"Loading {self._image.name} into {self._context.node}")
         refused = self._desk.begin(work, partial(load_program, image=image, options=options))
         if refused is not None:
             show_notice("Not begun", refused)
@@ -197,7 +214,6 @@ _RESTORE: Final = (
     "Only differences are written, then everything is read back. If the drive refuses a value, all previous "
     "values are restored. Node id and bit rate stay."
 )
-_TOO_LONG: Final = f"The DCF must have at most {MOST_PARAMETER_BYTES} bytes"
 
 
 class ParametersTab:
@@ -205,26 +221,21 @@ class ParametersTab:
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._desk = context, context.desk
-        self._file: ParameterSet | None = None
         self._writers: list[ui.button] = []
         writes = context.panel.teleop
-        with ui.element("section").classes("cc-panel"):
-            ui.html("Now", sanitize=False, tag="h2")
+        with section("Now"):
             self._release = ReleasePanel(context)
             self._bar = WorkBar(self._desk, RESTORE.tab)
         with ui.element("div").classes("cc-tab-columns"):
-            with ui.element("section").classes("cc-panel"):
-                ui.html("Backup", sanitize=False, tag="h2")
+            with section("Backup"):
                 ui.html(f"<p class='cc-note'>{_BACKUP}</p>", sanitize=False)
                 self._backup = ui.button("Back up", color="blue-9", on_click=self._begin_backup)
                 self._backup.props("unelevated dense")
-            with ui.element("section").classes("cc-panel"):
-                ui.html("A file", sanitize=False, tag="h2")
+            with section("A file"):
                 self._make_upload()
                 self._diff = ui.button("Compare with the node", color="blue-9", on_click=self._begin_diff)
                 self._diff.props("unelevated dense")
-            with ui.element("section").classes("cc-panel"):
-                ui.html("Restore and clone", sanitize=False, tag="h2")
+            with section("Restore and clone"):
                 ui.html(f"<p class='cc-note'>{_RESTORE}</p>", sanitize=False)
                 if writes:
                     self._make_options()
@@ -232,9 +243,9 @@ class ParametersTab:
                     ui.html(LOOK_ONLY, sanitize=False)
 
     def _make_upload(self) -> None:
-        self._upload = FileUpload("Choose a DCF", self._take, lambda: self._refuse(_TOO_LONG), MOST_PARAMETER_BYTES)
-        self._upload.props("accept='.dcf,.eds'")
-        self._told = Html()
+        too_long = f"The DCF must have at most {MOST_PARAMETER_BYTES} bytes"
+        self._file = FileChoice("Choose a DCF", MOST_PARAMETER_BYTES, too_long, uploaded, _file_words)
+        self._file.upload.props("accept='.dcf,.eds'")
 
     def _make_options(self) -> None:
         self._form = JobForm(RESTORE)
@@ -257,36 +268,16 @@ class ParametersTab:
         self._bar.show()
         free = not content.lost and not self._desk.busy
         self._backup.set_enabled(free)
-        self._diff.set_enabled(free and self._file is not None)
+        self._diff.set_enabled(free and self._file.value is not None)
         for button in self._writers:
             button.set_enabled(free)
         if self._writers:
-            self._writers[0].set_enabled(free and self._file is not None)
+            self._writers[0].set_enabled(free and self._file.value is not None)
 
     def leave(self) -> None:
         """Hide the tab: a started job continues."""
 
     # ------------------------------------------------------------------------------------ what the user does
-
-    async def _take(self, event: UploadEventArguments) -> None:
-        """Read the chosen file."""
-        self._upload.reset()
-        name = event.file.name
-        try:
-            if event.file.size() > MOST_PARAMETER_BYTES:
-                raise ConfigError(f"{name}: {_TOO_LONG}")
-            data = await event.file.read()
-            file = await in_thread(lambda: uploaded(data, name))
-        except CanopenError as error:
-            self._refuse(str(error))
-            return
-        self._file = file
-        date = f", of {file.date}" if file.date else ""
-        self._told.show(sentence(f"{name}: {len(file.values)} parameters of node {file.node_id}{date}", IDLE))
-
-    def _refuse(self, why: str) -> None:
-        self._file = None
-        self._told.show(sentence(f"Not read. {why}", BAD))
 
     def _begin(self, job: Job, title: str, function: Callable[[NodeSession, JobRun], str]) -> None:
         refused = self._desk.begin(JobRun(job, title), function)
@@ -299,11 +290,11 @@ class ParametersTab:
         self._begin(BACKUP, f"Reading {self._context.node}", partial(run_backup, reached=reached))
 
     def _begin_diff(self) -> None:
-        if (file := self._file) is not None:
+        if (file := self._file.value) is not None:
             self._begin(DIFF, f"Comparing {file.where} with {self._context.node}", partial(run_diff, file=file))
 
     def _begin_restore(self) -> None:
-        if (file := self._file) is not None and self._context.panel.teleop:
+        if (file := self._file.value) is not None and self._context.panel.teleop:
             restore = partial(run_restore, file=file, options=self._options())
             self._begin(RESTORE, f"Restoring {file.where} into {self._context.node}", restore)
 
@@ -316,6 +307,16 @@ class ParametersTab:
     def _options(self) -> RestoreOptions:
         options: RestoreOptions = self._form.options(reached=Reached(robot=self._desk.robot))
         return options
+
+
+def _file_words(file: ParameterSet) -> str:
+    return f"{len(file.values)} parameters of node {file.node_id}{f', of {file.date}' if file.date else ''}"
+
+
+def program_of(data: bytes, name: str) -> bytes:
+    """Return an uploaded program; ConfigError for a file that is none."""
+    refuse_no_program(data, name)
+    return data
 
 
 def uploaded(data: bytes, name: str) -> ParameterSet:

@@ -18,7 +18,7 @@ from canopen_control.commissioning.scope_signals import MOST_SIGNALS
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.rpc.messages.health import BAD, GOOD, IDLE
 from canopen_control.view.elements.nicegui_elements import FileUpload
-from canopen_control.view.panels.panel import Html, show_notice
+from canopen_control.view.panels.panel import Html, section, show_notice
 from canopen_control.view.robot_connection import in_thread
 from canopen_control.view.scope_chart import chart_options, cursor_change, height_of
 from canopen_control.view.words import sentence
@@ -56,8 +56,7 @@ class ScopeTab:
         self._shown: NamedShot | None = None
         self._overlay: NamedShot | None = None
         self._seen: tuple[ScopeRun | None, int] = (None, 0)
-        with ui.element("section").classes("cc-panel"):
-            ui.html("Signals", sanitize=False, tag="h2")
+        with section("Signals"):
             self._make_form()
             self._state = Html()
         with ui.element("section").classes("cc-panel cc-scope") as self._picture:

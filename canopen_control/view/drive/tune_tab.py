@@ -18,7 +18,7 @@ from canopen_control.rpc.messages.health import BAD
 from canopen_control.view.drive.drive_tab import LOOK_ONLY, WorkBar
 from canopen_control.view.drive.job_form import JobForm
 from canopen_control.view.elements.nicegui_elements import PresenceElement
-from canopen_control.view.panels.panel import Html
+from canopen_control.view.panels.panel import Html, section
 from canopen_control.view.scope_chart import BODE_HEIGHT, bode_options, chart_options, height_of
 from canopen_control.view.words import sentence
 
@@ -56,17 +56,13 @@ class TuneTab:
         self._period = 0.01
         self._confirmed: jobs.TunePlan | None = None
         with ui.element("div").classes("cc-tab-columns"):
-            with ui.element("section").classes("cc-panel"):
-                ui.html("Excitation", sanitize=False, tag="h2")
+            with section("Excitation"):
                 self._make_form()
-            with ui.element("section").classes("cc-panel"):
-                ui.html("Limits", sanitize=False, tag="h2")
+            with section("Limits"):
                 self._make_limits()
-            with ui.element("section").classes("cc-panel"):
-                ui.html("Gains", sanitize=False, tag="h2")
+            with section("Gains"):
                 self._make_gains()
-        with ui.element("section").classes("cc-panel"):
-            ui.html("Now", sanitize=False, tag="h2")
+        with section("Now"):
             self._refused = Html()
             self._bar = WorkBar(self._desk, TUNE.tab)
             self._lines = Html("cc-wide")

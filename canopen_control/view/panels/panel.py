@@ -5,6 +5,8 @@ What is in a piece of HTML has been escaped by `words`.
 
 from __future__ import annotations
 
+import contextlib
+from html import escape
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from nicegui import ui
@@ -12,7 +14,9 @@ from nicegui import ui
 from canopen_control.view.elements.nicegui_elements import HoldButton, HoldButtons
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
+
+    from nicegui.element import Element
 
     from canopen_control.rpc.messages.declare import Request
     from canopen_control.view.page_content import PageContent
@@ -77,6 +81,14 @@ class Html:
         if html != self._html:
             self._html = html
             self._element.content = html
+
+
+@contextlib.contextmanager
+def section(title: str) -> Iterator[Element]:
+    """Create a section under a heading, for the widgets of the block."""
+    with ui.element("section").classes("cc-panel") as whole:
+        ui.html(escape(title), sanitize=False, tag="h2")
+        yield whole
 
 
 def show_notice(title: str, text: str) -> None:

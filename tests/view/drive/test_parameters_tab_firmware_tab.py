@@ -73,7 +73,7 @@ def test_a_file_that_cannot_be_one_and_a_number_that_is_none_are_told(loaded):
         return text, off
 
     text, off = played(act)
-    assert f"cc-{BAD}'>Not taken. empty.bin is empty" in text
+    assert f"cc-{BAD}'>Not read. empty.bin is empty" in text
     assert (off, loaded) == (False, [])
 
 
