@@ -130,7 +130,8 @@ def test_a_row_that_is_cut_is_the_end():
 
 @given(st.text())
 def test_no_text_is_another_error(text):
-    list(read_trc(io.StringIO(V21 + text + "\n")))
+    before = list(read_trc(io.StringIO(V21)))
+    assert list(read_trc(io.StringIO(V21 + text + "\n")))[: len(before)] == before
 
 
 frames = st.one_of(

@@ -92,6 +92,7 @@ def test_what_is_required_is_named_without_importing_it(monkeypatch):
         require_view()
 
 
-def test_with_nicegui_it_says_nothing():
+def test_with_nicegui_it_says_nothing(capsys):
     pytest.importorskip("nicegui")
     require_view()
+    assert capsys.readouterr() == ("", "")

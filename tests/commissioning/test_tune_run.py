@@ -59,9 +59,11 @@ def test_what_is_beyond_the_limits_is_refused_before_it_begins(asked, why):
         asked.check(LIMITS_OF_TUNE_REQUEST, SCALE)
 
 
-def test_what_is_within_them_is_not():
+def test_what_is_within_them_is_not_and_just_beyond_it_is():
     for each in (STEP, request(TuneTest.BODE), request(TuneTest.IDENTIFY, torque=200.0)):
         each.check(LIMITS_OF_TUNE_REQUEST, SCALE)
+    with pytest.raises(ConfigError):
+        request(TuneTest.IDENTIFY, torque=200.1).check(LIMITS_OF_TUNE_REQUEST, SCALE)
 
 
 S = 1_000_000_000

@@ -73,8 +73,10 @@ def test_row_10_a_drive_that_is_busy_for_a_moment_boots(bench):
     robby.robot.start()
     robby.switch("sdo_busy")
     robby.run(300)
+    assert robby.robot.state is not RobotState.RUNNING
     robby.switch("sdo_busy", on=False)
     robby.until(lambda: robby.robot.state is RobotState.RUNNING)
+    assert robby.robot.failure is None
 
 
 def test_row_11_optional_objects_may_be_missing(booted, tmp_path):

@@ -518,9 +518,12 @@ def test_one_process_at_a_time_has_a_claim_and_who_comes_second_learns_its_id(tm
 def test_a_claim_waits_for_who_is_ending(tmp_path):
     path = tmp_path / "bridge-robby-0.lock"
     held = sockets.claim(path)
+    with pytest.raises(sockets.SocketInUse):
+        sockets.claim(path)
     ending = threading.Timer(0.02, os.close, (held,))
     ending.start()
     os.close(sockets.claim(path, 10.0))
+    assert ending.finished.is_set()
     ending.join()
 
 

@@ -22,6 +22,7 @@ def test_whenever_a_starting_run_is_killed_nobody_survives_it(stage, options):
         pytest.importorskip("rclpy")
     if "--view" in options:
         pytest.importorskip("nicegui")
+    stage.own_interpreters = True  # their start is what is killed
     # clients start late and live on the same lifeline: fewer moments do
     moments = range(0, SWEEP_MS + 1, STEP_MS if not options else 4 * STEP_MS)
     for moment in moments:
@@ -30,3 +31,4 @@ def test_whenever_a_starting_run_is_killed_nobody_survives_it(stage, options):
         time.sleep(moment / 1000)
         robot.end(signal.SIGKILL)
     stage.nobody_is_left(GONE_S)
+    assert len(stage.programs) == len(moments)

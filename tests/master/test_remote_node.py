@@ -251,6 +251,7 @@ def test_a_node_that_does_not_come_back_from_its_reset_is_looked_for(robby):
     left(robby).command(NmtCommand.RESET_NODE, robby.reactor.now(), boot=True)
     robby.robot.buses["can"].send_waiting()
     robby.run(10_000)
+    assert not left(robby).ready
     robby.power_on(LEFT)
     robby.until(lambda: left(robby).ready)
 

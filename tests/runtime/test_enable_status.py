@@ -83,6 +83,7 @@ def test_nothing_is_enabled_before_it_is_back_and_its_return_enables_nothing(ben
 
 def test_one_that_restarts_between_two_cycles_stops_them_too(bench_of_needed_nodes):
     robot = bench_of_needed_nodes("required: true")
+    assert robot.powered(2)
     robot.power_off(IO)
     robot.power_on(IO)
     robot.told("restarted")

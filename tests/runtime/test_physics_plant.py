@@ -193,5 +193,7 @@ def test_what_physics_cannot_do_is_told(changes, words):
     assert words in str(caught.value)
 
 
-def test_a_robot_on_one_local_bus_can():
+def test_a_robot_on_one_local_bus_can_and_none_on_the_memory_of_a_process():
     check_physics(setup_of("robby", "local:physics-can"))
+    with pytest.raises(RobotConfigError, match="do not run in a process of their own"):
+        check_physics(setup_of("robby", "memory:physics-can"))

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 
 from support.channel import channel_of, robby_of
 from support.fork_server import fork_server
-from support.guest import GUEST
 from support.host import eventually
 from support.localbus import end_hubs
 
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 TIMEOUT_S = 20.0
+_COVERAGE = "COVERAGE_PROCESS_CONFIG"  # measured processes begin with an interpreter
 GONE_S = 10.0  # nobody may be there longer than this after the death of whom he depends on
 
 
@@ -40,16 +40,19 @@ def go_first(pid: int) -> None:
 class Program:
     """One process of the command line; `out` and `err` are what it has printed so far.
 
-    In a guest it is a fork of a process that has imported the package: there, an interpreter takes seconds to start.
+    With `forked` it is a fork of a process that has imported the package: what it does is the same, and it starts with
+    a tenth of the work.
     """
 
-    def __init__(self, arguments: list[str], folder: Path, number: int, environment: dict[str, str]) -> None:
+    def __init__(
+        self, arguments: list[str], folder: Path, number: int, environment: dict[str, str], *, forked: bool
+    ) -> None:
         self.arguments = arguments
         self._paths = [folder / f"{number}-{arguments[0]}.{kind}" for kind in ("out", "err")]
         with self._paths[0].open("wb") as out, self._paths[1].open("wb") as err:
             self._process = (
                 fork_server().start(arguments, folder, {**os.environ, **environment}, *self._paths)
-                if GUEST
+                if forked
                 else subprocess.Popen(
                     [sys.executable, "-m", "canopen_control", *arguments],
                     cwd=folder,
@@ -103,7 +106,12 @@ class Program:
 
 
 class Stage:
-    """The processes of one test; `folder` is its runtime folder, `place` where they run."""
+    """The processes of one test; `folder` is its runtime folder, `place` where they run.
+
+    They are forks unless they have an environment of their own, or `own_interpreters` is set: by tests of the start.
+    """
+
+    own_interpreters = _COVERAGE in os.environ
 
     def __init__(self, folder: Path, place: Path) -> None:
         self.folder, self.place = folder, place
@@ -111,9 +119,10 @@ class Stage:
 
     def start(self, *arguments: object, **environment: str) -> Program:
         """Start `canopen-control ARGUMENTS` and go on."""
+        forked = not environment and not self.own_interpreters
         environment.setdefault("_ROS_WHEELS_BOOTSTRAP_COMPLETE", "1")
         words = [str(argument) for argument in arguments]
-        program = Program(words, self.place, len(self.programs), environment)
+        program = Program(words, self.place, len(self.programs), environment, forked=forked)
         self.programs.append(program)
         return program
 

@@ -105,4 +105,5 @@ def test_a_lost_robot_leaves_nothing_to_press():
 
 
 def test_what_the_robot_refuses_is_told():
-    shown(state(latched=True), press=True, refusal="somebody else has latched it")
+    *_, asked = shown(state(latched=True), press=True, refusal="somebody else has latched it")
+    assert len(asked) == 1

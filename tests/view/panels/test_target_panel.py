@@ -48,7 +48,7 @@ def test_several_drives_have_a_row_for_all():
 
 
 def test_what_is_refused_is_told():
-    pressed("Disable", "the drive does not answer")
+    assert len(pressed("Disable", "the drive does not answer")) == 1
 
 
 def test_without_drives_there_is_nothing_to_enable():
