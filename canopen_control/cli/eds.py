@@ -19,7 +19,7 @@ from canopen_control.host.files import write_whole
 from canopen_control.od.dcf import dcf_text, eds_text
 from canopen_control.od.eds import SUFFIXES, read_eds
 from canopen_control.od.eds_values import format_value
-from canopen_control.od.issues import Severity
+from canopen_control.od.issues import Issue, Severity
 from canopen_control.od.model import DataType, ObjectCode
 from canopen_control.od.pdos import MAX_BITS, Pdo, pdos_of
 from canopen_control.od.xdd import xdd_text
@@ -40,15 +40,6 @@ Plain: TypeAlias = int | float | str | None
 _COMPARED = ("name", "data_type", "access", "pdo_mappable", "default", "parameter_value", "low", "high", "obj_flags")
 
 
-class IssueDocument(Document, frozen=True):
-    """Issue in a line; `severity` is "error", "warning" or "note"."""
-
-    line: int
-    code: str
-    severity: str
-    text: str
-
-
 class EdsCheckDocument(Document, frozen=True, kw_only=True):
     """Result of checking a file."""
 
@@ -58,7 +49,7 @@ class EdsCheckDocument(Document, frozen=True, kw_only=True):
     errors: int = 0
     warnings: int = 0
     notes: int = 0
-    issues: list[IssueDocument]
+    issues: list[Issue]
 
 
 class EntryDocument(Document, frozen=True, kw_only=True):
@@ -133,14 +124,14 @@ def checked(name: str, file: EdsFile) -> EdsCheckDocument:
         errors=count[Severity.ERROR],
         warnings=count[Severity.WARNING],
         notes=count[Severity.NOTE],
-        issues=[IssueDocument(issue.line, issue.code, issue.severity.value, issue.text) for issue in file.issues],
+        issues=list(file.issues),
     )
 
 
 def refused(name: str, error: EdsError) -> EdsCheckDocument:
     """Return the reason why a file is refused."""
     return EdsCheckDocument(
-        file=name, errors=1, issues=[IssueDocument(error.line, "not-canopen", "error", error.reason)]
+        file=name, errors=1, issues=[Issue(name, error.line, "not-canopen", Severity.ERROR, error.reason)]
     )
 
 
@@ -319,7 +310,7 @@ def _checked(name: str, args: argparse.Namespace) -> EdsCheckDocument:
 
 def _report_lines(report: EdsCheckDocument) -> Iterator[str]:
     for issue in report.issues:
-        yield f"{report.file}:{issue.line}: {issue.severity}: {issue.text} [{issue.code}]"
+        yield f"{report.file}:{issue.line}: {issue.severity.value}: {issue.text} [{issue.code}]"
     sections = {"errors": report.errors, "warnings": report.warnings, "notes": report.notes}
     summary = ", ".join(_counted(number, kind) for kind, number in sections.items() if number) or "no issue"
     yield f"{report.file}: {report.objects} objects, {report.entries} entries: {summary}"

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.arguments import number
 from canopen_control.cli.support.job_verb import add_job_options, job_options
-from canopen_control.cli.support.jog_robot import dead_man_words, own_robot
+from canopen_control.cli.support.jog_robot import choose_tuned, dead_man_words, own_robot
 from canopen_control.cli.support.jog_run import SIGNALS
 from canopen_control.cli.support.open_session import (
     WarningPrinter,
@@ -35,7 +35,6 @@ from canopen_control.cli.support.open_session import (
 )
 from canopen_control.cli.support.output import json_text
 from canopen_control.cli.support.target import parse_node_id, robot_on
-from canopen_control.cli.support.tune_choice import choose_tuned
 from canopen_control.commissioning.jobs import TUNE
 from canopen_control.commissioning.jog_motion import JogKind
 from canopen_control.commissioning.quantity import JogScale, parse_quantity

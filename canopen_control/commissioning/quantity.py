@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from canopen_control.errors import ConfigError
 
@@ -62,8 +61,7 @@ COUNTS: Final = {"position": ("counts",), "velocity": ("pps", "counts/s")}
 _KNOWN: Final = {"position": POSITIONS, "velocity": VELOCITIES}
 
 
-@dataclass(frozen=True, slots=True)
-class Quantity:
+class Quantity(NamedTuple):
     """Number with its unit as typed; `kind` is "position" or "velocity"."""
 
     value: float
@@ -94,8 +92,7 @@ def parse_quantity(text: str, kind: str) -> Quantity:
     return Quantity(value, unit, kind)
 
 
-@dataclass(frozen=True, slots=True)
-class JogScale:
+class JogScale(NamedTuple):
     """Position counts per revolution of the shaft; `told` is false for a guess.
 
     `of_joint`: the position is that of a joint of a running robot, in rad. Then `counts` are for units only, and the

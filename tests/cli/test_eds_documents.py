@@ -27,7 +27,9 @@ def test_whatever_is_in_a_file_has_its_documents(path):
         report, place = refused(path.name, error), error.line
         file = None
     if file is None:
-        assert [(each.line, each.code, each.severity) for each in report.issues] == [(place, "not-canopen", "error")]
+        assert [(each.line, each.code, each.severity.value) for each in report.issues] == [
+            (place, "not-canopen", "error")
+        ]
         return
     report = checked(path.name, file)
     assert report.errors + report.warnings + report.notes == len(report.issues)

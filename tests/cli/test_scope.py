@@ -10,9 +10,8 @@ from support.terminal import in_background
 
 from canopen_control.cli.main import main
 from canopen_control.cli.scope import check_output, cursor_lines, curve, numbered, read_overlay, shot_lines, write_shot
-from canopen_control.cli.support.jog_robot import choose_jog, own_robot
+from canopen_control.cli.support.jog_robot import choose_jog, choose_tuned, own_robot
 from canopen_control.cli.support.target import find_eds
-from canopen_control.cli.support.tune_choice import choose_tuned
 from canopen_control.commissioning.jog_motion import JogKind
 from canopen_control.commissioning.node_session import NodeSession
 from canopen_control.commissioning.scope_capture import Shot

@@ -10,9 +10,8 @@ from support.terminal import in_background
 from support.tuneplant import COULOMB, COUNTS, INERTIA, loaded
 
 from canopen_control.cia402.state import State
-from canopen_control.cli.support.jog_robot import own_robot
+from canopen_control.cli.support.jog_robot import choose_tuned, own_robot
 from canopen_control.cli.support.target import find_eds
-from canopen_control.cli.support.tune_choice import choose_tuned
 from canopen_control.client import RobotClient
 from canopen_control.commissioning.jobs import TUNE, JobRun, TuneOptions
 from canopen_control.commissioning.jog_motion import JogKind

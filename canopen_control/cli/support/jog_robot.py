@@ -1,4 +1,4 @@
-"""Robot for a jog: one drive on a bare bus, booted like every robot, or a drive of a running robot.
+"""Robot for a jog or a tuning run: one drive on a bare bus, booted like every robot, or a drive of a running robot.
 
 It uses the normal boot: from the EDS alone `init` chooses mode, PDOs and supervision; the runtime boots the drive as a
 bus without controllers, monitors it and stops it. The drive detects the end of this process by its heartbeat or by
@@ -17,6 +17,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.check.preflight_record import limit_speed
+from canopen_control.cia402.modes import OperationMode, supported_modes
+from canopen_control.cia402.objects import (
+    ERROR_CODE,
+    MODES_OF_OPERATION_DISPLAY,
+    POSITION_ACTUAL,
+    STATUSWORD,
+    SUPPORTED_DRIVE_MODES,
+    TORQUE_ACTUAL,
+    VELOCITY_ACTUAL,
+)
 from canopen_control.client import find_robots
 from canopen_control.commissioning.driven_axis import JogDrive
 from canopen_control.controllers.params import Params
@@ -27,14 +37,16 @@ from canopen_control.runtime.run_session import RunOptions
 from canopen_control.runtime.setup import read_robot
 from canopen_control.scaffold.bus_text import bus_text
 from canopen_control.scaffold.new_robot import plan_robot
+from canopen_control.scaffold.pdo_choice import PdoRequirement, choose_pdos
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from canopen_control.commissioning.jog_motion import JogKind
     from canopen_control.runtime.core import RobotCore
     from canopen_control.runtime.observer import RobotObserver
     from canopen_control.runtime.setup import RobotSetup
-    from canopen_control.scaffold.drive_choice import AxisChoice, Supervision
+    from canopen_control.scaffold.drive_choice import AxisChoice, DriveChoice, Supervision
     from canopen_control.scaffold.new_robot import Device, NewRobot
 
 
@@ -52,6 +64,50 @@ def choose_jog(device: Device, interface: str, *, allow_unsupervised: bool) -> N
     if planned.problems:
         raise RobotConfigError("\n".join(planned.problems))
     return replace(planned, heartbeat_ms=HEARTBEAT_MS)
+
+
+# The excitation of a drive for `tune`: as for a jog, preferably in a cyclic mode and with its torque.
+
+
+_CYCLIC: Final = {OperationMode.PV: OperationMode.CSV, OperationMode.TQ: OperationMode.CST}
+"""What commands the same without a ramp of the drive's own."""
+_WITH_SYNC: Final = 1
+_FEEDBACK: Final = (MODES_OF_OPERATION_DISPLAY, POSITION_ACTUAL, VELOCITY_ACTUAL, TORQUE_ACTUAL, ERROR_CODE)
+
+
+def choose_tuned(device: Device, kind: JogKind, period_us: int, *, allow_unsupervised: bool) -> NewRobot:
+    """Choose the excitation of a drive: as for a jog, preferably in a cyclic mode, with its torque in a TPDO."""
+    robot = choose_jog(device, kind.value, allow_unsupervised=allow_unsupervised)
+    nodes = tuple(
+        node if node.drive is None else replace(node, drive=_cyclic(device, node.drive)) for node in robot.nodes
+    )
+    nodes = tuple(
+        node
+        if node.drive is None
+        else replace(
+            node,
+            joints=tuple(replace(joint, axis=axis) for joint, axis in zip(node.joints, node.drive.axes, strict=True)),
+        )
+        for node in nodes
+    )
+    return replace(robot, nodes=nodes, sync_us=period_us)
+
+
+def _cyclic(device: Device, drive: DriveChoice) -> DriveChoice:
+    listed = device.od.get(SUPPORTED_DRIVE_MODES, 0)
+    modes = supported_modes(listed.value) if listed is not None and isinstance(listed.value, int) else ()
+    axes = tuple(
+        replace(axis, mode=_CYCLIC[axis.mode]) if _CYCLIC.get(axis.mode) in modes else axis for axis in drive.axes
+    )
+
+    def each(*indices: int) -> tuple[tuple[int, int], ...]:
+        return tuple((axis.index(index), 0) for axis in axes for index in indices)
+
+    tpdos, _ = choose_pdos(device.od, PdoRequirement(False, each(STATUSWORD), each(*_FEEDBACK)))
+    rpdos = drive.rpdos
+    if axes != drive.axes:
+        rpdos = tuple(replace(use, transmission=_WITH_SYNC) if use.transmission else use for use in rpdos)
+    return replace(drive, axes=axes, rpdos=rpdos, tpdos=tpdos)
 
 
 def dead_man_words(supervision: Supervision) -> str:

@@ -2,8 +2,8 @@ import pytest
 from support.onbus import GENERIC, TMCM
 
 from canopen_control.cia402.modes import OperationMode
+from canopen_control.cli.support.jog_robot import choose_tuned
 from canopen_control.cli.support.target import find_eds
-from canopen_control.cli.support.tune_choice import choose_tuned
 from canopen_control.commissioning.jog_motion import JogKind
 from canopen_control.od.eds import read_eds
 from canopen_control.scaffold.bus_text import bus_text
