@@ -283,7 +283,8 @@ def _texts(element: _Element, parameters: Mapping[str, _Element], report: Report
 
 
 def _of_parameter(parameter: _Element) -> dict[str, str]:
-    fields: dict[str, str | None] = {"AccessType": _ACCESS.get(parameter.attributes.get("access", ""))}
+    access = parameter.attributes.get("access", "read")  # the default of the schema of CiA 311
+    fields: dict[str, str | None] = {"AccessType": _ACCESS.get(access)}
     label = next((child.text.strip() for child in parameter.children if child.tag == "label"), "")
     fields["ParameterName"] = label or None
     kind = next((child.tag for child in parameter.children if child.tag in _SIMPLE_TYPES), None)

@@ -143,7 +143,7 @@ class ConfigurationInvariants:
         for index in node.records:
             entry = store.get(index, 1)
             if isinstance(entry, int) and not entry & INVALID_BIT and _is_restricted(entry & 0x1FFFFFFF):
-                if entry == device.od[index, 1].value:
+                if entry == (device.od[index, 1].value or 0):
                     continue
                 bad.add(index)
                 if index not in node.bad:

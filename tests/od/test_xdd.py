@@ -78,6 +78,13 @@ def test_objects_have_what_their_attributes_and_their_parameters_say():
     assert (od[0x6064, 0].parameter_value, od[0x6064, 0].pdo_mappable) == (77, True)
 
 
+def test_a_parameter_without_access_is_read_only():
+    """`read` is the default of the schema, and programs that write by it leave it out."""
+    file = read(FILE.replace(' access="read"', ""))
+    assert file.od[0x1000, 0].access == "ro"
+    assert "access-type" not in {issue.code for issue in file.issues}
+
+
 def test_the_device_is_that_of_the_device_profile_and_of_the_network():
     device = read().od.device
     assert (device.vendor_name, device.vendor_number, device.product_number) == ("Some & Co", 0x147, None)

@@ -82,10 +82,11 @@ def test_a_pdo_is_never_active_with_a_cob_id_that_it_may_not_have(judged, entry,
     assert judged.broken == ["cob_id_restricted"] * told
 
 
-def test_an_impossible_cob_id_of_the_eds_is_no_breach(judged):
+@pytest.mark.parametrize(("default", "held"), [(0x180, 0x180), (None, 0)])
+def test_an_impossible_cob_id_of_the_eds_is_no_breach(judged, default, held):
     device = judged.robot.drives[2].device
-    device.od.entries[0x1803, 1] = replace(device.od[0x1803, 1], default=0x180)
-    device.store.set(0x1803, 1, 0x180)
+    device.od.entries[0x1803, 1] = replace(device.od[0x1803, 1], default=default)
+    device.store.set(0x1803, 1, held)
     judged.run(0.3)
     assert judged.broken == []
 
