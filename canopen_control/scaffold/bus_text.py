@@ -127,6 +127,9 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
 
 def _device_pdos(node: NewNode, product: str) -> Iterator[str]:
     """Yield the PDOs of a device other than a drive, where those that it has live do not carry its signals."""
+    if node.left_out:
+        first, *_, last = (f"0x{index:04X}:{subindex:02X}" for index, subindex in (*node.left_out, node.left_out[-1]))
+        yield f"# No RPDO can carry the outputs {first}{f' to {last}' if last != first else ''}: write them by SDO."
     listed = (("tpdo", "from the device", node.tpdos), ("rpdo", "to the device", node.rpdos))
     kept = [f"{key.upper()}s" for key, _, uses in listed if not uses]
     stay = f"its {'PDOs' if len(kept) == len(listed) else ''.join(kept)} stay as they are"

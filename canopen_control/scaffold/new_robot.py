@@ -18,13 +18,13 @@ from canopen_control.profiles.device_type import Profile, profile_of
 from canopen_control.profiles.profile_tables import profile_signals
 from canopen_control.scaffold.bases import BASES, BaseKind
 from canopen_control.scaffold.drive_choice import POSITION, axes_of, choose_drive, supervision_of
-from canopen_control.scaffold.pdo_choice import PdoRequirement, PdoUse, complete_pdos
+from canopen_control.scaffold.pdo_choice import PdoRequirement, PdoUse, complete_pdos, not_carried
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from canopen_control.od.model import ObjectDictionary
+    from canopen_control.od.model import Address, ObjectDictionary
     from canopen_control.personality import Personality
     from canopen_control.profiles.device_signal import Signal
     from canopen_control.scaffold.drive_choice import AxisChoice, DriveChoice, Supervision
@@ -100,6 +100,7 @@ class NewNode:
     unusable: str = ""
     rpdos: tuple[PdoUse, ...] = ()
     tpdos: tuple[PdoUse, ...] = ()
+    left_out: tuple[Address, ...] = ()
 
     @property
     def measured(self) -> str:
@@ -224,11 +225,15 @@ def _device_node(device: Device) -> NewNode:
     name = f"{_KINDS[profile]}_{device.node_id}"
     sent = PdoRequirement(is_rpdo=True, needed=tuple(signal.address for signal in signals if signal.output))
     rpdos, tpdos = complete_pdos(device.od, sent), tuple[PdoUse, ...]()
+    without = not_carried(device.od, sent, rpdos)
+    signals = tuple(signal for signal in signals if not signal.output or signal.address not in without)
     if profile is Profile.IO:  # other inputs change slowly enough to be asked for by SDO
         received = tuple(signal.address for signal in signals if not signal.output)
         tpdos = complete_pdos(device.od, PdoRequirement(is_rpdo=False, needed=received))
     supervision = supervision_of(device.od)
-    return NewNode(name, device, supervision, signals=signals, profile=profile, rpdos=rpdos, tpdos=tpdos)
+    return NewNode(
+        name, device, supervision, signals=signals, profile=profile, rpdos=rpdos, tpdos=tpdos, left_out=without
+    )
 
 
 def _drive_node(

@@ -85,6 +85,14 @@ def complete_pdos(od: ObjectDictionary, wish: PdoRequirement) -> tuple[PdoUse, .
     return tuple(sorted((*kept, *new), key=lambda use: use.number))
 
 
+def not_carried(od: ObjectDictionary, wish: PdoRequirement, uses: Sequence[PdoUse]) -> tuple[Address, ...]:
+    """Return what is needed and in none of `uses`, or, without any, in none of the PDOs that are live by default."""
+    live = (pdo for pdo in pdos_of(od) if pdo.is_rpdo == wish.is_rpdo and (pdo.communication, 1) in od and pdo.enabled)
+    mapped = [use.objects for use in uses] or [_ordered(pdo) for pdo in live if _usable(od, pdo, wish)]
+    carried = {address for objects in mapped for address in objects}
+    return tuple(address for address in dict.fromkeys(wish.needed) if address not in carried)
+
+
 _Use = tuple["Pdo", "tuple[Address, ...]", bool]
 
 

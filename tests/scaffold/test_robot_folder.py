@@ -1,6 +1,7 @@
 """From an EDS, as vendors write theirs, to a robot that passes `check --strict`, boots, is enabled and turns."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -111,6 +112,17 @@ def test_signals_whose_pdo_is_off_by_default_have_one(tmp_path, edits, keys):
     assert {key: node[key] for key in ("rpdo", "tpdo") if key in node} == keys
     report = check_robot(find_robot(str(written.folder)), CheckOptions())
     assert report.passes(), report.findings
+
+
+def test_outputs_that_no_rpdo_can_carry_are_left_out(tmp_path):
+    path = tmp_path / "module.eds"
+    path.write_text(data_path("eds", "generic_cia401.eds").read_text())
+    od = read_eds(path, 9).od
+    od.entries[0x6411, 4] = replace(od[0x6411, 4], pdo_mappable=False)
+    od.entries[0x1601, 0] = replace(od[0x1601, 0], default=3)
+    robot = plan_robot("cell", [Device(9, path, od)])
+    assert [signal.name for signal in robot.nodes[0].outputs if signal.name.startswith("ao")] == ["ao0", "ao1", "ao2"]
+    assert "# No RPDO can carry the outputs 0x6411:04: write them by SDO." in bus_text(robot)
 
 
 def keys_of(*ods, **how):
