@@ -305,8 +305,8 @@ def plan_pdos(builder: PlanBuilder, kind: str) -> None:
         if live and used and _usable(cob_id or 0):
             if number in listed or number in downloaded:
                 _adopt(builder, kind, number, cob_id or 0)
-            elif wrong := _wrong_default(builder, kind, number):
-                _warn_left_off(builder, kind, number, wrong)
+            elif wrong := _wrong_default(builder, kind, number, cob_id or 0):
+                builder.warn(kind, f"{kind.upper()} {number} is left off, because of {wrong}")
                 _switch_off(builder, kind, number, cob_id, in_file=False)
             else:
                 _plan_pdo(builder, kind, number, PdoConfig(), STORED)
@@ -316,16 +316,22 @@ def plan_pdos(builder: PlanBuilder, kind: str) -> None:
         _compare_listed(builder, kind, number)
 
 
-def _wrong_default(builder: PlanBuilder, kind: str, number: int) -> str:
-    """Return what is wrong with the first impossible object of a mapping of the EDS, "" if all are possible."""
+def _wrong_default(builder: PlanBuilder, kind: str, number: int, cob_id: int) -> str:
+    """Return why a live PDO of the EDS that bus.yml does not list cannot be used, "" if it can, with the remedy."""
+    same = (
+        f"{other.upper()} {layout.number}"
+        for other, layouts in builder.layouts.items()
+        for layout in layouts
+        if layout.cob_id == cob_id & 0x7FF
+    )
+    if owner := next(same, ""):
+        text = f"its COB-ID in {builder.file}, 0x{cob_id & 0x7FF:03X}, which {owner} has too"
+        return f"{text}; correct the file, or give {kind}.{number} a cob_id here"
     mapping = _default_mapping(builder, kind, number)
     found = (_unmappable(builder, kind, index, subindex) for index, subindex, _ in mapping)
-    return next((text for text in found if text), "")
-
-
-def _warn_left_off(builder: PlanBuilder, kind: str, number: int, wrong: str) -> None:
-    text = f"{kind.upper()} {number} is left off, because of its mapping in {builder.file}: {wrong}"
-    builder.warn(kind, f"{text}; correct the file, or give {kind}.{number} a mapping here")
+    if wrong := next((text for text in found if text), ""):
+        return f"its mapping in {builder.file}: {wrong}; correct the file, or give {kind}.{number} a mapping here"
+    return ""
 
 
 def _switch_off(builder: PlanBuilder, kind: str, number: int, cob_id: int | None, *, in_file: bool) -> None:

@@ -238,6 +238,18 @@ def test_a_pdo_whose_mapping_in_the_eds_is_impossible_is_left_off_and_named(tmp_
         planned(tmp_path, "rpdo: {1: {enabled: true}}", dcf="odd.eds")
 
 
+def test_a_pdo_of_the_eds_with_the_cob_id_of_another_is_left_off_and_named(tmp_path):
+    """A receiver cannot tell two such PDOs apart; files that repeat PDO 1 to 4 above 4 have them."""
+    text = EDS.read_text(encoding="latin-1").replace("$NODEID+0x40000280", "$NODEID+0x40000180")
+    assert text != EDS.read_text(encoding="latin-1")
+    (tmp_path / "twice.eds").write_text(text, encoding="latin-1")
+    plan, notes = planned(tmp_path, "", dcf="twice.eds")
+    assert 2 not in [layout.number for layout in plan.tpdos]
+    words = "TPDO 2 is left off, because of its COB-ID in twice.eds, 0x183, which TPDO 1 has too; correct the file, or"
+    assert any(words in note for note in notes), notes
+    assert [value & 0x80000000 for index, sub, value in records(plan, 0x1801) if sub == 1] == [0x80000000]
+
+
 def test_an_event_timer_of_zero_is_a_value_and_a_deadline_is_an_rpdos_timer(tmp_path):
     plan, _ = planned(tmp_path, "tpdo: {1: {event_timer: 0, inhibit_time: 0, transmission: 254}}")
     assert (0x1800, 5, 0) in records(plan, 0x1800)
