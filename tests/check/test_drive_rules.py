@@ -34,10 +34,6 @@ def test_check_names_what_the_description_asks_for_and_no_tpdo_brings(tmp_path, 
     assert any(re.search(f"joint pan {words}; map 0x60", each) for each in found)
 
 
-def test_check_says_nothing_of_a_robot_that_is_measured(tmp_path):
-    assert not [each for each in findings(folder(tmp_path, "csv")) if "asks for its" in each]
-
-
 @pytest.mark.parametrize(("key", "noted"), [("", True), ("  velocity_mode: 9", False)])
 def test_check_names_a_drive_whose_eds_lists_no_modes(tmp_path, key, noted):
     path = folder(tmp_path, "csv", edit=lambda text: re.sub(r"(?s)\[6502\].*", "", text))

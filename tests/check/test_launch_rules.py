@@ -28,10 +28,6 @@ def told(tmp_path, text, files=None, name="base.launch"):
     return [each.replace(f"{tmp_path}/", "") for each in found(files or find_robot("mobile_base_ros1"), launch=path)]
 
 
-def test_nothing_is_wrong_with_a_good_one(tmp_path):
-    assert told(tmp_path, GOOD) == []
-
-
 @pytest.mark.parametrize(
     ("old", "new", "line", "message"),
     [
@@ -164,13 +160,6 @@ def test_what_a_file_in_python_declares_and_starts_is_told_in_notes(tmp_path):
         "starts usb_cam/usb_cam::UsbCamNode",
         "an argument of a node is computed, and not known without running the file; give what it is with NAME:=VALUE",
     ]
-
-
-def test_a_bare_file_name_is_part_of_a_path_that_is_joined_elsewhere(tmp_path):
-    argument = 'DeclareLaunchArgument("mock", '
-    texts = of_python(tmp_path, argument, f'DeclareLaunchArgument("bus_file", default_value="my_bus.yml"), {argument}')
-    assert "argument bus_file: default 'my_bus.yml'" in "\n".join(texts)
-    assert not [text for text in texts if "there is no file" in text]
 
 
 @pytest.mark.parametrize(

@@ -40,23 +40,6 @@ def test_the_hash_is_of_what_the_files_hold_and_not_of_where_they_are(tmp_path):
         assert config_hash(setup_of(there)) != before
 
 
-def test_the_arguments_of_the_description_count_too(tmp_path):
-    robby = str(copy_robby(tmp_path))
-    plain = read_robot(find_robot(robby), can=["memory:clearance"])
-    given = read_robot(find_robot(robby, arguments=["use_mock_hardware:=false"]), can=["memory:clearance"])
-    assert config_hash(given) != config_hash(plain)
-
-
-def test_the_eds_file_counts_too(tmp_path):
-    robby = copy_robby(tmp_path)
-    before = setup_of(robby)
-    own = robby / "TMCM-1270.eds"
-    own.write_bytes(before.bus.eds_paths["left_drive"].read_bytes() + b"\r\n")
-    after = setup_of(robby)
-    assert after.bus.eds_paths["left_drive"] == own
-    assert config_hash(after) != config_hash(before)
-
-
 def test_a_pass_is_kept_found_and_replaced(tmp_path):
     setup = setup_of(copy_robby(tmp_path))
     assert find_record(setup) is None
@@ -87,16 +70,6 @@ def test_no_pass_and_changed_files_are_told_apart(tmp_path):
     setup = setup_of(copy_robby(tmp_path))
     assert "has not passed" in explain(setup, None, SERIALS)
     assert "files have changed" in explain(setup, PreflightRecord("0", SERIALS), SERIALS)
-
-
-def test_a_limited_robot_is_slow_whatever_it_is_told():
-    bench = Bench("slow")
-    assert limit_speed(bench.robot, list(bench.robot.joints)) == []
-    bench.start()
-    bench.hold(10.0, -10.0, ms=1000)
-    speeds = [joint["velocity"] for joint in status_dict(bench.robot)["joints"].values()]
-    assert speeds == pytest.approx([SLOW, -SLOW], rel=0.01)
-    bench.close()
 
 
 def test_only_the_joints_in_doubt_are_slow():

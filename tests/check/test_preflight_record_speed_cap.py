@@ -112,18 +112,6 @@ def test_what_cannot_be_capped_is_named_and_other_joints_are_left_alone():
     assert SpeedCap(registry, {"another"}, 1.0).unlimited == []
 
 
-def test_another_limiter_goes_first_and_is_heard():
-    class Before:
-        def enforce(self, period):
-            registry.of("position").value = 3.0
-            return "joint/position is limited to 3"
-
-    registry = Registry(["position"], {"position": 0.0})
-    registry.of("position").value = 9.0
-    assert SpeedCap(registry, {"joint"}, 1.0, Before()).enforce(PERIOD) == "joint/position is limited to 3"
-    assert registry.of("position").value == pytest.approx(PERIOD)
-
-
 @given(st.lists(st.tuples(st.floats(-50, 50), st.floats(0, 1)), max_size=60))
 def test_whatever_is_commanded_the_target_moves_no_faster_than_the_cap(commands):
     registry, cap = capped(["position"], position=0.0)
@@ -188,7 +176,3 @@ def test_a_target_is_capped_as_what_the_mode_makes_of_it(quantity, wanted, left)
     cap.enforce(PERIOD)
     assert command.value == pytest.approx(left, nan_ok=True)
     assert cap.unlimited == []
-
-
-def test_a_target_of_which_nobody_knows_where_the_joint_is_is_named():
-    assert capped(["target"], velocity=0.0)[1].unlimited == ["joint/target"]

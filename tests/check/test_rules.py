@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from support.configs import BASES, FIRST, ROBOTS, changed, found, line_of
 from support.properties import examples
 
-from canopen_control.check.rules import find, findings_of
+from canopen_control.check.rules import find
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
@@ -288,17 +288,6 @@ def test_a_name_for_all_nodes_that_no_controller_has_is_told_where_one_has_nearl
     assert "'comand_timeout'; did you mean 'command_timeout'?" in told
 
 
-def test_sentences_without_a_place_have_that_of_the_controller():
-    text = "a.yaml:3:5: x: wrong\n    x: 1\n    ^\nno left_wheel_names\n2 errors"
-    found = findings_of(text, "b.yaml", 9, Severity.ERROR)
-    places = [(each.path, each.line, each.column, each.text) for each in found]
-    assert places == [("a.yaml", 3, 5, "x: wrong"), ("b.yaml", 9, 0, "no left_wheel_names")]
-
-
-def test_files_that_could_not_be_read_are_left_out():
-    assert find(find_robot("robby")) == []
-
-
 @pytest.mark.rest
 @given(st.data())
 @settings(max_examples=examples(40), suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -335,12 +324,6 @@ def test_a_plugin_that_nobody_knows_is_no_mistake_where_an_option_overrules_it(t
     files = changed(tmp_path, "robby", description={"canopen_ros2_control/": "other_ros2_control/"})
     assert "no hardware plugin 'other_ros2_control/RobotSystem'" in errors(files)[0]
     assert errors(files, mock=True) == errors(files, real=True) == []
-
-
-def test_on_mock_hardware_no_joint_needs_a_node(tmp_path):
-    files = changed(tmp_path, "robby", bus={"left_drive:": "other_drive:"})
-    assert "device_name 'left_drive' is not a node of" in errors(files)[0]
-    assert errors(files, mock=True) == []
 
 
 def test_a_type_that_nobody_knows_matters_where_its_controller_is_started(tmp_path):

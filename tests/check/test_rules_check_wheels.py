@@ -84,26 +84,11 @@ def test_the_sizes_of_every_base_are_held_against_the_description(name, key, val
     ]
 
 
-def test_a_size_under_its_old_name_is_not_missing(tmp_path):
-    files = changed(tmp_path, "forklift", controllers={"traction_wheels_radius": "rear_wheels_radius"})
-    assert found(files) == []
-
-
 def test_a_mecanum_base_whose_jerk_limit_freezes_it_has_no_switch_for_that(tmp_path):
     place = "    linear.y.max_velocity"
     files = changed(tmp_path, "mecanum", controllers={place: f"    linear.y.max_jerk: 0.0\n{place}"})
     (text,) = found(files)
     assert text.endswith("linear.y.max_jerk: 0 freezes the robot: it can neither start nor begin to brake; remove it")
-
-
-def test_a_wheel_size_that_is_not_the_descriptions_in_a_ros_1_file(tmp_path):
-    place = "  wheel_separation_multiplier: 1.0"
-    files = changed(tmp_path, "mobile_base_ros1", controllers={place: f"  wheel_separation: 0.5\n{place}"})
-    line = line_of(files, "controllers", "wheel_separation:")
-    assert found(files) == [
-        f"ros2_controllers.yaml:{line}: warning: mobile_base_controller: wheel_separation is 0.5 m, the description's "
-        "wheels have 0.4044 m; measure the robot and correct the one that is wrong"
-    ]
 
 
 @pytest.mark.parametrize("name", SIZES)

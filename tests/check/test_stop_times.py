@@ -55,11 +55,6 @@ def test_the_longest_is_the_sum_of_the_reason_that_takes_longest():
     )
 
 
-def test_what_nobody_watches_is_no_case():
-    causes = [each.cause for each in stop_time(facts(silence_s=0, data_s=0, master_s=0, lives={})).cases]
-    assert causes == ["a stop is asked", "it has a fault"]
-
-
 @pytest.mark.parametrize(
     ("objects", "ramp", "by"),
     [
@@ -77,11 +72,6 @@ def test_what_nobody_watches_is_no_case():
 def test_the_drive_stops_as_its_option_codes_say_when_the_master_is_lost(objects, ramp, by):
     found = case("master", objects=OBJECTS | objects)
     assert (found.ramp_s, found.by) == (ramp, by)
-
-
-def test_absent_option_codes_are_their_defaults():
-    found = case("master", objects={0x6085: 4000})  # 0x6007: fault, 0x605E: the quick stop ramp
-    assert (found.ramp_s, found.by) == (0.25, "ramp of 0x6085 (4000)")
 
 
 def test_without_a_deceleration_the_master_ramps_half_a_second():

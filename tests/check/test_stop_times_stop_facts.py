@@ -1,10 +1,7 @@
 """What a robot's files say of how its axes stop."""
 
-import math
-
 import pytest
 from support.arm6 import copy_arm
-from support.robots import copy_robby
 
 from canopen_control.check.stop_times import axis_facts, command_timeouts
 from canopen_control.host.polling import MarkedSelector
@@ -36,10 +33,6 @@ def test_the_drives_own_limit_counts_where_it_is_smaller(tmp_path):
     path = config / "bus.yml"
     path.write_text(path.read_text().replace("sdo:\n", "sdo:\n    - {index: 0x607F, sub_index: 0, value: 5000}\n", 1))
     assert facts_of(config)[0].speed == 5000
-
-
-def test_wheels_without_a_limit_have_no_greatest_speed(tmp_path):
-    assert {each.speed for each in facts_of(copy_robby(tmp_path))} == {math.inf}
 
 
 def test_the_lives_of_commands_are_those_of_the_loaded_controllers():

@@ -4,7 +4,6 @@ import re
 
 import pytest
 from support.arm6 import copy_arm
-from support.robots import copy_robby
 
 from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.od.issues import Severity
@@ -31,10 +30,6 @@ def arm(folder, **edits):
     return config
 
 
-def test_the_arm_as_it_is_has_none_of_these_mistakes(tmp_path):
-    assert warnings(copy_arm(tmp_path)) == []
-
-
 @pytest.mark.parametrize("kind", [254, 255])
 def test_set_points_that_act_on_arrival_are_told_where_the_type_stands(tmp_path, kind):
     told = warnings(arm(tmp_path, bus=(RPDO_TYPE, f"      transmission: {kind}\n")))
@@ -45,11 +40,6 @@ def test_set_points_that_act_on_arrival_are_told_where_the_type_stands(tmp_path,
         r" the motor has the computer's jitter",
         told[0],
     ), told[0]
-
-
-def test_in_a_profile_mode_the_type_is_free(tmp_path):
-    config = copy_robby(tmp_path, bus={"transmission: 0x01": "transmission: 0xFF"})
-    assert not any("acts when it arrives" in each for each in warnings(config))
 
 
 @pytest.mark.rest

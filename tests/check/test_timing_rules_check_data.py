@@ -24,10 +24,6 @@ def test_findings_come_by_file_and_line_the_worst_first_and_each_once():
     assert sorted_findings([other, note, error, first, note]) == [first, error, note, other]
 
 
-def test_a_robot_whose_files_could_not_be_read_has_no_wheels():
-    assert CheckedRobot(find_robot("robby")).geometry is None
-
-
 def test_wheels_and_controllers_are_those_of_the_files():
     files = find_robot("robby")
     robot = CheckedRobot(files, None, read_controllers(files.controllers), read_description(files.description))

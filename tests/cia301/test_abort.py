@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from canopen_control.cia301.abort import BUSY_CODES, AbortCode, abort_text
+from canopen_control.cia301.abort import AbortCode, abort_text
 
 VECTORS = json.loads((Path(__file__).parents[1] / "data" / "sdo.json").read_text())
 
@@ -24,12 +24,3 @@ def test_every_code_has_a_text_of_its_own(code):
 
 def test_a_vendors_code_is_said_to_be_unknown():
     assert abort_text(0x12345678) == "unknown code"
-
-
-def test_codes_are_numbers():
-    assert AbortCode.NO_OBJECT == 0x06020000
-    assert AbortCode(0x06020000) is AbortCode.NO_OBJECT
-
-
-def test_busy_codes_are_those_that_may_pass():
-    assert {f"{code:08X}" for code in BUSY_CODES} == {"05040005", "060A0023", "08000021", "08000022"}

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import struct
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -18,9 +16,6 @@ from canopen_control.cia301.pdo import (
     RpdoEventKind,
     TpdoProducer,
     dummy,
-    is_cyclic,
-    is_event_driven,
-    is_reserved,
     mapping_entry,
     parse_mapping_entry,
 )
@@ -125,10 +120,6 @@ def test_cyclic_synchronous_is_sent_every_nth_sync(every):
     assert device.change(1, 0) == []
 
 
-def test_the_phase_without_a_counter_is_the_vectors():
-    assert sending_syncs(Device(4), [None] * 12) == SYNC["tt4_no_counter"]["lely_sends_on_sync_number"]
-
-
 @pytest.mark.parametrize(("every", "group"), [(1, "tt1_overflow4_start3"), (2, "tt2_overflow4_start3")])
 def test_the_start_value_is_the_vectors(every, group):
     device = Device(every, sync_start=3)
@@ -228,13 +219,6 @@ def applied(rpdo: RpdoConsumer) -> list[str]:
     return [event.data.hex() for event in rpdo.events() if event.kind is KIND.APPLY]
 
 
-@pytest.mark.parametrize("transmission_type", [254, 255])
-def test_an_event_driven_rpdo_is_applied_at_once(transmission_type):
-    rpdo = running(transmission_type)
-    rpdo.receive(frame("203#0F0003"), 0)
-    assert rpdo.events() == [RpdoEvent(KIND.APPLY, bytes.fromhex("0F0003"), 3)]
-
-
 @pytest.mark.parametrize("transmission_type", [0, 1, 240])
 def test_a_synchronous_rpdo_is_held_until_the_next_sync_and_the_newest_counts(transmission_type):
     rpdo = running(transmission_type)
@@ -295,13 +279,6 @@ def test_synchronous_data_outside_the_window_are_dropped_and_counted():
     rpdo.receive(frame("203#020000"), 151)
     rpdo.sync(200)
     assert (applied(rpdo), rpdo.late) == (["010000"], 1)
-
-
-def test_foreign_and_remote_frames_are_ignored():
-    rpdo = running()
-    for text in ("204#0F0003", "203#R3", "080#"):
-        rpdo.receive(frame(text), 0)
-    assert (rpdo.events(), rpdo.received) == ([], 0)
 
 
 @pytest.mark.parametrize("settings", [{"enabled": False}, {"transmission_type": 243}, {"transmission_type": 252}])
@@ -448,12 +425,6 @@ def test_a_real_behind_a_bit_is_read_by_bits():
     assert two.unpack(two.pack([1, -0.25])) == (1, -0.25)
 
 
-def test_a_word_that_crosses_bytes_keeps_its_top_nibble():
-    three = codec((4, DataType.UNSIGNED8), (16, DataType.UNSIGNED16), (4, DataType.UNSIGNED8))
-    assert three.pack([0xA, 0xFCDA, 0x5]) == bytes.fromhex("AACD5F")
-    assert three.unpack(bytes.fromhex("AACD5F")) == (0xA, 0xFCDA, 0x5)
-
-
 @pytest.mark.parametrize(
     ("fields", "values"),
     [
@@ -501,11 +472,6 @@ def test_too_few_bytes_are_refused_and_more_are_ignored():
     assert one.unpack(memoryview(b"\1\0\xff")) == (1,)
 
 
-def test_an_empty_mapping_has_no_bytes():
-    empty = PdoCodec([])
-    assert (empty.length, empty.pack([]), empty.unpack(b"")) == (0, b"", ())
-
-
 @st.composite
 def mappings(draw: st.DrawFn) -> list[tuple[int, DataType]]:
     fields: list[tuple[int, DataType]] = []
@@ -546,12 +512,6 @@ def test_any_data_come_back_but_for_the_bits_nobody_mapped(fields, data):
     assert again == int.from_bytes(data, "little") & used
 
 
-def test_the_compiled_form_is_for_the_cycle():
-    two = codec((16, DataType.UNSIGNED16), (32, DataType.INTEGER32))
-    assert isinstance(two.struct, struct.Struct)
-    assert two.struct.unpack_from(b"\0\1\0\2\0\0\0", 1) == two.unpack(b"\1\0\2\0\0\0")
-
-
 def test_dummies_are_the_seven_types():
     assert dummy(DataType.UNSIGNED16) == MappedObject(6, 0, 16, DataType.UNSIGNED16)
     assert sorted(DUMMY_TYPES) == [1, 2, 3, 4, 5, 6, 7]
@@ -569,14 +529,3 @@ def test_cob_id_entries_are_the_vectors_both_ways(vector):
         vector["extended"],
         int(vector["can_id"], 16),
     )
-
-
-def test_times_are_in_nanoseconds():
-    parameters = PdoParameters(0x183, inhibit_time_100us=15, event_timer_ms=20)
-    assert (parameters.inhibit_ns, parameters.event_ns) == (1_500_000, 20_000_000)
-
-
-def test_transmission_types():
-    assert [t for t in range(-1, 257) if is_reserved(t)] == [-1, *range(241, 252), 256]
-    assert [t for t in range(256) if is_cyclic(t)] == list(range(1, 241))
-    assert [t for t in range(256) if is_event_driven(t)] == [254, 255]

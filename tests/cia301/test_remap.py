@@ -135,12 +135,6 @@ def test_a_device_without_rtr_keeps_bit_30_of_its_tpdos():
     assert rules(extended_supported=True).check_communication(1, 0x60012345, INVALID) is None
 
 
-@pytest.mark.parametrize("value", [0x00000203, 0x40000203, 0x80000203, 0xC0000203])
-def test_bit_30_of_an_rpdo_means_nothing(value):
-    for present in (VALID, INVALID, PdoParameters(0x203), PdoParameters(0x203, enabled=False)):
-        assert rules(rtr_supported=False).check_communication(1, value, present) is None
-
-
 @pytest.mark.parametrize(
     ("subindex", "value", "present", "count", "answer"),
     [
@@ -161,12 +155,6 @@ def test_bit_30_of_an_rpdo_means_nothing(value):
 )
 def test_writes_to_a_mapping_entry(subindex, value, present, count, answer):
     assert rules().check_mapping_entry(subindex, value, present, count) is answer
-
-
-def test_the_direction_decides_what_can_be_mapped():
-    tpdo = rules(is_tpdo=True)
-    assert tpdo.check_mapping_entry(1, 0x60410010, INVALID, 0) is None
-    assert tpdo.check_mapping_entry(1, 0x60400010, INVALID, 0) is AbortCode.NOT_MAPPABLE
 
 
 def test_dummies_fill_rpdos_where_the_device_allows_them():

@@ -14,7 +14,6 @@ from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.cia301.sdo_codec import (
     EXPEDITED_CODES,
     EXPEDITED_LENGTHS,
-    SHORTEST_RUN,
     UPLOAD,
     crc16,
     deliver,
@@ -68,21 +67,6 @@ def test_a_run_ends_before_what_is_not_the_next_segment(kind):
     records = bytearray(pack_records(segments(40)))
     records[160:176] = spoilt_record(kind)
     assert segments_in_order(bytes(records), 0, COB_ID, 1, 100) == data_of(segments(10))
-
-
-def test_the_padding_of_a_record_is_nobodys_affair():
-    records = bytearray(pack_records(segments(20)))
-    records[16 * 5 + 5 : 16 * 5 + 8] = b"\xff\xff\xff"
-    assert segments_in_order(bytes(records), 0, COB_ID, 1, 20) == data_of(segments(20))
-
-
-def test_few_segments_and_those_of_another_place_are_no_run():
-    records = pack_records(segments(20))
-    assert not segments_in_order(records, 0, COB_ID, 2, 20)
-    assert not segments_in_order(records, 0, COB_ID, 1, SHORTEST_RUN - 1)
-    assert not segments_in_order(records[: 16 * (SHORTEST_RUN - 1)], 0, COB_ID, 1, 127)
-    assert not segments_in_order(b"", 0, COB_ID, 1, 127)
-    assert not segments_in_order(pack_records(segments(1) * 20), 0, COB_ID, 1, 127)
 
 
 @given(st.integers(0, 300), st.integers(0, 40), st.integers(1, 127), st.randoms(use_true_random=False))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.sdo import MS, NODE, MemoryStore, frame
+from support.sdo import MS, NODE, frame
 
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.sdo_client import SdoClient, first_phase
@@ -20,7 +20,6 @@ from canopen_control.cia301.sdo_exchange import (
     initiate,
     initiate_block,
 )
-from canopen_control.cia301.sdo_server import SdoServer
 from canopen_control.errors import BusClosed, LocalProtocolError, SdoAbort, SdoTimeout
 from canopen_control.frame import CanFrame
 
@@ -178,24 +177,6 @@ def test_an_idle_exchange_ignores_everything(exchange):
     exchange.cancel(BusClosed("vcan0"))
     assert (exchange.out, exchange.finished, exchange.deadline) == ([], [], None)
     assert exchange.ignored == 256
-
-
-def test_a_request_that_ends_leaves_it_idle(exchange):
-    request = SdoRequest(0x2000, 0, None, HALF)
-    exchange.start(request, 0)
-    exchange.out.clear()
-    exchange.receive(bytes.fromhex("4F00200005000000"), 7)
-    assert (exchange.active, exchange.deadline, exchange.finished) == (None, None, [request])
-    assert (request.data, request.elapsed_ns) == (b"\5", 7)
-
-
-def test_a_list_that_was_handed_out_is_the_callers():
-    client, server = SdoClient(NODE), SdoServer(NODE, MemoryStore())
-    for core in (client, server):
-        taken, happened = core.frames(), core.events()
-        taken.append(frame("080#"))
-        happened.append("something else")
-        assert (core.frames(), core.events()) == ([], [])
 
 
 def test_the_abort_of_a_cancelled_transfer_leaves_although_the_next_is_cancelled_too():

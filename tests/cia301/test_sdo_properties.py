@@ -166,22 +166,6 @@ def test_on_a_bad_line_a_success_is_true(seed, loss, double, late, block, crc):
         assert isinstance(request.error, SdoAbort | SdoTimeout | None)
 
 
-@pytest.mark.parametrize("block", [False, True])
-@pytest.mark.parametrize("size", [0, 4, 889, 100_000])
-@given(seed=st.integers(0, 2**32))
-@settings(max_examples=examples(3))
-def test_large_objects_cross_a_line_that_doubles_and_delays(block, size, seed):
-    store = MemoryStore({(0x2000, 0): b""})
-    line = BadLine(SdoClient(NODE), SdoServer(NODE, store), seed, double=0.05, late=0.0005)
-    data = random.Random(seed).randbytes(size)
-    written = line.client.write(0x2000, 0, data, block=block)
-    line.run(written)
-    read = line.client.read(0x2000, 0, block=block)
-    line.run(read)
-    assert written.error is not None or store.objects[0x2000, 0] == data
-    assert read.error is not None or read.data == store.objects[0x2000, 0]
-
-
 class LosesSegments(BadLine):
     """Loses data segments alone, and never the first of a sub-block: what a receiver's overrun does to it."""
 

@@ -56,13 +56,6 @@ def test_a_doubled_segment_is_taken_once():
     assert client.ignored == 1
 
 
-def test_a_copy_of_the_last_segment_is_not_acknowledged_again():
-    client, _ = reading(*SEGMENTS)
-    said(client)
-    client.receive(frame(SEGMENTS[2]), 0)
-    assert said(client) == []
-
-
 def test_silence_within_a_sub_block_acknowledges_what_came():
     client, request = reading(SEGMENTS[0], SEGMENTS[1])
     client.tick(HALF)
@@ -137,20 +130,6 @@ def test_the_server_sets_the_size_of_every_sub_block():
     assert said(client) == ["603#010708090A0B0C0D"]
     client.receive(frame("583#A2017F0000000000"), 0)
     assert said(client) == ["603#810E0F1011121300"]
-
-
-def test_a_sub_block_of_which_nothing_came_is_sent_again():
-    client, _ = writing()
-    first = said(client)
-    client.receive(frame("583#A2007F0000000000"), 0)
-    assert said(client) == first
-    assert len(first) == 3
-
-
-def test_a_doubled_acknowledgement_skips_nothing():
-    client, _ = writing("583#A201010000000000", block_size="01")
-    client.receive(frame("583#A201010000000000"), 0)
-    assert said(client) == ["603#010708090A0B0C0D"]
 
 
 @pytest.mark.parametrize(

@@ -76,13 +76,6 @@ def test_an_upload_is_served_when_the_client_has_confirmed_the_end():
     assert (server.served, server.next_deadline()) == (1, None)
 
 
-def test_an_empty_object_goes_as_one_segment_without_bytes():
-    server = device()
-    server.store.objects[0x2007, 0] = b""
-    said = ask(server, READ, START, "603#A2017F0000000000")
-    assert said == ["583#C607200000000000", "583#8100000000000000", "583#DD00000000000000"]
-
-
 def test_without_crc_of_the_client_the_field_is_zero():
     said = ask(device(), "603#A00720007F000000", START, "603#A2037F0000000000")
     assert (said[0], said[-1]) == ("583#C207200014000000", "583#C500000000000000")
@@ -172,10 +165,6 @@ def test_length_and_crc_are_checked_at_the_end(initiate, end, code):
 
 def test_more_than_announced_is_refused_at_once():
     assert ask(device(), "603#C20820000D000000", *SEGMENTS)[-1] == "583#8008200012000706"
-
-
-def test_one_that_grows_over_the_limit_is_refused():
-    assert ask(device(max_size=13), "603#C008200000000000", *SEGMENTS)[-1] == "583#8008200005000405"
 
 
 def test_the_end_is_confirmed_only_when_the_store_has_taken_the_object():

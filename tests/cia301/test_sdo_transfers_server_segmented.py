@@ -46,10 +46,6 @@ def test_a_doubled_request_for_the_last_segment_is_no_error():
     assert len(said) == 3
 
 
-def test_the_first_request_for_a_segment_has_toggle_0():
-    assert ask(device(), "603#4007200000000000", "603#7000000000000000")[1] == "583#8007200000000305"
-
-
 def test_the_object_is_read_once_and_does_not_change_under_way():
     server = device()
     ask(server, "603#4007200000000000", "603#6000000000000000")
@@ -78,10 +74,6 @@ def test_another_segment_with_the_old_toggle_is_an_error():
     assert said[2] == "583#8008200000000305"
 
 
-def test_the_first_segment_has_toggle_0():
-    assert ask(device(), INITIATE_UNSIZED, "603#1031323334353637")[1] == "583#8008200000000305"
-
-
 @pytest.mark.parametrize(("size", "code"), [("07", "12000706"), ("09", "13000706")])
 def test_another_length_than_announced_is_refused_and_nothing_is_written(size, code):
     server = device()
@@ -101,9 +93,3 @@ def test_the_last_segment_is_confirmed_only_when_the_store_has_taken_the_object(
     said = ask(server, INITIATE_UNSIZED, "603#0531323334350000")
     assert said == ["583#6008200000000000", "583#8008200012000706"]
     assert server.store.objects[0x2008, 0] == b"old"
-
-
-def test_an_empty_object_is_taken():
-    server = device()
-    assert ask(server, "603#2108200000000000", "603#0F00000000000000")[-1] == "583#2000000000000000"
-    assert server.store.objects[0x2008, 0] == b""

@@ -42,18 +42,6 @@ KIND = SyncEventKind
 SYNC = vectors()["sync"]
 
 
-def test_sync_without_a_counter_is_the_vector():
-    producer = SyncProducer()
-    assert [producer.frame(), producer.frame()] == [frame(SYNC["no_counter"])] * 2
-    assert producer.counter == 0
-
-
-def test_the_counter_wraps_as_the_vectors():
-    producer = SyncProducer(overflow=4)
-    assert [producer.frame() for _ in range(5)] == [frame(text) for text in SYNC["counter_overflow_4"]]
-    assert producer.counter == 1
-
-
 def test_reset_starts_the_counter_again():
     producer = SyncProducer(overflow=4)
     producer.frame()

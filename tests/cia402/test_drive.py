@@ -556,15 +556,6 @@ def test_a_quick_stop_that_is_not_obeyed_is_told_and_a_disable_then_asks_otherwi
     assert list(dict.fromkeys(rig.words)) == [0x02, 0x07]
 
 
-def test_a_slow_transition_within_its_time_is_waited_for():
-    machine = DriveMachine("x", transition_timeouts={4: 15_000 * MS})
-    machine.enable()
-    for seconds in range(15):
-        assert machine.update(0x0233, None, seconds * 1000 * MS) == 0x0F
-    machine.update(0x0237, None, 14_999 * MS)
-    assert machine.enabled
-
-
 # -- modes
 
 
@@ -726,15 +717,6 @@ def test_an_undefined_statusword_keeps_the_state_is_counted_and_then_told():
     assert rig.machine.undefined == 30
 
 
-def test_a_single_undefined_statusword_is_only_counted():
-    rig = Rig().enabled()
-    for _ in range(50):
-        assert rig.machine.update(0x0001, None, rig.now) == 0x0F
-        assert rig.machine.update(0x0237, None, rig.now) == 0x0F
-    assert rig.machine.undefined == 50
-    assert rig.machine.events() == []
-
-
 def test_local_control_is_told_when_it_begins_and_ends_but_not_while_the_drive_starts():
     rig = Rig()
     rig.drive.remote = False
@@ -777,13 +759,6 @@ def test_a_steady_update_allocates_nothing():
     for _ in range(1000):
         machine.update(0x1237, 8, now)
     assert sys.getallocatedblocks() - before < 5
-
-
-def test_events_are_drained_once():
-    rig = Rig()
-    rig.machine.update(0x0240, None, 0)
-    assert len(rig.machine.events()) == 1
-    assert rig.machine.events() == []
 
 
 # -- properties

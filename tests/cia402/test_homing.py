@@ -87,13 +87,6 @@ def test_a_method_without_motion_may_be_over_between_two_statuswords(method):
     assert sent[-1] == 0
 
 
-def test_bits_12_and_10_may_come_in_any_order():
-    for between in (ATTAINED, STOPPED):
-        machine, _, events = home([STOPPED, RUNNING, between, DONE])
-        assert machine.homed, between
-        assert len(events) == 1
-
-
 @pytest.mark.parametrize("word", [ERROR_MOVING, ERROR, 0x3237, 0x3637])
 def test_an_error_ends_it(word):
     machine, sent, events = home([STOPPED, RUNNING, word])
@@ -102,13 +95,6 @@ def test_an_error_ends_it(word):
     assert events[0].status is homing_status(word)
     assert events[0].text == "homing by method 1 failed: the drive reports a homing error"
     assert not machine.homed
-
-
-def test_an_error_of_the_last_homing_is_not_this_ones():
-    machine, _, _ = home([ERROR, ERROR, RUNNING, DONE])
-    assert machine.homed
-    machine, _, events = home([ERROR] * 30, start_timeout_ns=100)
-    assert events[0].reason == "it was never seen running"
 
 
 def test_an_interruption_ends_it_but_a_glimpse_of_one_does_not():
@@ -143,15 +129,6 @@ def test_an_abort_or_a_drive_that_is_not_enabled_ends_it():
         assert event.method == 1
         assert reason in event.reason
         assert not machine.active
-
-
-def test_an_abort_without_a_homing_is_nothing():
-    machine = HomingSequence()
-    machine.abort()
-    machine.start(1)
-    assert machine.update(STOPPED, True, 0) == 0
-    assert machine.active
-    assert machine.events() == []
 
 
 def test_methods_are_those_of_the_profile_or_of_0x60e3():

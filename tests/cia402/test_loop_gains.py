@@ -18,19 +18,9 @@ def test_the_servo_of_this_project_has_all_four():
     }
 
 
-def test_an_axis_that_is_not_there_has_none():
-    assert gain_objects(SERVO, 1) == {}
-
-
 @pytest.mark.parametrize("name", ["TMCM-1270.eds", "generic_cia401.eds"])
 def test_a_device_without_loops_has_none(name):
     assert gain_objects(read_eds(data_path("eds", name), 5).od) == {}
-
-
-def test_another_makers_numbers_are_of_another_scale():
-    entry = dataclasses.replace(SERVO[0x1018, 1], default=0xFB)
-    entries = dict(SERVO.entries) | {(0x1018, 1): entry}
-    assert gain_objects(dataclasses.replace(SERVO, entries=entries)) == {}
 
 
 def of_maker(name, *addresses):

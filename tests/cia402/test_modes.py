@@ -20,12 +20,6 @@ VECTORS = json.loads((Path(__file__).parents[1] / "data" / "cia402.json").read_t
 TMCM = supported_modes(0xA5)
 
 
-@pytest.mark.parametrize("example", VECTORS["cia402_6502"]["examples"], ids=lambda example: str(example["value"]))
-def test_supported_modes_of_real_devices(example):
-    value = example["value"]
-    assert list(supported_modes(int(value, 16) if isinstance(value, str) else value)) == example["modes"]
-
-
 def test_each_bit_of_0x6502_is_the_mode_of_the_vectors():
     for bit, text in VECTORS["cia402_6502"]["bits"].items():
         (mode,) = supported_modes(1 << int(bit))
@@ -72,11 +66,6 @@ def test_modes_have_names_whatever_the_number():
     assert mode_name(0) == "NONE"
     assert mode_name(-3) == "mode -3 (manufacturer)"
     assert mode_name(5) == "mode 5 (reserved)"
-
-
-def test_every_mode_that_moves_has_its_bits():
-    moving = set(OperationMode) - {OperationMode.NONE}
-    assert set(MODE_BITS) == moving
 
 
 def test_bit_10_means_nothing_in_the_cyclic_modes():

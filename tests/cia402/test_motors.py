@@ -1,7 +1,5 @@
 """Where a drive with several motors in one object set has the objects of each axis."""
 
-import re
-
 import pytest
 from support.two_motors import dictionary
 
@@ -47,13 +45,6 @@ def test_an_object_of_an_axis_has_its_place_in_the_device(motors, address, place
     assert address in motors.view
 
 
-def test_the_view_has_the_types_of_the_profile(motors):
-    assert motors.view[0x6841, 0].data_type is U16
-    assert motors.view[0x68FF, 0].data_type is I32
-    assert (0x60FF, 1) not in motors.view
-    assert (0x6040, 0) not in motors.places
-
-
 def test_a_part_of_an_answer_is_that_of_its_motor():
     assert ObjectPlace(0x6041, 0, 16, 16).taken(bytes((1, 2, 3, 4))) == bytes((3, 4))
     assert ObjectPlace(0x60FF, 2).taken(bytes(4)) == bytes(4)
@@ -82,8 +73,3 @@ def test_a_device_is_known_by_its_dictionary(od):
     od.add(Entry(0x6840, 0, "Controlword 2", U16))
     assert motors_of(od) is None
     assert "its axes are in objects of their own" in problem_of(od, (1, 2))
-
-
-def test_a_statusword_of_16_bits_is_that_of_all_motors():
-    narrow = dictionary(lambda text: re.sub(r"(\[6041\][^[]*DataType=)0x0007", r"\g<1>0x0006", text))
-    assert MotorMap(narrow, (1, 2)).places[0x6841, 0] == ObjectPlace(0x6041, 0)

@@ -9,7 +9,6 @@ from canopen_control.cia402.objects import (
     DEFAULTS,
     NAMES,
     OPTION_CODES,
-    SINGLE_DEVICE_TYPE,
     STATUSWORD,
     Reaction,
     axis_count,
@@ -57,16 +56,6 @@ def test_reserved_and_manufacturer_codes_mean_nothing_here():
 
 def test_a_lost_connection_does_nothing_faults_or_is_a_command():
     assert list(ABORT_CONNECTION.values()) == [None, State.FAULT, Command.DISABLE_VOLTAGE, Command.QUICK_STOP]
-
-
-def test_each_axis_lies_0x800_higher():
-    assert [axis_index(CONTROLWORD, axis) for axis in range(3)] == [0x6040, 0x6840, 0x7040]
-    assert axis_index(SINGLE_DEVICE_TYPE, 7) == 0x9FFF
-
-
-def test_objects_of_the_device_are_the_same_for_all_axes():
-    assert axis_index(0x1018, 3) == 0x1018
-    assert axis_index(0x2004, 3) == 0x2004
 
 
 def test_an_axis_that_cannot_be_is_refused():

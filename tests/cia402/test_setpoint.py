@@ -127,12 +127,6 @@ def test_a_move_is_taken_once_and_reached_where_it_should(delay, busy_ack):
     assert events[1].text == "set-point 200 reached"
 
 
-def test_a_move_to_where_it_is_ends_too():
-    machine, drive = SetPointHandshake(), PositionDrive()
-    machine.move(0)
-    assert [type(event) for event in run(machine, drive, 20)] == [SetPointTaken, SetPointReached]
-
-
 def test_a_second_set_point_waits_for_its_turn_and_only_the_last_is_told_as_reached():
     machine, drive = SetPointHandshake(), PositionDrive()
     machine.move(100)
@@ -184,14 +178,6 @@ def test_a_newer_set_point_takes_the_place_of_one_that_waits_for_the_end_of_a_mo
     machine.move(100, immediately=True)
     run(machine, drive, 200)
     assert drive.taken == [500, 100]
-
-
-def test_relative_moves_add_up():
-    machine, drive = SetPointHandshake(), PositionDrive()
-    for _ in range(3):
-        machine.move(30, relative=True)
-        run(machine, drive, 30)
-    assert drive.position == 90
 
 
 def test_an_acknowledge_bit_that_is_already_1_is_no_acknowledgement():

@@ -28,34 +28,15 @@ def test_ten_radians_per_second_are_2546_pulses_on_the_tutorials_reversed_wheel(
     assert ROBBY_LEFT.velocity_from_device(-2546) == pytest.approx(9.998, abs=1e-3)
 
 
-def test_units_by_name_are_the_tutorials_numbers():
-    scale = Scale.from_units(1600, reversed=True)
-    assert scale.pos_to_dev == pytest.approx(-254.647897079, rel=1e-7)
-    assert scale.vel_from_dev == pytest.approx(-0.003926991, rel=1e-6)
-    assert scale.pos_to_dev * scale.pos_from_dev == pytest.approx(1, rel=1e-12)
-    assert scale.vel_to_dev * scale.vel_from_dev == pytest.approx(1, rel=1e-12)
-    assert Scale.from_units(4000, gear_ratio=10.0).position_count(2 * math.pi) == 40_000
-
-
 def test_a_small_target_is_rounded_not_truncated():
     scale = Scale(pos_to_dev=1000.0)
     assert (to_object(0.9, -10, 10), to_object(-0.9, -10, 10)) == (1, -1)
     assert scale.position_count(1.9996) == 2000
 
 
-def test_offsets_are_device_units_one_way_and_si_the_other():
-    scale = Scale(100.0, 0.01, offset_pos_to_dev=50.0, offset_pos_from_dev=-0.5)
-    assert scale.position_count(1.0) == 150
-    assert scale.position_from_device(150) == pytest.approx(1.0)
-
-
 @pytest.mark.parametrize("raw", [32768.0, -32769.0, 1e30, 1e308, math.inf, -math.inf, math.nan])
 def test_what_does_not_fit_is_no_target(raw):
     assert to_object(raw, -(1 << 15), (1 << 15) - 1) is None
-
-
-def test_a_count_may_be_of_any_size():
-    assert Scale(1e6, 1e-6).position_count(1e9) == 10**15
 
 
 @pytest.mark.parametrize(

@@ -18,12 +18,6 @@ def test_a_joint_that_the_node_does_not_move_is_one_sentence(mock_robot, capsys)
     assert "all has no joint 'elbow'; there are: none" in capsys.readouterr().err
 
 
-def test_an_unknown_action_is_a_usage_error():
-    with pytest.raises(SystemExit) as caught:
-        main(["axis", "explode", "all"])
-    assert caught.value.code == 2
-
-
 @pytest.mark.parametrize(
     "words",
     [

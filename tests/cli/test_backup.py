@@ -50,12 +50,6 @@ def test_a_full_disk_leaves_the_file_that_was_there(bus, capsys):
     assert "/dev/full" in capsys.readouterr().err
 
 
-def test_a_node_that_is_not_there_is_told(bus, tmp_path, capsys):
-    words = ["backup", "9", "-o", str(tmp_path / "x.dcf"), *bus.options, "--eds", TMCM, "--timeout", "0.05"]
-    assert main(words) == 1
-    assert "node 9: 0x1000:00: no answer" in capsys.readouterr().err
-
-
 @pytest.mark.rest
 def test_a_robot_is_made_of_a_backup_and_boots_its_values(bus, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

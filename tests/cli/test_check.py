@@ -92,11 +92,6 @@ def test_an_argument_that_the_description_does_not_have_is_an_error_with_the_nea
     assert "robby.urdf.xacro: error: xacro: no argument 'use_mok_hardware', did you mean 'use_mock_hardware'?" in said
 
 
-def test_a_urdf_has_no_arguments(capsys):
-    assert main(["check", "arm6", "prefix:=a"]) == 2
-    assert "arm6.urdf: error: it is not a xacro, so it has no arguments; leave prefix:= away" in capsys.readouterr().out
-
-
 @pytest.mark.rest
 def test_the_longest_stop_of_each_joint_is_told_and_as_json_every_reason(capsys):
     assert main(["check", "arm6"]) == 0
@@ -111,8 +106,3 @@ def test_the_longest_stop_of_each_joint_is_told_and_as_json_every_reason(capsys)
     assert (stop["joint"], stop["node_id"], round(stop["longest_s"], 3)) == ("joint_1", 2, 0.838)
     lost = next(each for each in stop["cases"] if each["cause"] == "the master is silent")
     assert (lost["detection_s"], lost["by"].split(" (")[0]) == (0.5, "ramp of 0x6085")
-
-
-def test_a_mocked_robot_has_no_drives_that_stop(capsys):
-    assert main(["check", "robby", "--mock"]) == 0
-    assert "stop of" not in capsys.readouterr().out

@@ -72,8 +72,3 @@ def test_what_is_refused_is_a_sentence_and_changes_nothing(controller, arguments
     assert sentence in controller(*arguments, code=code)
     after = states(controller)
     assert {name: after[name] for name in before} == before
-
-
-def test_without_a_robot_it_is_exit_code_2(capsys):
-    assert main(["controller", "list"]) == 2
-    assert "no robot is running" in capsys.readouterr().err

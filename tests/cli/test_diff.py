@@ -53,8 +53,3 @@ def test_what_the_node_refuses_is_a_difference_with_its_reason(bus, backup, caps
     bus.call(lambda: bus.nodes[3].store.od.entries.pop((0x6081, 0)))
     assert main(["diff", backup, "3", *bus.options]) == 1
     assert "abort 0x06090011" in capsys.readouterr().out
-
-
-def test_a_file_that_is_not_there_is_told(bus, capsys):
-    assert main(["diff", "nothing.dcf", "3", *bus.options]) == 2
-    assert "nothing.dcf: no such file" in capsys.readouterr().err

@@ -62,7 +62,3 @@ def test_the_quality_of_set_points_has_its_counts_ripple_and_phase():
         "RPDO after SYNC: 1204.5 (150 to 2900) us",
     ]
     assert [*state_lines(drive(axis(QUALITY)))][2].startswith("    set-points: 1000 taken")
-
-
-def test_of_an_axis_that_did_not_move_there_are_only_the_counts():
-    assert [*quality_lines(SetPointQuality())] == ["set-points: 0 taken, 0 missed, 0 doubled, 0 overwritten"]

@@ -55,8 +55,3 @@ def test_a_dump_of_nothing_that_can_be_read_is_no_success(drive, capsys):
     drive.store.on_read(0x1001, 0, lambda: refuse(0x08000000))
     assert dump("0x1001") == 1
     assert "node 5: none of these objects can be read" in capsys.readouterr().err
-
-
-def test_a_node_that_is_not_there_is_told(drive, capsys):
-    assert main(["dump", "6", "--can", BUS, "--eds", TMCM, "--timeout", "0.1"]) == 1
-    assert "no answer" in capsys.readouterr().err

@@ -5,7 +5,7 @@ import json
 import pytest
 from support.eds import MALFORMED, eds, section
 
-from canopen_control.cli.eds import EXAMPLE, run
+from canopen_control.cli.eds import run
 from canopen_control.cli.main import main
 from canopen_control.cli.support.parsers import parser_of
 from canopen_control.data_files import data_path
@@ -46,14 +46,6 @@ def test_the_bundled_files_are_good(cli, name):
     assert out.endswith("entries: no issue\n")
 
 
-def test_the_example_is_a_command_that_works(cli, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for example in EXAMPLE.splitlines():
-        program, verb, *words = example.split()
-        assert (program, verb) == ("canopen-control", "eds")
-        assert cli(*words)[0] == (1 if words[0] == "diff" else 0)  # the two files differ
-
-
 def test_an_error_is_told_with_its_line_and_exit_code_1(cli):
     code, out, _ = cli("check", malformed("24_my_node_id"))
     assert code == 1
@@ -90,10 +82,6 @@ def test_a_file_that_is_not_there_is_exit_code_2(cli, arguments):
     code, out, err = cli(*arguments)
     assert (code, out) == (2, "")
     assert err == "canopen-control: no such file: none.eds\n"
-
-
-def test_a_folder_is_named_as_what_it_is(cli, tmp_path):
-    assert cli("show", tmp_path) == (2, "", f"canopen-control: no such file: {tmp_path} (a folder)\n")
 
 
 @pytest.mark.parametrize("arguments", [(), ("check",), ("show",), ("show", TMCM, "--node-id", "128"), ("diff", TMCM)])
@@ -160,13 +148,6 @@ def test_the_node_id_is_left_open_or_filled_in(cli, cli_json):
     assert (entry["default"], entry["plus_node_id"]) == (0x40000200, True)
     _, (entry,) = cli_json("show", TMCM, "1400:1", "--node-id", "5")
     assert (entry["default"], entry["plus_node_id"]) == (0x40000205, False)
-
-
-def test_limits_may_have_the_node_id(cli, tmp_path):
-    path = tmp_path / "a.eds"
-    path.write_text(eds(LowLimit="$NODEID+0x10", HighLimit="0x20"))
-    assert "$NODEID+0x00000010..0x00000020" in cli("show", path)[1]
-    assert "0x00000013..0x00000020" in cli("show", path, "--node-id", "3")[1]
 
 
 def test_values_that_json_lacks_are_text(cli_json, tmp_path):

@@ -23,11 +23,6 @@ def test_a_robots_layout_goes_into_a_file_and_it_is_said_what_is_in_it(tmp_path,
     assert capsys.readouterr().out == path.read_text()
 
 
-def test_an_eds_alone_has_a_layout_too(capsys):
-    assert main(["export", "dbc", "--eds", "5=TMCM-1270.eds"]) == 0
-    assert "BO_ 389 TMCM_1270_TPDO1: 2 TMCM_1270" in capsys.readouterr().out
-
-
 def test_a_recording_becomes_a_table(tmp_path, capsys):
     path = recording(tmp_path)
     assert main(["export", "csv", path, "robby"]) == 0

@@ -53,11 +53,6 @@ def test_a_bare_bus_is_served_on_standard_input(bus, gateway):
     )
 
 
-def test_a_node_that_does_not_answer_is_a_time_out_of_the_client(bus, gateway):
-    lines = b"[1] set sdo_timeout 20\n[2] 9 r 0x1000 0\n"
-    assert gateway(*ON_BUS, lines=lines)[:2] == (0, b"[1] OK\r\n[2] ERROR:0x05040000 #SDO protocol timed out.\r\n")
-
-
 def test_nothing_that_may_move_a_drive_is_sent_without_the_option(bus, gateway):
     code, answers, _ = gateway(*ON_BUS, lines=b"[1] 4 start\n[2] 4 w 0x6060 0 i8 3\n")
     assert code == 0

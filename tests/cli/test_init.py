@@ -2,7 +2,6 @@
 
 import contextlib
 import re
-import shlex
 from pathlib import Path
 from typing import ClassVar
 
@@ -50,13 +49,6 @@ def test_a_robot_is_made_and_the_next_commands_are_named(capsys):
     assert main(["check", "turntable", "--strict"]) == 0
 
 
-@pytest.mark.parametrize("line", [line.strip() for line in init.EXAMPLE.splitlines() if "--can" not in line])
-def test_the_examples_of_the_help_run(line, capsys):
-    words = shlex.split(line)[1:]
-    assert main(words) == 0
-    assert main(["check", words[1], "--strict"]) == 0
-
-
 def test_each_eds_has_the_node_ids_at_its_place():
     ids = ["--eds", "generic_cia402.eds", "--node-id", "2,3", *TMCM, "--node-id", "0x10"]
     assert main(["init", "mixed", *ids]) == 0
@@ -98,11 +90,6 @@ def test_what_cannot_be_is_one_sentence_and_no_folder(what, capsys):
     told = refused(capsys, "fresh", *words)
     assert said in told
     assert "\n" not in told
-
-
-@pytest.mark.parametrize("name", ["my robot", "a/b c", "..", "-", ""])
-def test_a_name_that_is_none_is_refused(name, capsys):
-    assert "is not a valid robot name" in refused(capsys, *TMCM, "--node-id", "3", "--", name)
 
 
 @pytest.mark.parametrize("path", sorted(MALFORMED.glob("4[1-4]*.eds")), ids=lambda path: path.stem)

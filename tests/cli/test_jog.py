@@ -12,7 +12,7 @@ from support.drive_shapes import SHAPES, write_shape
 from support.host import eventually
 from support.jogbench import NODE_ID, jog_bench
 from support.mockrobot import running
-from support.onbus import GENERIC, TMCM
+from support.onbus import TMCM
 from support.processes import DriveProbe, seconds_until
 from support.terminal import in_background, typed
 
@@ -89,12 +89,6 @@ def test_held_keys_turn_it_both_ways_and_their_release_stops_it(bench, monkeypat
     assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
 
 
-def test_the_end_of_the_travel_ends_it(bench, no_terminal, capsys):
-    assert bench.jog("--velocity", "60rpm", "--for", "5", "--max-travel", "20deg") == 0
-    assert "the travel limit is reached: stopped" in capsys.readouterr().out
-    assert bench.get(0x6064) < TURN / 4
-
-
 def test_a_drive_whose_units_nobody_tells_is_turned_in_counts(private_folders, no_terminal, capsys):
     with jog_bench(TMCM, "memory:counts") as bench:
         assert bench.jog("--velocity", "500pps", "--for", "0.5") == 0
@@ -130,16 +124,6 @@ def test_another_device_than_the_eds_describes_is_refused(bench, no_terminal, ca
     assert "node 5 is not the device of TMCM-1270.eds: vendor 0x00000286 in the EDS, 0x" in capsys.readouterr().err
     assert bench.jog("--for", "1", eds="generic_cia401.eds") == 2
     assert "it describes no CiA 402 drive" in capsys.readouterr().err
-
-
-def test_a_node_that_is_not_there_is_told(bench, no_terminal, capsys):
-    assert bench.jog("--for", "1", "--timeout", "0.1", node=9) == 1
-    assert "node 9" in capsys.readouterr().err
-
-
-def test_a_channel_that_is_not_there_is_told(private_folders, no_terminal, capsys):
-    assert main(["jog", "5", "--can", "local:nobody", "--eds", GENERIC, "--for", "1"]) == 2
-    assert "nobody" in capsys.readouterr().err
 
 
 def test_a_fault_is_told_and_reset_only_on_demand_which_moves_nothing(bench, no_terminal, capsys):

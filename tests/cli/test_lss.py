@@ -145,14 +145,6 @@ def test_the_bus_may_stand_before_the_action_and_must_be_named(slaves, capsys):
     assert "name the bus: canopen-control lss find --can CHANNEL" in capsys.readouterr().err
 
 
-def test_the_help_says_when_a_new_node_id_counts(capsys):
-    with pytest.raises(SystemExit):
-        main(["lss", "--help"])
-    said = " ".join(capsys.readouterr().out.split())
-    for words in ("after `switch waiting`", "after `nmt reset-comm`", "after `activate`", "without `store`"):
-        assert words in said
-
-
 def test_the_bus_of_a_running_robot_is_left_alone(monkeypatch, private_folders, capsys):
     monkeypatch.setattr(verb, "robot_on", lambda channel: ("robby", {}))
     assert lss("store") == 2

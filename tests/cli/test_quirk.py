@@ -73,12 +73,6 @@ def test_what_is_wrong_is_one_sentence(node, capsys, words, sentence):
     assert len(error.splitlines()) == 1
 
 
-def test_excluded_by_another(node, capsys):
-    assert main(["quirk", "5", "remote_never", "--can", CAN]) == 0
-    assert main(["quirk", "5", "remote_when_enabled", "--can", CAN]) == 2
-    assert "exclude each other" in capsys.readouterr().err
-
-
 def test_a_drive_is_not_started_with_what_is_no_quirk(capsys):
     start = ["drive", "--node-id", "3", "--eds", "generic_cia402.eds", "--can", "memory:no-quirk", "--quirk"]
     assert main([*start, "brake_dely"]) == 2

@@ -1,5 +1,4 @@
 import errno
-import json
 import os
 import signal
 import threading
@@ -83,14 +82,6 @@ def test_it_listens_until_it_is_ended_and_says_how_many_frames_there_are(folders
     assert err == ""
     assert [each.frame for each in Recording(path)] == frames
     assert signal.getsignal(signal.SIGTERM) is before
-
-
-@pytest.mark.process
-def test_json_tells_the_same_to_scripts(folders, tmp_path, capsys):
-    path = tmp_path / "x.log"
-    assert recorded(path, [CanFrame(0x80)], "--json") == 0
-    result = json.loads(capsys.readouterr().out)
-    assert (result["frames"], result["lost"], result["left_out"], result["channel"]) == (1, 0, 0, "local:taken")
 
 
 @pytest.mark.process

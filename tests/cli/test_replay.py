@@ -60,13 +60,6 @@ def test_it_plays_into_a_bus_where_nobody_is(folders, log, capsys):
 
 
 @pytest.mark.process
-def test_json_tells_the_same_to_scripts(folders, log, capsys):
-    assert main(["replay", log, "--can", "local:bench", "--json", "--speed", "100"]) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert (result["frames"], result["lost"], result["left_out"]) == (5, 0, 0)
-
-
-@pytest.mark.process
 def test_where_a_node_of_it_is_alive_nothing_is_played(folders, log, capsys):
     ear = open_local("bench", "ear")
     with OnBus("local:bench", {3: TMCM, 9: TMCM}):
@@ -117,13 +110,6 @@ def test_ctrl_c_ends_it_and_it_says_how_far_it_came(folders, log, capsys, monkey
 def test_a_bus_nobody_would_hear_is_refused(bad, log, capsys):
     assert main(["replay", log, "--can", bad]) == 2
     assert "no other program would hear it" in capsys.readouterr().err
-
-
-def test_a_wrong_speed_is_a_sentence(log, capsys):
-    with pytest.raises(SystemExit) as exit_:
-        main(["replay", log, "--speed", "0"])
-    assert exit_.value.code == 2
-    assert "is not a speed from 0.001 to 1000" in capsys.readouterr().err
 
 
 @pytest.fixture

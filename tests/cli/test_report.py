@@ -89,11 +89,6 @@ def test_what_cannot_be_reported_is_a_sentence_and_exit_code_2(arguments, words,
     assert words in capsys.readouterr().err
 
 
-def test_a_page_that_cannot_be_written_is_a_sentence(flight, tmp_path, capsys):
-    assert main(["report", str(flight), "-o", str(tmp_path / "no" / "x.html")]) == 2
-    assert "cannot be written" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(("name", "content", "words"), [("a.log", b"", "no frame is in it"), ("a.blf", b"x", "")])
 def test_nothing_is_not_reported_as_nothing_wrong(tmp_path, capsys, name, content, words):
     (tmp_path / name).write_bytes(content)

@@ -9,8 +9,7 @@ import sys
 import pytest
 from support import ros
 
-from canopen_control.cli.main import main
-from canopen_control.cli.ros import _data, _rate_of
+from canopen_control.cli.ros import _data
 from canopen_control.errors import ConfigError
 
 TOPIC, TYPE = "/chatter", "std_msgs/msg/Float64MultiArray"
@@ -138,21 +137,8 @@ sys.exit(main({json.dumps(["ros", "topic", "list"])}))
     assert 'pip install "canopen-control[ros]"' in done.stderr
 
 
-@pytest.mark.parametrize("arguments", [["topic"], ["topic", "hz", "/x", "--for", "0"], ["service", "call"], []])
-def test_wrong_usage_is_exit_code_2(arguments, capsys):
-    with pytest.raises(SystemExit) as caught:
-        main(["ros", *arguments])
-    assert caught.value.code == 2
-    assert "usage: canopen-control ros" in capsys.readouterr().err
-
-
 def test_data_is_yaml_and_a_repeated_key_is_an_error():
     assert _data("{data: [10.0, 10]}") == {"data": [10.0, 10]}
     assert _data("{}") == {}
     with pytest.raises(ConfigError, match="duplicate key"):
         _data("{data: [1], data: [2]}")
-
-
-def test_a_rate_is_that_of_the_gaps():
-    assert _rate_of([0.0, 0.1, 0.2]).startswith("average rate: 10.000\n")
-    assert _rate_of([0.0]) == "no new messages"

@@ -130,12 +130,6 @@ def test_the_bridge_gets_its_namespace_and_all_that_comes_after_ros_args(verb):
     assert run.bridge_arguments(parser.parse_args(["--ros"])) == ()
 
 
-def test_a_duration_must_be_a_time():
-    with pytest.raises(SystemExit) as caught:
-        parse("robby", "--for", "0")
-    assert caught.value.code == 2
-
-
 def test_real_time_is_off_or_has_a_priority_below_that_of_interrupts(capsys):
     assert parse("robby").realtime is None
     assert parse("robby", "--realtime").realtime == 40
@@ -151,11 +145,6 @@ def test_ros_is_off_unless_it_is_asked_for():
     assert parse("robby").ros is False
     assert parse("robby", "--ros").ros is True
     assert parse("robby", "--no-ros").ros is False
-
-
-def test_the_setup_is_what_the_options_say():
-    setup = read_setup(parse("robby", "--can", "vcan0", "--as", "two", "--controller", "robby_base_controller"))
-    assert (setup.name, setup.channels["can"], setup.to_activate[-1]) == ("two", "vcan0", "robby_base_controller")
 
 
 def test_the_flight_recorder_is_on_unless_it_is_switched_off():

@@ -9,7 +9,7 @@ from support.service_node import NodeStub
 from support.terminal import in_background
 
 from canopen_control.cli.main import main
-from canopen_control.cli.scope import check_output, cursor_lines, curve, numbered, read_overlay, shot_lines, write_shot
+from canopen_control.cli.scope import check_output, cursor_lines, numbered, read_overlay, shot_lines, write_shot
 from canopen_control.cli.support.jog_robot import choose_jog, choose_tuned, own_robot
 from canopen_control.cli.support.target import find_eds
 from canopen_control.commissioning.jog_motion import JogKind
@@ -32,13 +32,6 @@ def test_people_see_measures_and_a_curve():
     assert lines[0] == "11 samples from -0.500 s to 0.500 s of the trigger"
     assert lines[2].split()[5:8] == ["0", "10", "4.5"]
     assert lines[3].split()[5:8] == ["-", "-", "-"]
-
-
-def test_a_curve_rises_with_its_signal():
-    drawn = curve(SHOT, 0, 11)
-    assert (drawn[0], drawn[-1]) == ("▁", "█")
-    assert list(drawn) == sorted(drawn)
-    assert curve(SHOT, 1, 5) == "     "
 
 
 def test_the_shots_of_a_series_have_numbers():

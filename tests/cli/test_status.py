@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from support.host import use_private_folders
 from support.samples import event_of, sample_of, status_of
 
-from canopen_control.cia402.modes import INTERFACE_MODES
 from canopen_control.cli import status
 from canopen_control.cli.main import main
 from canopen_control.cli.status import cause_lines, render
@@ -59,10 +58,6 @@ def test_a_fault_its_emergency_message_and_its_stop_are_one_line():
     assert cause_lines(drive_fault(10.0), {}) == [FAULT_LINE]
 
 
-def test_a_lost_node_is_one_line():
-    assert cause_lines(loss(10.0), {}) == [f"error: {RIGHT}: {SILENT}; {BOTH}"]
-
-
 def test_what_stands_above_as_the_error_of_the_node_is_not_told_again():
     assert cause_lines(loss(10.0)[:2], {"right_drive": f"{RIGHT}: {SILENT}"}) == []
     assert cause_lines(loss(10.0), {"right_drive": f"{RIGHT}: {SILENT}"}) == [f"error: {RIGHT}: {BOTH}"]
@@ -74,19 +69,6 @@ def test_what_comes_again_is_counted_with_its_times():
     assert len(lines) == 1
     assert lines[0].startswith(f"{FAULT_LINE} (3 times, ")
     assert lines[0].endswith(":02:00)")
-
-
-def test_what_comes_again_at_once_is_counted_too():
-    again = [event(at, "error_passive", "bus can (local:robby): error-passive; check", "warning") for at in (1, 1.5)]
-    (line,) = cause_lines(again, {})
-    assert line.startswith("warning: bus can (local:robby): error-passive; check (2 times, ")
-
-
-def test_two_nodes_and_two_times_are_two_causes():
-    other = event(10.0, "heartbeat_lost", f"{LEFT}: {SILENT}")
-    assert len(cause_lines([*loss(10.0), other], {})) == 2
-    late = event(20.0, "fault", f"{LEFT}: fault (statusword 0x0618); {HOT}")
-    assert len(cause_lines([*drive_fault(10.0), late], {})) == 2
 
 
 def test_each_axis_of_a_node_that_tells_the_same_in_one_cycle_is_told_once():
@@ -113,13 +95,6 @@ def test_whatever_happens_every_clause_is_told_and_no_line_twice(told):
     for each in events:
         for clause in each.text.rpartition("): ")[2].split("; "):
             assert any(clause in line for line in lines)
-
-
-@pytest.mark.parametrize("events", [drive_fault(1.0), loss(1.0)])
-def test_no_clause_stands_twice_in_a_line(events):
-    (line,) = cause_lines(events, {})
-    clauses = line.split("; ")
-    assert len(clauses) == len(set(clauses))
 
 
 STATE = {
@@ -196,13 +171,6 @@ def test_a_latched_stop_is_said_with_the_way_out_of_it():
     lines = render(sample_of({**STATE, "state": "disabled", "latched": True, "latched_by": "view", "hint": hint}))
     assert lines[0].startswith("disabled, cycle 7")
     assert lines[1] == hint
-
-
-def test_an_error_says_which_node_has_it():
-    lines = render(
-        sample_of({**STATE, "nodes": {"left_drive": {**STATE["nodes"]["left_drive"], "error": "EMCY 0x4310"}}})
-    )
-    assert lines[-1] == "  node 3 (left_drive): EMCY 0x4310"
 
 
 @pytest.mark.parametrize(
@@ -285,12 +253,6 @@ def test_the_types_of_messages_are_asked_where_plain_fields_are_not_enough(monke
     assert main(["status", *options]) == 0
     assert asked[-1] == "typed"
     assert capsys.readouterr().out
-
-
-def test_the_units_of_targets_are_those_of_the_interfaces_of_modes():
-    units = {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
-    expected = {mode.name: units[interface] for interface, modes in INTERFACE_MODES.items() for mode in modes}
-    assert expected == status._UNITS
 
 
 @pytest.mark.process

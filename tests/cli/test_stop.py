@@ -26,11 +26,6 @@ def test_with_drives_it_says_what_it_did_and_how_to_go_on(latch, release, begin,
     assert said.endswith(end)
 
 
-def test_without_a_robot_it_is_a_usage_error(capsys):
-    assert main(["stop"]) == 2
-    assert "no robot is running" in capsys.readouterr().err
-
-
 def test_a_latched_stop_lasts_until_the_release(mock_robot, capsys):
     assert main(["stop", "--latch"]) == 0
     assert "canopen-control stop --release" in capsys.readouterr().out

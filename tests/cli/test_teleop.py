@@ -121,15 +121,6 @@ def test_stamped_goes_with_a_topic(capsys):
     assert "--topic" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("option", ["--speed", "--turn"])
-@pytest.mark.parametrize("value", ["0", "-1", "nan", "x"])
-def test_a_speed_is_above_0(option, value, capsys):
-    with pytest.raises(SystemExit) as caught:
-        main(["teleop", option, value])
-    assert caught.value.code == 2
-    assert option in capsys.readouterr().err
-
-
 # -- whom it drives
 
 

@@ -135,11 +135,6 @@ def test_what_is_refused_is_the_robots_sentence(arm, wave, capsys):
     assert "'elbow', no joint of this controller" in capsys.readouterr().err
 
 
-def test_a_robot_without_such_a_controller_says_so(mock_robot, wave, capsys):
-    assert main(["trajectory", "play", wave()]) == 2
-    assert "no joint trajectory controller is active" in capsys.readouterr().err
-
-
 @pytest.mark.process
 def test_one_that_is_stopped_by_a_signal_loses_its_trajectory_and_the_joints_brake(arm, wave):
     """A process that hangs keeps its connection; its heartbeat is missing."""

@@ -26,11 +26,3 @@ def test_a_base_that_can_drives_sideways_and_another_one_says_that_it_cannot(cap
     with running(controllers=[BASE]):
         assert main(["twist", BASE, "0", "0", "--lateral", "0.2", "--once"]) == 1
     assert f"{BASE} cannot drive sideways; it takes linear.x and angular.z" in capsys.readouterr().err
-
-
-def test_a_controller_without_twist_refuses(mock_robot, capsys):
-    assert main(["twist", "robby_forward_controller", "0.2", "0.0", "--once"]) == 1
-    assert "robby_forward_controller takes no twist" in capsys.readouterr().err
-    assert main(["twist", BASE, "0.2", "0.0", "--once"]) == 1
-    assert f"{BASE} is unloaded, so it takes no command; activate it: " in capsys.readouterr().err
-    assert main(["twist", "robby_bas_controller", "0.2", "0.0", "--once"]) == 2

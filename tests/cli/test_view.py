@@ -29,20 +29,6 @@ def test_without_nicegui_it_says_what_to_type(monkeypatch, capsys):
     assert "pip install 'canopen-control[view]'" in capsys.readouterr().err
 
 
-def test_without_a_robot_it_is_a_usage_error(capsys):
-    pytest.importorskip("nicegui")
-    assert main(["view"]) == 2
-    assert "no robot is running" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("port", ["-1", "65536", "http"])
-def test_a_port_is_a_number(port, capsys):
-    with pytest.raises(SystemExit) as end:
-        main(["view", "--port", port])
-    assert end.value.code == 2
-    assert "is not a port" in capsys.readouterr().err
-
-
 def test_an_address_that_cannot_be_bound_is_a_sentence(mock_robot, capsys):
     pytest.importorskip("nicegui")
     assert main(["view", "--host", "192.0.2.1", "--port", "0"]) == 2
@@ -90,9 +76,3 @@ def test_what_is_required_is_named_without_importing_it(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _name: None)
     with pytest.raises(ConfigError, match=r"pip install 'canopen-control\[view\]'"):
         require_view()
-
-
-def test_with_nicegui_it_says_nothing(capsys):
-    pytest.importorskip("nicegui")
-    require_view()
-    assert capsys.readouterr() == ("", "")

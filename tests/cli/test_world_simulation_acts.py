@@ -45,8 +45,3 @@ def test_what_is_no_number_of_cycles_and_a_value_for_nothing_are_told(words, cap
     assert main(["world", *words.split()]) == 2
     said = capsys.readouterr().err
     assert "a number of cycles from 1 to 1000000" in said or "takes no value" in said or "unrecognized" in said
-
-
-def test_a_robot_of_drives_says_that_its_time_does_not_stand(mock_robot, capsys):
-    assert main(["world", "pause"]) == 1
-    assert "nothing of mock is simulated" in capsys.readouterr().err

@@ -47,14 +47,6 @@ def test_ctrl_c_ends_a_jog_by_keys(key):
     assert (motion.ended, motion.command) == (JogEnd.ASKED, 0.0)
 
 
-def test_a_terminal_that_loses_the_focus_stops():
-    motion = jog()
-    motion.key("up", 0)
-    motion.key("focus-out", MS)
-    assert motion.command == 0.0
-    assert "focus" in motion.note
-
-
 def test_the_speed_of_keys_stays_within_its_limit():
     motion = jog()
     for _ in range(50):

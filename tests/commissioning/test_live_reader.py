@@ -102,15 +102,6 @@ def bench(monkeypatch):
     return Bench(monkeypatch)
 
 
-def test_objects_are_read_in_turn_and_no_faster_than_a_robot_may_be_asked(bench):
-    desk = bench.desk()
-    bench.watch("1", desk, STATUS, SPEED, RAMP)
-    bench.reader.run()
-    assert len(desk.stub.reads) == pytest.approx(READS_PER_S, abs=2)
-    assert desk.stub.reads[:6] == [each.address for each in (STATUS, SPEED, RAMP)] * 2
-    assert desk.live[0x6041, 0][1].value == 0x0250
-
-
 def test_two_pages_and_two_nodes_share_the_rate(bench):
     left, right = bench.desk(), bench.desk(name="right_drive")
     bench.watch("1", left, STATUS)

@@ -12,11 +12,10 @@ from canopen_control.commissioning.node_session import (
     NodeSession,
     RobotTransfers,
     dictionary_of,
-    is_abort,
     session_with,
 )
 from canopen_control.data_files import data_path
-from canopen_control.errors import ConfigError, ControlError, RemoteError, SdoLengthError, SdoTimeout
+from canopen_control.errors import ConfigError, ControlError, SdoLengthError, SdoTimeout
 from canopen_control.od.codec import decode
 from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.declare import Done
@@ -117,14 +116,6 @@ def session(objects=None, od=OD, **others):
     return NodeSession(NodeStub(objects or {}), 5, od, **others)
 
 
-def test_values_have_the_types_of_the_eds_both_ways():
-    node = session({(0x6081, 0): bytes(4)})
-    entry = OD[0x6081, 0]
-    node.write_value(entry, 1600)
-    assert node.transfers.objects[0x6081, 0] == (1600).to_bytes(4, "little")
-    assert node.read_value(entry) == 1600
-
-
 def test_a_value_that_the_type_cannot_hold_is_told_with_its_object():
     with pytest.raises(ConfigError, match=r"node 5 \(turn\): 0x6060:00 .*holds -128 to 127"):
         session(name="turn").write_value(OD[0x6060, 0], 500)
@@ -179,8 +170,3 @@ def test_a_silent_node_is_no_missing_object():
     node.transfers.error = SdoTimeout(5, 0x1018, 1, 0.5)
     with pytest.raises(SdoTimeout):
         node.number(0x1018, 1)
-
-
-def test_a_refusal_of_one_object_is_known_through_a_robot_too():
-    assert is_abort(RemoteError("SdoAbort", "node 5: no such object"))
-    assert not is_abort(RemoteError("SdoTimeout", "node 5: no answer"))

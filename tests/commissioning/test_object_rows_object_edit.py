@@ -2,12 +2,10 @@ from dataclasses import replace
 
 import pytest
 from support.parameter_node import session_with
-from support.service_node import NodeStub
 
-from canopen_control.commissioning.node_session import NodeSession
 from canopen_control.commissioning.object_rows import EditHistory, limits_of, parsed_value, why_fixed
 from canopen_control.data_files import data_path
-from canopen_control.errors import ConfigError, DriveError, SdoAbort
+from canopen_control.errors import ConfigError, DriveError
 from canopen_control.od.eds import read_eds
 from canopen_control.od.model import DataType, Entry
 
@@ -85,14 +83,6 @@ def test_what_somebody_else_has_written_since_is_not_undone():
     with pytest.raises(DriveError, match="holds 77 and not 1234 any more: another program has written it since"):
         history.undo(session)
     assert session.read_value(OD[SPEED]) == 77
-    assert history.last is None
-
-
-def test_what_the_drive_refuses_is_no_edit():
-    stub, history = NodeStub({SPEED: bytes(4)}), EditHistory()
-    stub.refused[SPEED] = 0x08000022
-    with pytest.raises(SdoAbort, match="0x08000022"):
-        history.write(NodeSession(stub, 5, OD), OD[SPEED], "1234")
     assert history.last is None
 
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from support.drive_shapes import MAKERS, SHAPES
 from support.service_node import NodeStub
 
-from canopen_control.cia402.objects import MOTION, axis_index
+from canopen_control.cia402.objects import MOTION
 from canopen_control.commissioning.identity import DeviceIdentity
 from canopen_control.commissioning.node_session import NodeSession
 from canopen_control.commissioning.parameter_set import (
@@ -102,10 +102,6 @@ def side(node_id, **values):
     return ParameterSet(OD.for_node(node_id), node_id, DeviceIdentity(), found, f"node {node_id}")
 
 
-def test_equal_sides_have_no_difference():
-    assert differences(side(5, s6081_00=3), side(5, s6081_00=3)) == []
-
-
 def test_what_follows_the_node_id_is_compared_without_it():
     a = side(5, s1800_01=0x40000185)
     assert differences(a, side(6, s1800_01=0x40000186)) == []
@@ -149,42 +145,10 @@ def test_commands_and_live_values_are_none(od):
     assert (0x60FE, 1) not in chosen(od)
 
 
-def test_the_makers_own_commands_are_none():
-    assert not {0x210B, 0x2700, 0x2701} & {index for index, _ in chosen(TMCM)}
-
-
-def test_outputs_of_a_terminal_are_none():
-    od = read_eds(data_path("eds", "generic_cia401.eds"), 5).od
-    assert not {0x6200, 0x6300, 0x6411} & {index for index, _ in chosen(od)}
-    assert {index for index, _ in chosen(od)} & {0x6206, 0x6207, 0x6443}
-
-
-def test_targets_of_every_axis_are_none():
-    od = ObjectDictionary(node_id=5)
-    for axis in range(3):
-        od.add(Entry(axis_index(0x60FF, axis), 0, "Target velocity", DataType.INTEGER32))
-        od.add(Entry(axis_index(0x6081, axis), 0, "Profile velocity", DataType.UNSIGNED32))
-    assert chosen(od) == {(0x6081, 0), (0x6881, 0), (0x7081, 0)}
-
-
 @pytest.mark.parametrize("flags", [1, 2, 3])
 def test_obj_flags_are_obeyed(flags):
     od = replace(SERVO, entries={**SERVO.entries, (0x6081, 0): replace(SERVO[0x6081, 0], obj_flags=flags)})
     assert (0x6081, 0) not in chosen(od)
-
-
-def test_counts_are_those_of_mappings_alone():
-    od = ObjectDictionary(node_id=5)
-    for index in (0x1600, 0x1A00, 0x1400, 0x2100):
-        od.add(Entry(index, 1, "value", DataType.UNSIGNED32))
-        od.add(Entry(index, 0, "count", DataType.UNSIGNED8))
-    assert {address for address in chosen(od) if address[1] == 0} == {(0x1600, 0), (0x1A00, 0)}
-
-
-def test_a_domain_is_no_parameter():
-    od = ObjectDictionary(node_id=5)
-    od.add(Entry(0x2100, 0, "program", DataType.DOMAIN))
-    assert chosen(od) == set()
 
 
 def test_what_belongs_to_one_device_is_protected_with_a_reason():
@@ -241,15 +205,6 @@ def written(tmp_path, backup, **how):
     return path
 
 
-def test_a_backup_comes_back_with_identity_and_date(tmp_path):
-    backup = parameters({(0x6081, 0): 1600, (0x607C, 0): -7})
-    found = read_backup(written(tmp_path, backup))
-    assert differences(backup, found) == []
-    assert (found.identity, found.node_id, found.values[0x6081, 0]) == (IDENTITY, 5, 1600)
-    assert found.date.startswith("20")
-    assert found.date.endswith("Z")
-
-
 def test_a_backup_is_a_dcf_that_a_master_downloads(tmp_path):
     path = written(tmp_path, parameters({(0x6081, 0): 1600}), eds_name="TMCM-1270.eds", node_name="left")
     file = read_eds(path)
@@ -257,13 +212,6 @@ def test_a_backup_is_a_dcf_that_a_master_downloads(tmp_path):
     assert (0x6081, 0, (1600).to_bytes(4, "little")) in concise_of(file.od)
     assert file.od.commissioning.node_name == "left"
     assert file.od.sections["FileInfo"]["LastEDS"] == "TMCM-1270.eds"
-
-
-def test_what_follows_the_node_id_does_so_in_the_file(tmp_path):
-    path = written(tmp_path, parameters({(0x1800, 1): 0x40000185}))
-    assert "ParameterValue=$NODEID+0x40000180" in path.read_text()
-    assert read_backup(path, 9).values[0x1800, 1] == 0x40000189
-    assert parameters({(0x1800, 1): 0x40000185}).for_node(9)[0x1800, 1] == 0x40000189
 
 
 @pytest.mark.parametrize("name", [*SHAPES, *MAKERS])
@@ -338,15 +286,6 @@ def test_a_backup_that_was_cut_is_refused(tmp_path):
     path.write_text(whole[: len(whole) // 2])
     with pytest.raises(EdsError, match=r"backup\.dcf:\d+: 0x.* has no section: the backup was cut, make a new one"):
         read_backup(path)
-
-
-def test_values_that_nothing_writes_are_named(tmp_path):
-    path = written(tmp_path, parameters())
-    assert read_backup(path).foreign == ()
-    text = path.read_text()
-    at = text.index("[6502]") + len("[6502]")
-    path.write_text(f"{text[:at]}\nParameterValue=7{text[at:]}")
-    assert read_backup(path).foreign == ((0x6502, 0),)
 
 
 def test_identities_say_what_makes_a_stranger():

@@ -6,12 +6,11 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.foreign_loaders import CONFIRM, START, ProgramAbort, WaitingLoader, ZephyrDevice
+from support.foreign_loaders import CONFIRM, ProgramAbort, WaitingLoader, ZephyrDevice
 from support.parameter_node import session_with
 from support.programs import program_od
 from support.properties import examples
 
-from canopen_control.bus.arbitration import frame_bits
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.cia301.sdo_server import SdoServerAbort
@@ -127,14 +126,6 @@ def test_after_a_kill_at_every_tenth_block_the_next_attempt_succeeds(frames, blo
     assert (frames.device.program.runs, frames.device.program.image) == (True, NEW_OF_PROGRAM_SESSION)
 
 
-@pytest.mark.parametrize("block", range(0, 60, 20))
-def test_after_a_power_cut_at_every_twentieth_block_it_begins_anew(frames, block):
-    frames.cut, frames.what = 1 + block * SEGMENTS, "power"
-    progress = load(frames)
-    assert progress.tries == 2
-    assert (frames.device.program.runs, frames.device.program.image) == (True, NEW_OF_PROGRAM_SESSION)
-
-
 def test_with_one_try_the_loss_is_told_and_the_loader_waits(frames):
     frames.cut, frames.what = 500, "power"
     with pytest.raises(DriveError, match=r"not taken: .*waits in its boot-loader"):
@@ -198,25 +189,6 @@ def test_errors_of_the_bus_are_no_answers():
     session.transfers.silent_from = 0
     with pytest.raises(SdoTimeout):
         download(session, NEW_OF_PROGRAM_SESSION, ProgramOptions(), DownloadProgress())
-
-
-def test_block_transfer_has_80_percent_of_what_the_bit_rate_allows(frames):
-    """At 1 Mbit/s block transfer can carry some 51 kB/s: 127 segments of 7 bytes for each acknowledge."""
-    bits = []
-    receive, send = frames.device.receive, frames.device.frames
-
-    def heard(frame, now):
-        bits.append(frame_bits(frame.can_id, frame.data))
-        receive(frame, now)
-
-    def said():
-        out = send()
-        bits.extend(frame_bits(frame.can_id, frame.data) for frame in out)
-        return out
-
-    frames.device.receive, frames.device.frames = heard, said
-    load(frames)
-    assert len(NEW_OF_PROGRAM_SESSION) / (sum(bits) / 1_000_000) > 0.8 * 51_000
 
 
 NEW = whole_program(b"program" * 300)
@@ -289,21 +261,6 @@ def test_stop_clear_send_start_in_this_order():
     assert (bench.device.program.runs, bench.device.program.image) == (True, NEW)
     assert progress.old != progress.new == bench.device.program.identification
     assert progress.notes == []
-
-
-def test_an_identification_that_is_the_crc_of_the_file_is_told():
-    def disturb(_number, order):
-        is_asked = (order.act, order.index) == (DownloadAct.READ, 0x1F56)
-        return DownloadAnswer(zlib.crc32(NEW).to_bytes(4, "little")) if is_asked else None
-
-    assert Bench().run(disturb=disturb).notes == ["0x1F56 is the CRC-32 of the file"]
-
-
-def test_a_running_node_is_made_pre_operational_first():
-    bench = Bench()
-    bench.device.command(NmtCommand.START, bench.now)
-    bench.run()
-    assert bench.device.program.image == NEW
 
 
 def test_a_node_without_program_download_is_told_and_left_alone():
@@ -403,15 +360,6 @@ def test_the_flash_status_is_told_in_words(status, text):
     assert flash_text(status) == text
 
 
-def test_a_flash_that_is_quick_is_not_waited_for():
-    bench = Bench()
-    area = bench.device.program
-    area.erase_ns.inject(5 * MS)
-    area.write_ns = 5 * MS
-    bench.run()
-    assert sum(order.seconds for order in bench.orders if order.act is DownloadAct.PAUSE) < 0.4
-
-
 def test_a_date_is_compared_as_far_as_it_is_told():
     day = datetime.date(2025, 1, 25)
     noon = ProgramDate(day, 43_200_000)
@@ -500,13 +448,6 @@ def test_zephyrs_device_takes_a_program_on_trial():
     assert device.running == b"old"  # nobody confirmed it
 
 
-def test_zephyrs_device_keeps_a_program_that_is_confirmed():
-    device = ZephyrDevice()
-    load_into(device, confirm=True)
-    device.boot()
-    assert (device.running, device.status) == (NEW, START)
-
-
 def test_half_a_transfer_to_zephyrs_device_is_cleared_and_begun_anew():
     device = ZephyrDevice()
     assert load_into(device, lost=(1,), confirm=True).tries == 2
@@ -529,10 +470,3 @@ def test_a_loader_that_waits_for_an_sdo_after_a_reset_is_caught(program):
     assert device.loading == (not program)
     progress = load_into(device)
     assert (device.program, device.loading, progress.new) == (NEW, False, None)
-
-
-def test_half_a_transfer_to_that_loader_is_begun_anew():
-    device = WaitingLoader()
-    assert load_into(device, lost=(1,)).tries == 2
-    device.wait(1000 * MS)
-    assert (device.program, device.loading) == (NEW, False)

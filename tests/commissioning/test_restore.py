@@ -1,4 +1,3 @@
-import dataclasses
 from dataclasses import replace
 
 import pytest
@@ -41,20 +40,9 @@ def order(wanted, held=HELD):
     return [write.address for group in restore_groups(OD_OF_ORDER, {**held, **wanted}, held) for write in group.writes]
 
 
-def test_what_does_not_differ_is_not_written():
-    assert restore_groups(OD_OF_ORDER, HELD, HELD) == []
-    assert restore_groups(OD_OF_ORDER, {(0x6081, 0): 5}, {}) == []  # what the node has refused to read
-
-
 def test_resolution_comes_before_values_and_the_mode_last():
     wanted = {(0x6060, 0): 3, (0x6081, 0): 7, (0x2000, 0): 4, (0x607D, 2): 9, (0x1017, 0): 100, (0x2003, 0): 1}
     assert order(wanted) == [(0x1017, 0), (0x2000, 0), (0x2003, 0), (0x607D, 2), (0x6081, 0), (0x6060, 0)]
-
-
-def test_the_side_of_a_range_that_widens_comes_first():
-    held = {**HELD, (0x607D, 1): -5, (0x607D, 2): 5}
-    assert order({(0x607D, 1): 10, (0x607D, 2): 20}, held) == [(0x607D, 2), (0x607D, 1)]
-    assert order({(0x607D, 1): -20, (0x607D, 2): -10}, held) == [(0x607D, 1), (0x607D, 2)]
 
 
 def test_a_pdo_is_invalid_while_it_is_changed_and_mapped_as_a_whole():
@@ -69,15 +57,6 @@ def test_a_pdo_is_invalid_while_it_is_changed_and_mapped_as_a_whole():
         ((0x1A01, 0), 2),
         ((0x1801, 1), 0x40000285),
     ]
-
-
-def test_a_pdo_that_is_to_be_off_stays_off_and_bit_30_is_the_devices():
-    held = {**HELD, (0x1801, 1): 0x80000285}
-    (group,) = restore_groups(OD_OF_ORDER, {**held, (0x1801, 1): 0x40000285}, held)
-    assert [write.data.hex() for write in group.writes] == ["85020000"]
-    assert order({(0x1801, 1): 0x80000285, (0x1801, 2): 1}, held) == [(0x1801, 2)]
-    (group,) = restore_groups(OD_OF_ORDER, {**HELD, (0x1801, 1): 0x80000285}, HELD)
-    assert group.writes[-1].data.hex() == "850200c0"
 
 
 def test_records_that_cannot_be_written_are_left_alone():
@@ -128,12 +107,6 @@ def kept(od=OD, channel="can0"):
     return KeptParameters("gains", session, session.identity(), channel)
 
 
-def numbered(serial):
-    return dataclasses.replace(
-        OD, entries={**OD.entries, (0x1018, 4): dataclasses.replace(OD[0x1018, 4], parameter_value=serial)}
-    )
-
-
 def test_another_process_finds_what_was_kept(private_folders):
     kept().keep(OD, GAINS)
     found = kept()
@@ -141,23 +114,6 @@ def test_another_process_finds_what_was_kept(private_folders):
     found.forget()
     assert kept().read() == {}
     found.forget()
-
-
-def test_what_the_dictionary_lacks_is_left_out(private_folders):
-    kept().keep(OD, GAINS | {(0x3210, 1): 5})
-    assert kept().read() == GAINS
-
-
-def test_each_drive_has_its_own(private_folders):
-    kept(numbered(7)).keep(OD, GAINS)
-    assert kept(numbered(77)).read() == {}
-    assert kept(numbered(7), "can1").read() == GAINS  # it is known wherever it is
-
-
-def test_a_drive_without_serial_number_is_that_of_its_bus(private_folders):
-    kept(numbered(0)).keep(OD, GAINS)
-    assert kept(numbered(0)).read() == GAINS
-    assert kept(numbered(0), "can1").read() == {}
 
 
 def test_a_folder_that_cannot_be_written_is_told(private_folders):

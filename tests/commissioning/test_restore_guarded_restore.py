@@ -8,7 +8,7 @@ from canopen_control.commissioning.jobs import RestoreOptions
 from canopen_control.commissioning.parameter_set import read_parameters
 from canopen_control.commissioning.restore import guarded_restore, protected, quiet_node, refuse_other_drive
 from canopen_control.data_files import data_path
-from canopen_control.errors import ConfigError, DriveError, SdoTimeout
+from canopen_control.errors import ConfigError, DriveError
 from canopen_control.od.eds import read_eds
 
 TMCM = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
@@ -83,13 +83,6 @@ def test_an_interrupted_restore_says_what_is_written(silent_from):
         DriveError, match=rf"ended while writing: .*no answer.*{silent_from} of 3 were written \(0x6081"
     ):
         restored(session, backup(s6081=9, s6083=9, s6084=9))
-
-
-def test_a_silence_before_anything_was_written_is_told_as_it_is():
-    session = session_with(TMCM)
-    session.transfers.silent_from = 0
-    with pytest.raises(SdoTimeout, match="no answer"):
-        restored(session, backup())
 
 
 @pytest.mark.parametrize(("serial", "offset"), [(8, 0), (7, 55)])

@@ -58,16 +58,6 @@ def interrupted(after=1, values=WANTED):
     return session, before, str(error.value)
 
 
-@pytest.mark.parametrize("after", [1, 2])
-def test_an_interrupted_restore_is_undone_by_its_journal(after):
-    session, before, _ = interrupted(after)
-    (journal,) = journals()
-    assert held(session) != before
-    assert restored(session, read_backup(journal), arguments()) == 0
-    assert held(session) == before
-    assert journals() == []
-
-
 def test_the_same_command_goes_on_and_says_what_it_found(capsys):
     session, _, said = interrupted()
     (journal,) = journals()
@@ -97,22 +87,6 @@ def test_a_refusal_that_is_undone_leaves_the_journal_of_before_alone():
     session.transfers.device.store.ceilings.clear()
     assert restored(session, read_backup(journal), arguments()) == 0
     assert held(session) == before
-
-
-def test_a_refusal_alone_leaves_no_journal():
-    session = session_with(TMCM, serial=7)
-    session.transfers.device.store.ceilings.inject({0x6083: 1})
-    assert restored(session, backup(), arguments()) == 1
-    assert journals() == []
-
-
-def test_what_another_file_does_not_hold_is_kept():
-    session, before, _ = interrupted()
-    other = backup()
-    other = replace(other, values={address: value for address, value in other.values.items() if address != (0x6081, 0)})
-    assert restored(session, other, arguments()) == 0
-    (journal,) = journals()
-    assert read_backup(journal).values == {(0x6081, 0): before[0x6081, 0]}
 
 
 def test_it_is_there_before_the_first_value_is_written_and_holds_what_was():

@@ -128,22 +128,6 @@ def fed(capture, values, step=0.1):
     return capture
 
 
-def test_without_a_trigger_a_shot_begins_with_the_first_sample():
-    capture = fed(ScopeCapture(None, length=0.5), range(10))
-    (shot,) = capture.take()
-    assert [row[1][0] for row in shot.rows] == [0, 1, 2, 3, 4]
-    assert (shot.triggered, capture.state) == (None, ScopeState.DONE)
-
-
-def test_a_shot_has_what_was_before_its_trigger():
-    capture = ScopeCapture(Trigger(Condition.RISING, (0,), 10.0), length=1.0, before=0.25)
-    fed(capture, [0] * 20 + [11] * 20)
-    (shot,) = capture.take()
-    assert shot.triggered == pytest.approx(2.0)
-    assert shot.rows[0][0] == pytest.approx(1.7)  # the sample that held a quarter of a second before
-    assert 2.6 < shot.rows[-1][0] < 2.75
-
-
 @pytest.mark.parametrize(
     ("condition", "values", "at"),
     [
@@ -254,18 +238,6 @@ def test_cursors_count_from_the_trigger_and_read_nothing_where_nothing_is_known(
     assert shot.cursors(0, -1.0, 1.0).difference == 4.0
     assert shot.cursors(0, -1.5, 1.0) is None
     assert shot.cursors(0, 0.0, 2.0) is None
-
-
-@given(st.lists(st.integers(-1000, 1000), min_size=2, max_size=20), st.integers(0, 64), st.integers(0, 64))
-def test_cursors_are_within_what_is_between_them(values, low, high):
-    shot = shot_of(values)
-    first, second = sorted(((len(values) - 1) * low / 64, (len(values) - 1) * high / 64))
-    read = shot.cursors(0, first, second)
-    part = shot.between(first, second)
-    assert part.time_range[1] - part.time_range[0] == pytest.approx(second - first, abs=1e-9)
-    sizes = [abs(row[0]) for _, row in part.rows]
-    assert (read.first, read.second) == (values[int(first)], values[int(second)])
-    assert min(sizes) - 1e-6 <= read.rms <= max(sizes) + 1e-6
 
 
 @given(st.floats(0.0, 3.0), st.sampled_from([0.001, 0.01, 0.02]), st.integers(1, 4000), st.booleans())

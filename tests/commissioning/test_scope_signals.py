@@ -92,14 +92,6 @@ def test_what_tpdos_carry_comes_with_the_robots_time_and_only_the_rest_is_polled
     assert set(node.transfers.reads) == {(0x606C, 0)}
 
 
-def test_a_running_robot_is_polled_no_faster_than_it_may(clock):
-    node, values = bench()
-    source = RobotSource(FakeRobot(clock), values, {5: node}, 1000.0)
-    for _ in range(50):
-        list(source.samples(0.1))
-    assert len(node.transfers.reads) <= clock.now * scope_signals.READS_PER_S + 1
-
-
 def test_joints_come_with_every_cycle_of_the_robot_and_must_be_its_own(clock):
     sample = sample_of({"time": 900.5, "joints": {"wheel": {"velocity": 2.0}}})
     robot = FakeRobot(clock, [sample])

@@ -42,13 +42,6 @@ def test_hidden_inertia_and_friction_are_found_within_three_per_cent(period, del
     assert found.fit > 0.99
 
 
-def test_a_constant_load_is_no_friction():
-    _, record = pushed(loaded(external=-25.0), Prbs(150.0, 0.05, 8.0), 0.005)
-    found = identify_plant([each.command for each in record.samples], [each.velocity for each in record.samples], 0.005)
-    assert found.load == pytest.approx(-25.0, rel=0.03)
-    assert found.coulomb == pytest.approx(COULOMB, rel=0.03)
-
-
 @pytest.mark.parametrize(
     ("torque", "speed", "why"),
     [
@@ -85,19 +78,6 @@ def test_an_ideal_axis_has_no_friction_below_zero(seed):
     assert found.inertia == pytest.approx(20.0, rel=0.02)
     assert 0.0 <= found.viscous < 0.5
     assert 0.0 <= found.coulomb < 3.0
-
-
-def test_what_is_no_friction_is_fitted_without_it():
-    """A drive that helps the motion, as none does: the friction is 0 and the inertia is what fits best then."""
-    speed, speeds, torques = 0.0, [], []
-    excitation = Prbs(150.0, 0.05, 8.0)
-    for cycle in range(800):
-        torques.append(torque := excitation.at(cycle * 0.01))
-        speeds.append(speed)
-        speed += 0.01 * (torque + 3.0 * math.copysign(1.0, speed)) / 20.0
-    found = identify_plant(torques, speeds, 0.01)
-    assert found.coulomb == 0.0
-    assert found.viscous >= 0.0
 
 
 PLANT = PlantModel(2e-4, 1e-3, 0.02, 0.0, 0.0, 1.0)
@@ -198,15 +178,6 @@ def test_gains_are_set_and_taken_back():
         revert_gains(session, kept)
 
 
-def test_gains_that_are_set_twice_go_back_to_those_before_the_first_time():
-    session, kept = session_with(OD), Kept()
-    before = held(session)
-    set_gains(session, values(), kept)
-    set_gains(session, values() | {P: 7}, kept)
-    revert_gains(session, kept)
-    assert held(session) == before
-
-
 def test_what_was_before_is_kept_before_anything_changes(monkeypatch):
     """A computer that dies in the middle leaves a drive whose gains can be taken back."""
     session, kept = session_with(OD), Kept()
@@ -243,15 +214,7 @@ def test_a_drive_that_refuses_one_is_as_it_was():
     assert held(session) == before
 
 
-def test_every_gain_has_a_place_in_the_bundled_servo():
-    assert set(gain_objects(OD)) == set(LoopGain)
-
-
 SERVO, TMCM = (read_eds(data_path("eds", f"{name}.eds"), 5).od for name in ("generic_cia402", "TMCM-1270"))
-
-
-def test_a_named_gain_is_an_object_and_a_scale():
-    assert parse_gain("Velocity_P=0x3210:01*1e-3") == (LoopGain.VELOCITY_P, GainObject(0x3210, 1, 0.001))
 
 
 @pytest.mark.parametrize(

@@ -35,15 +35,6 @@ def test_a_second_order_system_is_measured_as_its_formulas_say(damping, omega, h
     assert 0.0 < found.delay < found.rise_time < 2.5 / omega * 1.6
 
 
-def test_a_first_order_lag_rises_in_2_2_time_constants_after_its_dead_time():
-    values = [0.0 if t < 0.02 else 2.0 * (1 - math.exp(-(t - 0.02) / 0.1)) for t in TIMES]
-    found = step_metrics(TIMES, values, 2.5)
-    assert found.rise_time == pytest.approx(0.1 * math.log(9), abs=0.001)
-    assert found.delay == pytest.approx(0.02 + 0.1 * -math.log(0.95), abs=0.001)
-    assert found.error == pytest.approx(0.5, abs=1e-4)
-    assert found.overshoot == pytest.approx(0.0, abs=1e-3)
-
-
 def test_what_goes_on_swinging_never_settles():
     values = [0.0 if t < 0 else 1.0 + 0.2 * math.sin(30 * t) for t in TIMES]
     assert step_metrics(TIMES, values, 1.0).settling is None

@@ -6,7 +6,6 @@ from canopen_control.commissioning.driven_axis import JogDrive
 from canopen_control.commissioning.jog_motion import JogEnd, JogKind, JogLimits
 from canopen_control.commissioning.quantity import JogScale, parse_quantity
 from canopen_control.commissioning.tune_run import (
-    LEAD_S,
     STEERED,
     Chirp,
     Prbs,
@@ -160,12 +159,6 @@ def test_a_record_counts_the_cycles_that_are_missing():
     assert record.seconds(record.samples[-1]) == pytest.approx(0.06)
 
 
-def test_a_step_is_nothing_then_its_height_then_nothing():
-    step = StepExcitation(3.0, 2.0)
-    assert [step.at(t) for t in (0.0, LEAD_S - 1e-6, LEAD_S, 1.999, 2.0)] == [0.0, 0.0, 3.0, 3.0, 0.0]
-    assert step.peak == 3.0
-
-
 @pytest.mark.parametrize("signal", [Chirp(0.5, 1.0, 0.5, 30.0, 4.0), Prbs(0.5, 0.05, 4.0, bias=1.0)])
 def test_a_signal_fades_in_and_out_and_stays_within_its_peak(signal):
     values = [signal.at(t / 1000) for t in range(4001)]
@@ -173,12 +166,6 @@ def test_a_signal_fades_in_and_out_and_stays_within_its_peak(signal):
     assert signal.at(4.0) == pytest.approx(0.0, abs=1e-9)
     assert signal.at(9.0) == 0.0
     assert max(map(abs, values)) <= signal.peak == 1.5
-
-
-def test_a_chirp_ends_with_its_highest_frequency():
-    chirp = Chirp(1.0, 0.0, 1.0, 20.0, 10.0)
-    crossings = [t / 1e4 for t in range(90_000, 98_000) if chirp.at(t / 1e4) < 0.0 <= chirp.at((t + 1) / 1e4)]
-    assert 1.0 / (crossings[-1] - crossings[-2]) == pytest.approx(20.0, rel=0.03)
 
 
 def test_a_prbs_is_as_long_as_a_register_allows_and_even_but_for_one():
@@ -219,12 +206,6 @@ def test_a_sample_is_kept_with_its_cycle_and_its_torque_in_per_mille():
     run._take(sample(9, 0.25), motion(), record)
     assert [(each.cycle, each.effort, each.command) for each in record.samples] == [(7, 250.0, 3.0), (9, 250.0, 3.0)]
     assert record.lost == 1
-
-
-def test_a_torque_of_unknown_unit_is_no_torque():
-    record = TuneRecord(0.01)
-    tune(None)._take(sample(7, 0.25), motion(), record)
-    assert record.samples[0].effort is None
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,8 @@
 from __future__ import annotations
 
-import math
-
-import pytest
-
-from canopen_control.controllers.base import ALL_STATES, Controller, ControllerState, StateCopy, finite, zero_targets
+from canopen_control.controllers.base import ALL_STATES, Controller, StateCopy
 from canopen_control.controllers.params import Params
-from canopen_control.errors import ControlError
-from canopen_control.hardware.interfaces import CommandInterface, ReturnType, StateInterface
+from canopen_control.hardware.interfaces import ReturnType, StateInterface
 
 
 def test_a_copy_is_of_the_moment_it_was_taken_and_keeps_its_layout():
@@ -20,10 +15,6 @@ def test_a_copy_is_of_the_moment_it_was_taken_and_keeps_its_layout():
     assert copy.by_joint() == first
     copy.take()
     assert copy.by_joint()["a"] == {"position": 2.0, "temperature": 41.5}
-
-
-def test_what_is_not_finite_is_not_known():
-    assert [finite(value) for value in (1.5, math.nan, math.inf, -math.inf)] == [1.5, None, None, None]
 
 
 def test_the_least_controller_claims_nothing_and_does_nothing():
@@ -49,21 +40,3 @@ def test_parameters_that_change_nothing_are_told_unless_they_are_what_is_done_an
         "idle: is_async: is_async has no effect: all controllers run in the cycle, in one thread",
         "idle: thread_priority: thread_priority has no effect: all controllers run in the cycle",
     ]
-
-
-def test_zero_targets_stops_what_moves_and_holds_positions():
-    interfaces = [CommandInterface("j", kind, 3.0) for kind in ("velocity", "effort", "acceleration", "position", "io")]
-    zero_targets(interfaces)
-    assert [each.value for each in interfaces] == [0.0, 0.0, 0.0, 3.0, 3.0]
-
-
-def test_a_refused_command_is_counted_and_says_what_is_wanted():
-    idle = Controller("idle")
-    with pytest.raises(ControlError, match="idle is unconfigured"):
-        idle.checked([1.0], ["a"])
-    idle.state = ControllerState.ACTIVE
-    with pytest.raises(ControlError, match=r"takes 2 values \(a, b\), got 1; nothing was applied"):
-        idle.checked([1.0], ["a", "b"])
-    with pytest.raises(ControlError, match="takes finite numbers, got 'x' for a"):
-        idle.checked(["x"], ["a"])
-    assert idle.rejected == 3

@@ -4,14 +4,8 @@ import math
 
 import pytest
 
-from canopen_control.controllers.base_params import BaseParams, PrefixedParams, TwistAxisLimits, refuse
+from canopen_control.controllers.base_params import TwistAxisLimits, refuse
 from canopen_control.errors import RobotConfigError
-
-
-def test_frames_have_a_prefix_where_there_is_one():
-    assert BaseParams().frame_ids("/ns") == ("odom", "base_link")
-    assert PrefixedParams().frame_ids("/ns") == ("ns/odom", "ns/base_link")
-    assert PrefixedParams(tf_frame_prefix_enable=False).frame_ids("/ns") == ("odom", "base_link")
 
 
 def test_limits_are_those_of_the_limiter():

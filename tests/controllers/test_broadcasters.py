@@ -148,20 +148,6 @@ def read(**params):
     return read_params(Params.of(params), "power")
 
 
-def test_what_is_read_of_each_battery_and_what_is_known_of_it():
-    given = read(
-        batteries=["main", "spare"],
-        interfaces={"spare": {"battery_current": True, "battery_present": False}},
-        main={"capacity": 40.0, "location": "slot 1", "power_supply_technology": 3},
-    )
-    assert given.names == ("main", "spare")
-    assert given.measured("main") == ["main/battery_voltage", *[""] * 7]
-    assert [each for each in given.measured("spare") if each] == ["spare/battery_voltage", "spare/battery_current"]
-    main, spare = given.own
-    assert (main.capacity, main.location, main.power_supply_technology) == (40.0, "slot 1", 3)
-    assert math.isnan(spare.capacity)
-
-
 def test_the_older_spellings_are_taken():
     assert read(state_joints=["main"], main={"capacity": 2.0}).own[0].capacity == 2.0
     one = read(sensor_name="pack", design_capacity=8.0, power_supply_technology=2)
@@ -247,17 +233,6 @@ def test_all_of_them_are_told_as_one():
     assert both.present
 
 
-def test_batteries_of_several_kinds_are_of_no_kind_together():
-    _, _, power = robot_of_battery_broadcaster(
-        {"a/battery_voltage": 0.0, "b/battery_voltage": math.nan},
-        batteries=["a", "b"],
-        a={"power_supply_technology": 3},
-        b={"power_supply_technology": 2},
-    )
-    both = power.sample(0).together
-    assert (both.power_supply_technology, both.present, both.voltage, both.percentage) == (0, False, 0.0, None)
-
-
 def test_one_that_says_whether_it_is_there_is_believed():
     _, _, power = robot_of_battery_broadcaster(
         {"a/battery_voltage": 24.0, "a/battery_present": 0.0},
@@ -265,11 +240,6 @@ def test_one_that_says_whether_it_is_there_is_believed():
         interfaces={"a": {"battery_present": True}},
     )
     assert not power.sample(0).batteries[0].present
-
-
-def test_the_voltage_must_be_there():
-    with pytest.raises(UnknownInterface, match="b/battery_voltage"):
-        robot_of_battery_broadcaster({"a/battery_voltage": 24.0}, batteries=["b"])
 
 
 DRIVE = ("nmt_state", "statusword", "error_code", "age", "digital_inputs", "position")

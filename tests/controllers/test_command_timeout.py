@@ -7,8 +7,8 @@ import math
 import pytest
 from support.control import DIFF_DRIVE, FORWARD, Hardware, S, add, manager
 
-from canopen_control.controllers.command_timeout import CommandTimeout, timeout_ns, unlimited_warning
-from canopen_control.errors import ControlError, NotEnabled
+from canopen_control.controllers.command_timeout import timeout_ns
+from canopen_control.errors import NotEnabled
 
 WHEELS = ["left", "right"]
 BASE = {
@@ -37,21 +37,6 @@ def test_what_moves_has_an_end_and_what_stands_has_none(timeout, interfaces, exp
     assert timeout_ns(timeout, interfaces) == expected
 
 
-def test_for_ever_is_told_where_it_is_written_and_where_it_moves():
-    assert unlimited_warning("command_timeout", 0.0, ["velocity"])
-    assert unlimited_warning("command_timeout", 0.0, ["position"]) is None
-    assert unlimited_warning("command_timeout", None, ["velocity"]) is None
-
-
-def test_it_runs_out_once():
-    life = CommandTimeout()
-    life.limit_ns = 10
-    assert not life.runs_out(100)
-    life.give(100)
-    assert not life.runs_out(110)
-    assert (life.runs_out(111), life.runs_out(112), life.live) == (True, False, False)
-
-
 def forward(interface: str = "velocity", **params):
     hardware = Hardware(*(f"{joint}/{interface}" for joint in WHEELS))
     control = manager(hardware)
@@ -77,13 +62,6 @@ def test_without_a_time_out_in_the_yaml_a_velocity_or_effort_ends_after_two_seco
     control.update(2 * S + 1, 0.01)
     assert hardware.values() == [0.0, 0.0]
     assert [event.kind for event in control.events()][-1] == "command_timeout"
-
-
-def test_a_position_holds():
-    hardware, control = forward("position")
-    control.command("forward", [1.0, 2.0], 0)
-    control.update(1000 * S, 0.01)
-    assert hardware.values() == [1.0, 2.0]
 
 
 def test_zero_is_for_ever_and_told_once():
@@ -170,16 +148,6 @@ def test_a_command_goes_with_who_holds_it(make):
     assert not control.events()
 
 
-def test_who_has_been_followed_by_another_takes_nothing_with_him():
-    hardware, control = forward()
-    first = object()
-    control.command("forward", [1.0, 1.0], 0, holder=first)
-    control.command("forward", [2.0, 2.0], 0)
-    control.update(0, 0.01)
-    control.running.client_disconnected(first)
-    assert hardware.values() == [2.0, 2.0]
-
-
 def test_two_of_the_same_name_are_two():
     """Whose connection it is counts, not what he calls himself."""
     hardware, control = forward()
@@ -208,15 +176,6 @@ def test_who_commands_a_chain_needs_the_drives_at_its_end():
     control.update(4, 0.01)
     control.update(5, 0.01)
     assert hardware.values() == [0.0, 0.0]
-
-
-def test_a_refusal_of_another_kind_is_told_once_too():
-    _, control = forward()
-    control.events()
-    for _ in range(5):
-        with pytest.raises(ControlError):
-            control.command("forward", [1.0], 0)
-    assert [event.kind for event in control.events()] == ["refused"]
 
 
 @pytest.mark.parametrize("make", [forward, base])

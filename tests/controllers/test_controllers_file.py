@@ -59,11 +59,6 @@ def test_a_controller_that_the_robots_file_has_not(control, folder):
     assert (new.type, new.params.flat.value["joints"]) == (KIND, ["r"])
 
 
-def test_the_type_may_stand_in_the_file_alone(control, folder):
-    SpawnedControllers(control).set([texts("new.params_file", str(folder / "new.yaml"))])
-    assert control.controllers["new"].type == KIND
-
-
 def test_files_win_over_the_robots_own_and_the_last_over_those_before(control, folder):
     (folder / "last.yaml").write_text("forward:\n  ros__parameters:\n    command_timeout: 0.5\n")
     spawned = SpawnedControllers(control)
@@ -72,11 +67,6 @@ def test_files_win_over_the_robots_own_and_the_last_over_those_before(control, f
     assert (found["joints"], found["command_timeout"], found["interface_name"]) == (["r"], 0.5, "velocity")
     spawned.set([text("forward.params_file", "more.yaml")])
     assert control.controllers["forward"].params.flat.value["command_timeout"] == 0.25
-
-
-def test_remappings_are_the_nodes(control):
-    SpawnedControllers(control).set([texts("forward.node_options_args", "--ros-args", "-r", "~/commands:=/speeds")])
-    assert control.controllers["forward"].node_options == ("--ros-args", "-r", "~/commands:=/speeds")
 
 
 def test_fallbacks_are_controllers_that_are_known(control):
@@ -292,15 +282,6 @@ def test_a_params_file_is_read_beside_the_file_and_wins(file, tmp_path):
         "linear.x.max_velocity": 3.0,
     }
     assert flat(file(text % "first.yaml").controllers["base"]) == {"k": 1, "only": 7}
-
-
-def test_a_params_file_that_is_not_there_or_not_about_the_controller_is_an_error(file, tmp_path):
-    text = "controller_manager: {ros__parameters: {base: {type: a/B, params_file: p.yaml}}}\n"
-    with pytest.raises(RobotConfigError, match=r"c\.yaml:1:\d+: .*params_file: .*p\.yaml: cannot be read"):
-        file(text)
-    (tmp_path / "p.yaml").write_text("bose: {ros__parameters: {k: 1}}\n")
-    with pytest.raises(RobotConfigError, match=r"p\.yaml has no parameters for base, did you mean 'bose'"):
-        file(text)
 
 
 def test_mistakes_in_a_params_file_are_told_with_its_name(file, tmp_path):

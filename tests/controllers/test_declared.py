@@ -106,16 +106,6 @@ def test_what_cannot_be_set_is_refused_as_rclcpp_does(base, name, kind, value, w
         checked("base", list(base.values()), [ParameterValue(name=name, kind=kind, value=value)])
 
 
-def test_what_can_be_set_is_returned_by_name(base):
-    wanted = [
-        ParameterValue(name="cmd_vel_timeout", kind="double", value=0.2),
-        ParameterValue(name="linear.x.max_velocity", kind="double", value=".nan"),
-    ]
-    found = checked("base", list(base.values()), wanted)
-    assert found["cmd_vel_timeout"] == 0.2
-    assert math.isnan(found["linear.x.max_velocity"])
-
-
 def test_a_section_whose_names_the_file_gives_is_one_parameter_for_each():
     outputs = {"gpios": ["io"], "command_interfaces": {"io": {"interfaces": ["lamp"]}}, "safe_values": {"io.lamp": 0.5}}
     rows = {each.name: each for each in declared_by(Params.of(outputs).read(GpioParams))}

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from itertools import pairwise
 from typing import Any
 
@@ -48,14 +47,6 @@ def drive(odometry: Odometry, path: list[tuple[float, float, int]], dt: float = 
             odometry.update_position(left, right, now)
 
 
-def test_a_square_ends_where_it_began():
-    odometry = Odometry(0.24, 0.035, 0.035)
-    drive(odometry, [(0.5, 0.0, 100), (0.0, math.pi / 2, 50)] * 4)
-    assert abs(odometry.x) < 1e-9
-    assert abs(odometry.y) < 1e-9
-    assert same(odometry.heading, 2 * math.pi)
-
-
 @given(st.floats(0.05, 2.0), st.integers(3, 400), st.sampled_from([1, -1]), st.booleans())
 @settings(max_examples=examples(40))
 def test_a_circle_ends_where_it_began(radius, steps, sense, backward):
@@ -74,16 +65,6 @@ def test_the_heading_survives_a_million_steps():
         odometry.update_open_loop(0.1, 0.01 if step % 2 else -0.01, step * 1_000_000)
     assert abs(odometry.heading) < 1e-9
     assert same(odometry.x, 100.0, 1e-6)
-
-
-def test_the_wheels_angles_at_start_and_the_time_before_do_not_move_the_robot():
-    odometry = Odometry(1.0, 0.1, 0.1)
-    odometry.update_position(0.1, 0.2, 1_700_000_000 * S)
-    odometry.update_open_loop(0.0, 0.0, 1_700_000_001 * S)
-    assert (odometry.x, odometry.y, odometry.heading, odometry.linear) == (0.0, 0.0, 0.0, 0.0)
-    fresh = Odometry(1.0, 0.1, 0.1)
-    fresh.update_open_loop(0.5, 0.0, 1_700_000_000 * S)
-    assert fresh.x == 0.0
 
 
 def test_after_a_stop_the_next_sample_is_where_it_goes_on_from():
@@ -122,30 +103,6 @@ def test_wheels_that_stand_leave_the_pose_and_the_next_step_is_measured_from_the
     assert (odometry.linear, odometry.angular) == (0.0, 0.0)
     odometry.update_position(angles[0] + 1.0, angles[1] + 1.0, now + S // 50)
     assert odometry.linear == pytest.approx(0.035 * 50 / 3)
-
-
-@pytest.mark.sources
-def test_a_base_that_stands_calls_fewer_functions_than_one_that_moves():
-    hardware = Hardware("l/velocity", "r/velocity", states=("l/position", "r/position"), name="base")
-    for each in hardware.state_interfaces:
-        each.value = 0.0
-    control = manager(hardware)
-    made = add(control, "base", DIFF_DRIVE, **WHEELS)
-    control.switch(["base"], now=0)
-    control.command("base", [0.0, 0.0], 0)
-    called = []
-
-    def hear(_frame, event, _argument):
-        if event == "call":
-            called[-1] += 1
-
-    for cycle in range(1, 40):
-        called.append(0)
-        sys.setprofile(hear)
-        made.update(cycle * S // 100, 0.01)
-        sys.setprofile(None)
-    assert called[-1] <= called[1] - 9
-    assert [each.value for each in hardware.command_interfaces] == [0.0, 0.0]
 
 
 def test_a_step_too_short_to_measure_is_put_off_to_the_next():
@@ -458,35 +415,6 @@ def test_its_sample_is_of_the_last_publication_at_publish_rate_whoever_looks(rat
     assert (stamps[0], seen[0].limited) == (7.01, (0.5, 0.0))
     by_stamp = {each.time: each for each in seen}
     assert all(each == by_stamp[each.time] for each in (*seen, *other)), "a stamp has one content"
-
-
-def test_a_robot_that_does_what_it_is_told_drives_a_square_back_to_its_start():
-    hardware, control, base = robot(
-        cmd_vel_timeout=0.0, linear__x__max_acceleration=1.0, angular__z__max_acceleration=2.0
-    )
-    control.switch(["base"], now=0)
-    wheels = {"l": 0.0, "r": 0.0}
-    x = y = heading = 0.0
-    for step in range(2400):
-        leg = (step // 300) % 2
-        command = ([0.4, 0.0], [0.0, math.pi / 4])[leg] if step % 300 < 200 else [0.0, 0.0]
-        control.command("base", command, step * S // 100)
-        control.update(step * S // 100, 0.01)
-        left, right = hardware.values()
-        # the plant's own formula: a rigid body turning by the mean heading of the step
-        turn = (right - left) * 0.035 / 0.24 * 0.01
-        way = (left + right) / 2 * 0.035 * 0.01
-        x += way * math.cos(heading + turn / 2)
-        y += way * math.sin(heading + turn / 2)
-        heading += turn
-        for name, speed in (("l", left), ("r", right)):
-            wheels[name] += speed * 0.01
-            hardware.set(f"{name}/position", wheels[name])
-    control.update(24 * S, 0.01)
-    assert math.hypot(base.odometry.x - x, base.odometry.y - y) < 1e-3
-    assert same(base.odometry.heading, heading)
-    assert math.hypot(x, y) < 1e-3
-    assert same(heading, 2 * math.pi, 1e-3)
 
 
 def test_limits_and_timeout_that_are_set_act_in_the_next_update():

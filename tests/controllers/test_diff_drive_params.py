@@ -76,14 +76,6 @@ def test_an_integer_is_taken_for_a_double_where_upstream_rejects_it():
     assert read_params(Params.of({**WHEELS, "publish_rate": 50})).publish_rate == 50.0
 
 
-def test_dotted_and_nested_names_are_the_same_parameter():
-    case = DIALECTS["dotted and nested keys are the same parameter (verified with rclpy jazzy)"]
-    nested = {"linear.x.max_velocity": 1.0, "linear": {"x": {"max_acceleration": 2.0}}}
-    given = read_params(Params.of({**WHEELS, **nested}))
-    assert given.linear.max_velocity == case["expect"]["linear.x.max_velocity"]
-    assert given.linear.max_acceleration == case["expect"]["linear.x.max_acceleration"]
-
-
 def test_every_mistake_is_told_at_once():
     with pytest.raises(RobotConfigError) as caught:
         read_params(
@@ -98,13 +90,6 @@ def test_every_mistake_is_told_at_once():
     assert "2 left wheels and 1 right ones" in str(caught.value)
     assert "a is a wheel of both sides" in str(caught.value)
     assert "wheel_separation is missing or 0" in str(caught.value)
-
-
-def test_an_unknown_key_is_a_warning_with_the_nearest_one():
-    params = Params.of({**WHEELS, "linear.x.max_velocty": 1.0, "odom_frame": "odom"})
-    read_params(params)
-    assert any("unknown key 'max_velocty', did you mean 'max_velocity'?" in each for each in params.warnings)
-    assert any("unknown key 'odom_frame', did you mean 'odom_frame_id'?" in each for each in params.warnings)
 
 
 def test_min_acceleration_is_the_reverse_acceleration_unless_that_is_given_too():

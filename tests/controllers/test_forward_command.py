@@ -75,15 +75,6 @@ def test_a_velocity_that_nobody_renews_ends_after_two_seconds_and_says_so(drives
     assert "targets are 0" in drives.texts("command_timeout")[0]
 
 
-@pytest.mark.rest
-def test_a_position_is_held_for_ever(drives):
-    drives.enable("drive_one")
-    drives.target(0.5)
-    drives.run(10_000)
-    assert drives.at("position") == pytest.approx(0.5, abs=0.001)
-    assert drives.texts("command_timeout") == []
-
-
 @pytest.mark.parametrize("ms", [0, 20])
 @pytest.mark.parametrize(("before", "after"), [("PV", "PP"), ("PP", "PV"), ("CSV", "CSP"), ("TQ", "PP")])
 def test_a_target_is_forgotten_with_its_mode_however_late_it_came(drives, before, after, ms):
@@ -98,23 +89,6 @@ def test_a_target_is_forgotten_with_its_mode_however_late_it_came(drives, before
     here = drives.at("position")
     drives.run(1000)
     assert drives.at("position") == pytest.approx(here, abs=0.01)
-
-
-@pytest.mark.rest
-def test_a_target_is_forgotten_with_the_mode_it_was_given_in(drives):
-    drives.enable("drive_one")
-    drives.mode("PV")
-    drives.target(2.0)
-    drives.run(1000)
-    drives.mode("PP")
-    drives.run(500)
-    here = drives.at("position")
-    drives.run(3000)
-    assert here > 1.0
-    assert drives.at("position") == pytest.approx(here, abs=0.01)  # and not 2.0 rad
-    assert drives.target(0.0) is None
-    drives.run(5000)
-    assert drives.at("position") == pytest.approx(0.0, abs=0.01)
 
 
 @pytest.mark.parametrize(("mode", "value"), [("PP", 50.0), ("CSP", 50.0), ("PV", 2.0), ("CSV", 2.0)])
@@ -307,15 +281,6 @@ def test_a_timeout_is_told_once_and_the_next_command_takes_over():
     assert hardware.values() == [4.0, 5.0, 6.0]
 
 
-def test_with_a_timeout_of_zero_the_last_command_is_held_forever():
-    hardware, control, _ = robot(command_timeout=0.0)
-    control.switch(["forward"], now=0)
-    control.command("forward", [1.0, 2.0, 3.0], 0)
-    control.update(0, 0.01)
-    control.update(10**6 * S, 0.01)
-    assert hardware.values() == [1.0, 2.0, 3.0]
-
-
 def test_a_command_while_inactive_is_refused_and_does_not_count_later():
     hardware, control, _ = robot()
     with pytest.raises(ControlError, match="is inactive; activate it"):
@@ -343,15 +308,6 @@ def test_several_interfaces_of_one_joint_are_commanded_in_their_order():
 def test_wrong_parameters_are_refused(params):
     with pytest.raises(RobotConfigError):
         robot(**params)
-
-
-def test_an_interface_that_nobody_exports_refuses_the_activation():
-    hardware = Hardware("joint1/velocity")
-    control = manager(hardware)
-    add(control, "forward", FORWARD, joints=["joint1", "joint2"], interface_name="velocity")
-    with pytest.raises(CanopenError, match="joint2/velocity"):
-        control.switch(["forward"], now=0)
-    assert hardware.command_interfaces[0].owner is None
 
 
 @given(st.lists(st.one_of(st.floats(), st.just(math.nan), st.integers(-5, 5)), max_size=5))

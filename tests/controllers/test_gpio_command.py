@@ -30,12 +30,6 @@ def same(found, wanted):
     return [repr(each) for each in found] == [repr(each) for each in wanted]
 
 
-def test_nothing_is_written_before_the_first_command():
-    hardware, control = robot()
-    control.update(S, 0.01)
-    assert same(hardware.values(), [NAN, NAN, NAN])
-
-
 def test_a_command_by_name_changes_what_it_names_and_the_others_stay():
     hardware, control = robot()
     control.command("outputs", {"io/lamp": 1.0}, 0)
@@ -113,15 +107,6 @@ def test_when_commands_end_outputs_go_to_their_safe_values_and_kept_ones_stay(en
     assert hardware.values() == [0.0, 0.75, 1.0]
 
 
-def test_after_an_end_an_output_that_nobody_commands_anew_stays_safe():
-    hardware, control = robot()
-    control.command("outputs", [1.0, 1.0, 1.0], 0)
-    control.running.forget(S, "stop was commanded")
-    control.command("outputs", {"io/horn": 1.0}, S)
-    control.update(2 * S, 0.01)
-    assert hardware.values() == [0.0, 1.0, 0.0]
-
-
 def test_who_is_gone_is_told_with_where_the_outputs_are():
     _, control = robot(kept_outputs=["valve/open"])
     control.events()
@@ -150,14 +135,6 @@ def test_the_safe_value_of_the_hardware_is_the_default_and_it_is_told_where_an_o
     assert same([each.release_value for each in hardware.command_interfaces], [1.0, math.nan, 0.0])
 
 
-def test_an_output_that_nobody_has_commanded_is_left_as_it_is():
-    hardware, control = robot()
-    control.command("outputs", {"io/horn": 1.0}, 0)
-    control.update(S, 0.01)
-    control.running.forget(S, "stop was commanded")
-    assert same(hardware.values(), [NAN, 0.0, NAN])
-
-
 def test_outputs_of_a_node_that_is_lost_end_alone():
     hardware = Hardware(*OUTPUTS, states=STATES)
     control = manager(hardware, enable_status=DriveEnableStatus({}))
@@ -182,13 +159,6 @@ def test_a_command_that_is_safe_outlives_who_gave_it():
     assert control.running.clients_with_commands == set()
     control.command("outputs", {"io/horn": 1.0}, 0, holder=control)
     assert control.running.clients_with_commands == {control}
-
-
-def test_a_command_has_no_end_by_itself_unless_one_is_written():
-    hardware, control = robot()
-    control.command("outputs", {"io/lamp": 1.0}, 0)
-    control.update(3600 * S, 0.01)
-    assert hardware.values()[0] == 1.0
 
 
 def test_a_time_out_is_told_once_and_the_next_command_takes_over():

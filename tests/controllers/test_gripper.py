@@ -7,7 +7,7 @@ from support.control import Hardware, add, manager
 
 from canopen_control.controllers.command_timeout import GoalState
 from canopen_control.controllers.gripper_goal import GripperGoal
-from canopen_control.errors import ControlError, UnknownInterface
+from canopen_control.errors import ControlError
 from canopen_control.urdf.joint_element import Joint, UrdfLimits
 
 POSITION = "position_controllers/GripperActionController"
@@ -126,14 +126,6 @@ def test_a_newer_goal_takes_the_place_of_the_one_under_way():
     assert not second.ended
 
 
-def test_the_stall_of_a_goal_counts_from_when_it_came():
-    gripper = Gripper(stall_timeout=0.2)
-    gripper.step(0.0, count=100)
-    goal = gripper.send(0.05)
-    gripper.step(0.0, count=19)
-    assert not goal.ended
-
-
 def test_limits_go_with_the_goal_through_their_interfaces():
     gripper = Gripper(PARALLEL, "finger/max_effort", "finger/max_velocity", **LIMITS)
     assert same(gripper.step(), math.nan, math.nan, math.nan)
@@ -209,11 +201,6 @@ def test_one_that_is_not_active_takes_no_goal():
     gripper.control.switch((), ["gripper"], now=0)
     with pytest.raises(ControlError, match="is inactive; activate it before sending it goals"):
         gripper.send(0.05)
-
-
-def test_an_interface_that_is_not_there_is_refused():
-    with pytest.raises(UnknownInterface, match="finger/max_effort"):
-        Gripper(PARALLEL, **LIMITS)
 
 
 class TestEffort:

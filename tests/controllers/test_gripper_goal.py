@@ -20,24 +20,6 @@ def test_only_the_first_end_counts_and_is_told_once():
     assert (goal.reached, goal.stalled, told) == (True, False, [1])
 
 
-def test_within_the_tolerance_it_is_reached_and_at_its_edge_not():
-    progress = StallDetector(0.01, 0.001, 1.0)
-    progress.begin(0)
-    assert progress.update(0, 0.0099, 0.0) is GripStatus.REACHED
-    assert progress.update(0, -0.0099, 5.0) is GripStatus.REACHED
-    assert progress.update(0, 0.01, 0.0) is GripStatus.MOVING
-
-
-def test_it_has_stalled_after_the_time_out_without_motion():
-    progress = StallDetector(0.01, 0.001, 1.0)
-    progress.begin(0)
-    assert progress.update(500 * MS, 0.5, 0.0011) is GripStatus.MOVING
-    assert progress.update(1500 * MS, 0.5, 0.001) is GripStatus.MOVING
-    assert progress.update(1501 * MS, 0.5, 0.001) is GripStatus.STALLED
-    progress.begin(2000 * MS)
-    assert progress.update(3000 * MS, 0.5, 0.0) is GripStatus.MOVING
-
-
 def test_of_a_position_that_nobody_knows_it_is_not_said_that_it_is_reached():
     progress = StallDetector(0.01, 0.001, 1.0)
     progress.begin(0)

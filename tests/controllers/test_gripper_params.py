@@ -5,7 +5,6 @@ import pytest
 from canopen_control.controllers.gripper import (
     EffortGripperParams,
     GripperParams,
-    ParallelGripperParams,
     read_params,
 )
 from canopen_control.controllers.params import Params
@@ -14,16 +13,6 @@ from canopen_control.errors import RobotConfigError
 
 def read(cls=GripperParams, **params):
     return read_params(Params.of({"joint": "finger", **params}), "gripper", cls)
-
-
-def test_the_defaults_are_upstreams():
-    given = read()
-    assert (given.action_monitor_rate, given.goal_tolerance, given.max_effort) == (20.0, 0.01, 0.0)
-    assert (given.allow_stalling, given.stall_velocity_threshold, given.stall_timeout) == (False, 0.001, 1.0)
-    assert given.limits == []
-    parallel = read(ParallelGripperParams)
-    assert (parallel.max_effort, parallel.max_velocity) == (10.0, 0.1)
-    assert parallel.state_interfaces == ("position", "velocity")
 
 
 def test_the_gains_of_the_joint_stand_below_its_name():

@@ -110,12 +110,6 @@ def test_each_axis_has_its_limits_and_a_timeout_brakes_along_them(axis, index):
     assert set(hardware.values()) == {0.0}
 
 
-def test_a_limit_that_freezes_an_axis_is_told():
-    _, control, made = base(MECANUM, linear__y__max_jerk=0.0)
-    assert made.wheel_base().frozen == ("linear.y",)
-    assert any("linear.y.max_jerk: 0 keeps it" in each.text for each in control.events())
-
-
 def test_what_check_is_told_of_its_wheels():
     _, _, made = base(MECANUM)
     wheels = made.wheel_base()

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import math
-
 import pytest
 from support.bases import MECANUM, PARAMS
 
@@ -13,15 +11,6 @@ from canopen_control.errors import RobotConfigError
 
 def read(**changes):
     return read_checked(Params.of({**PARAMS[MECANUM], **changes}, "base"), MecanumParams)
-
-
-def test_defaults_are_upstreams():
-    given = read_checked(Params.of({k: v for k, v in PARAMS[MECANUM].items() if "timeout" not in k}), MecanumParams)
-    assert (given.reference_timeout, given.offset) == (0.0, (0.0, 0.0, 0.0))
-    assert given.pose_covariance_diagonal == given.twist_covariance_diagonal == (0.1,) * 6
-    assert (given.tf_frame_prefix_enable, given.tf_frame_prefix) == (True, "")
-    assert given.measured == given.commanded == ("front_left", "front_right", "rear_right", "rear_left")
-    assert all(math.isnan(each.limits().max_velocity) for each in given.limits)
 
 
 def test_keys_are_dotted_as_upstreams():

@@ -13,24 +13,9 @@ def read(**changes):
     return read_checked(Params.of({**PARAMS[OMNI], **changes}, "base"), OmniParams)
 
 
-def test_defaults_are_upstreams():
-    given = read()
-    assert (given.cmd_vel_timeout, given.open_loop, given.position_feedback, given.enable_odom_tf) == (
-        0.5,
-        False,
-        True,
-        True,
-    )
-    assert given.pose_covariance_diagonal == (0.0,) * 6
-
-
 def test_covariances_have_upstreams_keys():
     given = read(**{"diagonal_covariance.pose": [0.1] * 6, "diagonal_covariance.twist": [0.2] * 6})
     assert (given.pose_covariance_diagonal, given.twist_covariance_diagonal) == ((0.1,) * 6, (0.2,) * 6)
-
-
-def test_frames_have_the_prefix():
-    assert read(tf_frame_prefix="r1").frame_ids() == ("r1/odom", "r1/base_link")
 
 
 def test_it_says_all_that_is_missing_at_once():

@@ -47,22 +47,6 @@ def test_it_gathers_what_upstream_gathers(case):
     del hardware
 
 
-def test_what_is_told_is_of_the_last_update_and_missing_interfaces_are_not_known():
-    hardware = Hardware(states=("a/position", "b/velocity", "b/temperature"))
-    control = manager(hardware)
-    states = add(control, "states", BROADCASTER)
-    control.switch(["states"], now=0)
-    hardware.set("a/position", 1.5)
-    hardware.set("b/velocity", 2.5)
-    control.broadcast(S, 0.01)
-    sample = states.sample(2 * S)
-    assert (sample.time, sample.names) == (3.0, ("a", "b"))
-    assert sample.joints == {"a": {"position": 1.5}, "b": {"velocity": 2.5, "temperature": None}}
-    hardware.set("a/position", 9.0)
-    assert states.sample(2 * S) == sample
-    assert control.running.samples(2 * S) == {"states": sample}
-
-
 def told(*states, **params):
     hardware = Hardware(states=states)
     for number, name in enumerate(states):
@@ -72,15 +56,6 @@ def told(*states, **params):
     assert control.running.samples(0) == {}
     control.switch(["states"], now=0)
     return control.running.samples(0)["states"]
-
-
-def test_it_tells_what_it_reads():
-    assert told("a/position", "b/velocity", "b/temperature").joints == {
-        "a": {"position": 1.5},
-        "b": {"velocity": 2.5, "temperature": 3.5},
-    }
-    few = told("a/position", "a/velocity", "b/position", joints=["a"], interfaces=["position"])
-    assert (few.names, few.joints) == (("a",), {"a": {"position": 1.5}})
 
 
 def test_an_extra_joint_is_zero_unless_it_is_read():

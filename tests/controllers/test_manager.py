@@ -12,7 +12,6 @@ from canopen_control.controllers.base import Controller, ControllerState
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.controllers.params import Params
 from canopen_control.errors import (
-    CanopenError,
     ControlError,
     InterfaceConflict,
     NotEnabled,
@@ -160,12 +159,6 @@ def test_a_rate_above_the_managers_is_told():
     assert [each.kind for each in control.events()] == ["update_rate"]
 
 
-def test_two_controllers_on_one_interface_in_one_request_are_refused(robot):
-    _, control = robot
-    with pytest.raises(InterfaceConflict, match="l/velocity is claimed by left"):
-        control.switch(["left", "both"])
-
-
 def test_the_list_tells_what_a_client_shows(robot):
     _, control = robot
     control.switch(["both"], now=0)
@@ -194,13 +187,6 @@ def test_the_list_tells_what_a_client_shows(robot):
         "node_options": [],
     }
     assert control.list()[-1].topic is None
-
-
-def test_a_broadcaster_takes_no_commands(robot):
-    _, control = robot
-    control.switch(["states"], now=0)
-    with pytest.raises(ControlError, match="takes no commands"):
-        control.command("states", [1.0], 0)
 
 
 def test_unknown_parameters_come_out_as_events(robot):
@@ -251,10 +237,6 @@ def test_whatever_is_switched_every_interface_has_one_active_owner_or_none(reque
             assert (info.state == ControllerState.ACTIVE.value) == (info.name in control.active)
 
 
-def test_errors_of_the_manager_are_of_the_package():
-    assert issubclass(ControlError, CanopenError)
-
-
 def fallen_back(**how):
     """Return manager, the controller that fails and its fallback, after the failure."""
     control = manager(wheels())
@@ -287,14 +269,6 @@ def test_a_fallback_that_cannot_take_over_is_told_and_the_cycle_goes_on():
     control.update(S, 0.01)
     assert control.active == ()
     assert "its fallbacks cannot take over: cannot activate 'nobody'" in control.events()[-1].text
-
-
-def test_fallbacks_are_given_at_load():
-    control = manager(wheels())
-    control.load("a", FORWARD, Params.of({"joints": ["l"], "interface_name": "velocity"}), ["b"])
-    assert control._fallbacks["a"] == ("b",)
-    control.unload("a")
-    assert "a" not in control._fallbacks
 
 
 def test_a_limiter_sees_every_cycle_and_what_it_says_is_told():

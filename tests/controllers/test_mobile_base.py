@@ -22,16 +22,6 @@ from canopen_control.rpc.messages.parameters import ParameterValue
 MS = 1_000_000
 
 
-@pytest.mark.parametrize(("rate", "every"), [(0.0, 1), (100.0, 1), (50.0, 2), (10.0, 10)])
-def test_it_is_due_at_its_rate_from_the_first_cycle_on(rate, every):
-    told = OdometryPublication(2)
-    told.set_rate(rate)
-    due = [step for step in range(1, 101) if told.is_due(step * 10 * MS + step)]
-    assert due[0] == 1
-    assert len(due) == pytest.approx(100 / every, abs=1)
-    assert told.count == len(due)
-
-
 def test_after_a_pause_there_is_no_burst():
     told = OdometryPublication(2)
     told.set_rate(100.0)
@@ -51,15 +41,6 @@ def test_it_stays_what_it_was_until_the_next_one():
 
 
 AXES = ("linear.x", "angular.z")
-
-
-def test_without_limits_it_is_what_is_wanted():
-    twist = LimitedTwist(AXES)
-    assert not twist.known
-    twist.wanted[:] = [3.0, -2.0]
-    twist.limit(0.01)
-    assert twist.known
-    assert (twist.limited, twist.stands) == ([3.0, -2.0], False)
 
 
 def test_each_axis_goes_from_where_it_was_and_from_standstill_after_it_was_forgotten():
@@ -356,11 +337,3 @@ def test_a_timeout_that_is_set_acts_in_the_next_update_and_one_that_is_wrong_nev
         control.set_parameters("base", [ParameterValue(name=key, kind="double", value=-1.0)])
     assert made.life.limit_ns == 2 * S
     assert {each.name: each for each in control.parameters("base")}[key].value == 2.0
-
-
-def test_limits_of_a_mecanum_base_that_are_set_hold_its_next_twist():
-    hardware, control, _ = active(MECANUM)
-    control.set_parameters("base", [ParameterValue(name="linear.y.max_velocity", kind="double", value=0.0)])
-    control.command("base", [0.0, 0.5, 0.0], 0)
-    control.update(STEP, 0.01)
-    assert set(velocities(hardware)) == {0.0}

@@ -7,30 +7,11 @@ import pytest
 from canopen_control.controllers.params import (
     RENAMES,
     BroadcasterParams,
-    CommonParams,
-    ForwardParams,
     LoopGains,
-    MultiParams,
     Params,
-    SingleParams,
 )
 from canopen_control.errors import RobotConfigError
 from canopen_control.yamlfile.convert import setting
-
-
-def test_joints_and_one_interface():
-    given = Params.of({"joints": ["a", "b"], "interface_name": "velocity", "command_timeout": 0.5}).read(ForwardParams)
-    assert (given.joints, given.interface_name, given.command_timeout) == (("a", "b"), "velocity", 0.5)
-
-
-def test_one_joint_and_its_interfaces():
-    assert Params.of({"joint": "a", "interface_names": ["position"]}).read(MultiParams).interface_names == ("position",)
-    assert Params.of({"joint": "a"}).read(SingleParams) == SingleParams(joint="a")
-
-
-def test_a_timeout_below_zero_is_refused():
-    with pytest.raises(RobotConfigError, match="command_timeout"):
-        Params.of({"command_timeout": -0.1}).read(ForwardParams)
 
 
 def test_a_value_is_read_from_the_interface_that_the_map_names():
@@ -83,19 +64,3 @@ def test_a_renamed_key_is_told_once_and_one_without_effect_too():
         "c: colour: 'colour' has no effect and can be removed",
         "c: pace: 'pace' is read as 'rate'",
     ]
-
-
-def test_the_rate_is_the_managers_unless_it_is_given():
-    assert Params.of({}).read(CommonParams).update_rate == 0
-    assert Params.of({"update_rate": 50}).read(CommonParams).update_rate == 50
-
-
-def test_a_rate_below_zero_is_refused():
-    with pytest.raises(RobotConfigError, match="update_rate"):
-        Params.of({"update_rate": -1}).read(CommonParams)
-
-
-def test_what_has_no_effect_here_is_told():
-    params = Params.of({"is_async": True}, "c")
-    assert params.read(CommonParams).is_async
-    assert any("one thread" in warning for warning in params.warnings)

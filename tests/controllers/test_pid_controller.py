@@ -93,13 +93,6 @@ def test_it_is_listed_with_what_another_controller_may_command_once_it_is_config
     assert robot.manager.list()[0].reference_interfaces == ()
 
 
-def test_with_the_derivative_the_rate_of_the_error_is_not_guessed():
-    robot = Robot("effort", ("position", "velocity"), {"d": 3.0}).start()
-    robot.state("b/velocity").value = 0.5
-    robot.command(1.0, 1.0, 0.25, 0.25)
-    assert robot.cycle() == pytest.approx([0.75, -0.75])
-
-
 def test_without_the_derivative_in_the_message_it_is_that_of_the_errors():
     robot = Robot("effort", ("position", "velocity"), {"d": 3.0}).start()
     robot.cycle()
@@ -175,14 +168,6 @@ def test_a_place_to_go_to_ends_with_who_gave_it_also_one_of_0():
     assert [each.reference for each in robot.pid.sample(0).dofs] == [0.3, 0.0]
 
 
-def test_a_velocity_of_0_outlives_who_gave_it():
-    robot = Robot("effort", ("velocity",)).start()
-    robot.manager.command("pid", [0.0, 0.5], robot.now, source="a test", holder=robot)
-    assert robot.manager.running.clients_with_commands == {robot}
-    robot.manager.command("pid", [0.0, 0.0], robot.now, source="a test", holder=robot)
-    assert robot.manager.running.clients_with_commands == set()
-
-
 def test_a_reference_beyond_the_limits_of_the_joint_is_refused_with_its_name():
     robot = Robot("effort", ("position", "velocity"))
     robot.pid.description = {"a": Joint("a", "revolute", "", "", limits=UrdfLimits(-0.5, 1.5, 2.0, 3.0))}
@@ -249,13 +234,6 @@ def test_nobody_reads_of_it_while_it_is_not_active():
     robot.manager.unload("pid")
     with pytest.raises(UnknownInterface):
         robot.start("reader")
-
-
-def test_what_it_exports_is_none_of_the_robots_own_states():
-    robot = Robot("effort")
-    assert {each.name for each in robot.manager.registry.state_interfaces}.isdisjoint(
-        each.name for each in robot.pid.exported_states()
-    )
 
 
 def chained(kind, interfaces, jtc_interfaces, **params):

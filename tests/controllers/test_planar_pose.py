@@ -9,14 +9,6 @@ from hypothesis import strategies as st
 from canopen_control.controllers.planar_pose import HolonomicKinematics, PlanarPose, RollingMean, quotient
 
 
-def test_a_whole_circle_ends_where_it_began():
-    pose = PlanarPose()
-    pose.set_pose(1.0, 2.0, 0.3)
-    for _ in range(8):
-        pose.drive(0.5, math.pi / 4)
-    assert (pose.x, pose.y, pose.heading) == pytest.approx((1.0, 2.0, 0.3 + math.tau))
-
-
 @given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
 def test_a_shift_straight_on_is_a_drive(way, turn):
     one, other = PlanarPose(), PlanarPose()

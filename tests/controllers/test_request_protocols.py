@@ -3,7 +3,6 @@
 import pytest
 from support.control import FORWARD, three_on_two_wheels
 
-from canopen_control.controllers.base import Controller
 from canopen_control.controllers.gripper_goal import GripperGoal
 from canopen_control.controllers.request_protocols import (
     ClosesLoops,
@@ -39,10 +38,6 @@ def test_a_kind_takes_what_it_has_the_methods_for(kind):
     assert kind in TYPES
     controller = make_controller("one", kind)
     assert {each.__name__ for each in KINDS if isinstance(controller, each)} == TAKEN[kind]
-
-
-def test_the_base_class_takes_nothing():
-    assert not [each for each in KINDS if isinstance(Controller("idle"), each)]
 
 
 GOAL = TrajectoryGoal(JointTrajectory(("l",), [Point([1.0], time=1)]))

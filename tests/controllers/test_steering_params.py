@@ -14,14 +14,6 @@ def read(kind, **changes):
     return read_params(Params.of({**PARAMS[kind], **changes}, "base"), KINDS[kind])
 
 
-def test_defaults_are_upstreams():
-    given = read_params(Params.of({k: v for k, v in PARAMS[TRICYCLE].items() if "timeout" not in k}), TricycleParams)
-    assert (given.reference_timeout, given.open_loop, given.position_feedback) == (1.0, False, False)
-    assert (given.odom_frame_id, given.base_frame_id, given.enable_odom_tf) == ("odom", "base_link", True)
-    assert given.twist_covariance_diagonal == given.pose_covariance_diagonal == (0.0, 7.0, 14.0, 21.0, 28.0, 35.0)
-    assert (given.velocity_rolling_window_size, given.reduce_wheel_speed_until_steering_reached) == (10, False)
-
-
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_it_says_all_that_is_missing_at_once(kind):
     with pytest.raises(RobotConfigError) as error:

@@ -20,7 +20,7 @@ from canopen_control.controllers.switcher import (
     plan_switch,
     users_of,
 )
-from canopen_control.errors import ControlError, InterfaceConflict, UnsupportedMode
+from canopen_control.errors import ControlError, UnsupportedMode
 from canopen_control.hardware.interfaces import CommandInterface, ReturnType, StateInterface
 
 
@@ -32,10 +32,6 @@ def steps(rate, period_ms, cycles=100, start=1):
 
 def test_without_a_rate_every_cycle_is_a_step_of_its_period():
     assert steps(Rate(0), 20, cycles=3) == [(1, 0.02), (21, 0.02), (41, 0.02)]
-
-
-def test_a_rate_that_divides_the_cycle_is_exact_and_its_first_step_comes_at_once():
-    assert steps(Rate(10), 20, cycles=16) == [(1, 0.1), (101, 0.1), (201, 0.1), (301, 0.1)]
 
 
 def test_a_rate_that_does_not_divide_it_takes_the_nearest_cycle():
@@ -136,15 +132,6 @@ def test_nobody_runs_more_often_than_the_managers_update_rate():
     assert slow.runs == [(20, 200.0), (220, 200.0)]
 
 
-@pytest.mark.parametrize("rate", [50, 100, 1000])
-def test_at_the_cycles_rate_and_above_it_each_runs_in_every_cycle(rate):
-    control = manager(Hardware(), rate=rate, cycle=0.02)
-    each = Counting()
-    put_of_running(control, each)
-    run(control, 3, 20)
-    assert each.runs == [(20, 20.0), (40, 20.0), (60, 20.0)]
-
-
 def test_limits_are_enforced_when_the_manager_runs_and_for_its_period():
     class Limiter:
         def __init__(self):
@@ -216,32 +203,12 @@ def robot_of_claims():
     return hardware, control
 
 
-def test_each_component_is_asked_for_its_own_interfaces_only():
-    (first, second), control = robot_of_claims()
-    assert plan(control, ["bc"]).switches == ((first, ("b/velocity",), ()), (second, ("c/velocity",), ()))
-    control.switch(["bc"], now=0)
-    assert plan(control, ["ab"], ["bc"]).switches == (
-        (first, ("a/velocity", "b/velocity"), ("b/velocity",)),
-        (second, (), ("c/velocity",)),
-    )
-
-
 def test_a_plan_changes_nothing():
     (first, _), control = robot_of_claims()
     plan(control, ["ab"])
     assert control.active == ()
     assert first.calls == []
     assert first.command_interfaces[0].owner is None
-
-
-def test_names_given_twice_count_once():
-    _, control = robot_of_claims()
-    assert len(plan(control, ["b", "b"]).activate) == 1
-    with pytest.raises(InterfaceConflict, match="b/velocity is claimed by b;"):
-        plan(control, ["b", "bc"])
-    with pytest.raises(ControlError, match="no controller of this name"):
-        plan(control, deactivate=["x"])
-    assert plan(control, ["x"], ["y"], strict=False).activate == ()
 
 
 class Link(Controller):
@@ -263,13 +230,6 @@ def names(controllers) -> list[str]:
 def test_who_commands_runs_before_whom_it_commands():
     bottom, middle, top, alone = Link("bottom"), Link("middle", "bottom"), Link("top", "middle"), Link("alone")
     assert names(in_order([bottom, alone, middle, top])) == ["top", "middle", "bottom", "alone"]
-
-
-def test_a_chain_stops_as_a_whole_and_others_go_on():
-    bottom, middle, top, alone = Link("bottom"), Link("middle", "bottom"), Link("top", "middle"), Link("alone")
-    assert names(users_of([middle], [bottom, middle, top, alone])) == ["top", "middle", "bottom"]
-    assert names(users_of([alone], [bottom, middle, top, alone])) == ["alone"]
-    assert users_of([alone], [bottom]) == []
 
 
 def test_who_reads_what_another_exports_is_chained_to_it_but_does_not_command_its_joints():

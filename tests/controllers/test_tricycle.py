@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from support.control import Hardware, S, add, manager
 
 from canopen_control.controllers.tricycle import DrivenWheelPose
-from canopen_control.errors import ConfigError, ControlError
+from canopen_control.errors import ConfigError
 
 STEP = S // 100
 GIVEN = {"traction_joint_name": "t", "steering_joint_name": "s", "wheelbase": 1.2, "wheel_radius": 0.1}
@@ -106,20 +106,6 @@ def test_a_stop_stops_at_once_and_holds_the_steering():
     assert robot.hardware.values()[0] == 0.0
     assert math.isnan(robot.hardware.values()[1])
     assert robot.run(1).hardware.values()[0] == 0.0
-
-
-def test_a_lost_drive_ends_the_twist():
-    robot = Robot().command(0.5, 0.25).run(2)
-    robot.hardware.command_interfaces[1].enabled = False
-    robot.run(1)
-    assert robot.hardware.values()[0] == 0.0
-    with pytest.raises(ControlError, match="s: not enabled"):
-        robot.command(0.5, 0.25)
-
-
-def test_in_open_loop_odometry_is_the_twist():
-    robot = Robot(open_loop=True).command(0.5, 0.0).run(11)
-    assert robot.base.sample(0).x == pytest.approx(0.05, abs=0.006)
 
 
 def test_the_command_of_the_wheel_is_in_the_sample_where_it_is_to_be_published():

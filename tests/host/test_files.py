@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from canopen_control.errors import ConfigError, DiskFull
-from canopen_control.host.files import LIMIT, LogFile, state_dir, telling, write_whole
+from canopen_control.host.files import LogFile, state_dir, telling, write_whole
 
 
 def test_a_file_is_replaced_as_a_whole_and_keeps_its_mode(tmp_path):
@@ -90,14 +90,6 @@ def test_the_last_lines_are_those_of_this_run(log):
     assert log.last_lines(3) == ["line 18", "line 19", "half"]
     os.close(second)
     assert "old" in log.path.read_text()
-
-
-def test_of_a_long_run_only_the_end_is_read(log):
-    file = start(log)
-    os.write(file, b"x" * 100_000 + b"\nend \xff\n")
-    assert log.last_lines(1) == ["end \ufffd"]
-    assert len(log.last_lines(5)[0]) < 10_000
-    os.close(file)
 
 
 def test_a_file_that_is_gone_has_no_lines(log):
@@ -179,7 +171,3 @@ def test_logs_live_in_the_state_folder(monkeypatch):
         monkeypatch.setenv("XDG_STATE_HOME", useless)
         monkeypatch.setenv("HOME", "/home/me")
         assert state_dir("robby") == Path("/home/me/.local/state/canopen_control/robby")
-
-
-def test_the_limit_is_ten_megabytes():
-    assert LIMIT == 10_000_000

@@ -4,7 +4,6 @@ import os
 import select
 
 import pytest
-from support.host import open_descriptors
 
 from canopen_control.host.environment import GATE, LIFELINE, READY
 from canopen_control.host.lifeline import LivenessReport, gate_fd, lifeline_fd, report_failure, report_ready
@@ -31,14 +30,6 @@ def test_a_lifeline_is_found_again_and_not_passed_on(monkeypatch):
     os.close(ours)
     assert select.select([theirs], [], [], 0)[0]
     os.close(theirs)
-
-
-def test_reporting_without_anybody_who_asks_does_nothing(monkeypatch):
-    monkeypatch.delenv(READY, raising=False)
-    before = open_descriptors()
-    report_ready()
-    report_failure("x")
-    assert open_descriptors() == before
 
 
 def test_reporting_to_somebody_who_has_left_does_nothing(monkeypatch):
@@ -78,13 +69,6 @@ def test_a_pulse_is_heard_again_and_again_and_never_waits(monkeypatch):
     os.close(ours)
     pulse.beat()
     os.close(theirs)
-
-
-def test_a_pulse_that_nobody_listens_to_does_nothing(monkeypatch):
-    monkeypatch.delenv(READY, raising=False)
-    before = open_descriptors()
-    LivenessReport().beat()
-    assert open_descriptors() == before
 
 
 def test_a_gate_is_named_once_and_to_nobody_else(monkeypatch):

@@ -49,12 +49,6 @@ def test_what_takes_long_to_decode_shows_without_decoding_it(line):
     assert not too_many_values(line[:4000])
 
 
-def test_empty_lines_are_skipped():
-    buffer = LineBuffer()
-    buffer.feed(b"\n\r\n  \n{}\r\n\n")
-    assert [line.strip() for line in lines_of(buffer)] == [b"{}"]
-
-
 @pytest.mark.parametrize("tail", [b"", b"\n", b"\nmore\n"])
 def test_a_line_beyond_the_limit_stops_everything(tail):
     buffer = LineBuffer(limit=10)
@@ -64,14 +58,6 @@ def test_a_line_beyond_the_limit_stops_everything(tail):
     assert buffer.overflow
     buffer.feed(b"fine\n")
     assert buffer.next_line() is None
-
-
-def test_an_endless_line_does_not_grow_the_memory():
-    buffer = LineBuffer(limit=1000)
-    for _ in range(100):
-        buffer.feed(b"x" * 500)
-        buffer.next_line()
-    assert len(buffer._data) <= 1000
 
 
 def test_a_long_line_in_small_pieces_is_not_searched_over_and_over():

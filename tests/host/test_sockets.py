@@ -17,7 +17,6 @@ from support.host import python
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host import sockets
 from canopen_control.host.sockets import (
-    KINDS,
     SocketInUse,
     check_name,
     close_listener,
@@ -82,12 +81,6 @@ def test_without_a_usable_runtime_folder_it_is_below_the_temporary_one(monkeypat
         monkeypatch.setenv("XDG_RUNTIME_DIR", value)
     assert runtime_dir() == temp / f"canopen_control-{os.getuid()}"
     assert mode_of(runtime_dir()) == 0o700
-
-
-def test_a_folder_of_another_user_is_refused(run_folder, monkeypatch):
-    give_away(runtime_dir(), monkeypatch)
-    with pytest.raises(ConfigError, match=r"belongs to user id \d+, not to yours"):
-        runtime_dir()
 
 
 def test_a_runtime_folder_of_another_user_is_refused(run_folder, monkeypatch):
@@ -175,13 +168,6 @@ def test_what_could_lead_out_of_the_folder_is_no_name(run_folder, name):
         socket_path("bus", name)
 
 
-def test_the_longest_bus_has_drives(run_folder):
-    bus = "b" * 32
-    for path in (socket_path("bus", bus), socket_path("drive", f"{bus}-127")):
-        assert bus in path.name
-        close_listener(listen(path))
-
-
 @pytest.fixture
 def too_long(tmp_path, monkeypatch, request):
     """A runtime folder too long for a socket's address, and what it leaves in /tmp taken away."""
@@ -204,21 +190,6 @@ def test_a_runtime_folder_too_long_for_an_address_falls_back_to_a_short_path(too
         assert list_sockets("robot") == ["robby"]
     close_listener(listener)
     assert list_sockets("robot") == []
-
-
-def test_two_folders_that_are_too_long_do_not_meet(too_long, monkeypatch, tmp_path):
-    first = socket_path("robot", "robby")
-    other = tmp_path / ("y" * 90)
-    other.mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(other))
-    second = socket_path("robot", "robby")
-    assert first != second
-    second.parent.rmdir()
-
-
-def test_every_path_has_room_in_an_address(too_long):
-    for kind, longest in KINDS.items():
-        assert len(os.fsencode(socket_path(kind, "n" * longest))) <= 100
 
 
 @pytest.mark.parametrize(
@@ -379,14 +350,6 @@ def test_a_lock_has_one_holder_and_says_who_is_late(run_folder):
         pytest.fail("two holders")
     with lock(path, 0):
         pass
-
-
-def test_whoever_holds_the_lock_of_a_path_may_start_its_server(run_folder):
-    path = socket_path("bus", "b")
-    with lock(path):
-        listener = listen(path)
-        assert path.is_socket()
-        close_listener(listener)
 
 
 @pytest.mark.process

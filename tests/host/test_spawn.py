@@ -77,18 +77,6 @@ def test_the_end_of_a_child_arrives_with_its_status_and_last_lines(children, rea
     assert not Path(f"/proc/{child.pid}").exists()  # no zombie either
 
 
-def test_a_traceback_is_among_the_last_lines(children, real):
-    returncode, lines = exit_of(children(python("print('x' * 5); 1 / 0")), real)
-    assert returncode == 1
-    assert lines[-1] == "ZeroDivisionError: division by zero"
-
-
-def test_a_child_ended_by_a_signal_says_which(children, real):
-    child = children(SLEEP)
-    os.kill(child.pid, signal.SIGKILL)
-    assert exit_of(child, real) == (-signal.SIGKILL, [])
-
-
 def test_the_end_is_told_once_and_leaves_no_descriptor(children, real):
     before = open_descriptors()
     seen = []
@@ -133,13 +121,6 @@ def test_a_kernel_without_pidfd_is_asked_at_intervals(monkeypatch):
     assert spawn_module._pidfd_open(os.getpid()) == -1
     monkeypatch.setattr(sys, "platform", "darwin")
     assert spawn_module._pidfd_open(os.getpid()) == -1
-
-
-def test_waiting_gives_up(children):
-    child = children(SLEEP)
-    assert child.wait(0.01) is None
-    assert child.poll() is None
-    assert child.returncode is None
 
 
 def test_terminate_asks_and_kill_does_not(children):
@@ -237,14 +218,6 @@ def test_the_log_is_where_it_was_asked_for_and_else_in_the_state_folder(children
         assert child.log_path.read_text().endswith("\nx\n")
 
 
-def test_output_can_go_where_ours_goes(children, capfd):
-    child = children(python("print('to the terminal')"), inherit_stdout=True)
-    assert child.wait(20) == 0
-    assert capfd.readouterr().out == "to the terminal\n"
-    assert child.log_path is None
-    assert child.last_lines() == []
-
-
 def test_a_log_that_grows_is_rotated_while_the_child_is_watched(children):
     with Reactor(ManualClock()) as loop:
         child = children(python("import os; os.write(1, b'x' * 50_000); import time; time.sleep(60)"))
@@ -339,11 +312,6 @@ def test_it_returns_when_the_service_is_ready_and_not_before(run_folder, tmp_pat
     assert open_descriptors() == before
 
 
-def test_the_services_own_sentence_is_told(run_folder):
-    with pytest.raises(CanopenError, match="bus robby could not be started: the name is taken by another"):
-        spawn_detached(detached("report_failure('the name is\\ntaken by another')"), 20, name="bus robby")
-
-
 def test_a_service_that_dies_before_it_is_ready_is_quoted(run_folder):
     with pytest.raises(CanopenError, match=r"hub could not be started: it ended at once; .*ZeroDivisionError"):
         spawn_detached(detached("1 / 0"), 20, name="hub")
@@ -387,13 +355,6 @@ def test_a_child_that_says_that_it_is_ready_is_waited_for_without_blocking(child
     real.run_for(SECOND_NS // 20)
     assert len(told) == 1
     child.unwatch_ready(real)
-
-
-def test_a_child_that_can_not_say_it_any_more_is_not_waited_for(children, real):
-    told = []
-    child = children(python("pass"), reports=True)
-    child.watch_ready(real, lambda: told.append(True))
-    assert real.run_until(lambda: bool(told), 20 * SECOND_NS)
 
 
 def test_a_child_that_never_says_it_is_left_alone_and_its_pipe_closed(children, real):

@@ -73,30 +73,6 @@ def test_when_the_runtime_is_killed_the_drives_stop_by_their_own_consumer(stage,
         assert each.state.errors == [0x8130]
 
 
-def test_without_a_reaction_to_the_lost_master_the_wheels_would_turn_on(stage, turning, tmp_path):
-    config = copy_robby(tmp_path, bus={"error_behavior: {1: 2}": "error_behavior: {1: 0}"})
-    robot, probes = turning("onwards", "--allow-unsupervised", apart=True, config=config)
-    robot.end(signal.SIGKILL)
-    seconds_until(lambda: all(0x8130 in each.state.errors for each in probes), 5)  # they noticed, all the same
-    begin = [position(each) for each in probes]
-    ways = lambda: [abs(position(each) - start) for each, start in zip(probes, begin, strict=True)]  # noqa: E731
-    seconds_until(lambda: min(ways()) > 1.5 * SPEED, 5)
-    assert all(abs(each.speed) == pytest.approx(SPEED, rel=0.01) for each in probes)
-    assert all(each.power == "OPERATION_ENABLED" for each in probes)
-
-
-def test_nobody_survives_a_killed_runtime(stage, turning):
-    robot, probes = turning("orphans", "--no-flight-recorder")
-    command = stage.programs[-1]
-    hub, drives = hub_status("orphans").pid, [each.hello.pid for each in probes]
-    assert set(stage.survivors()) == {robot.pid, command.pid, hub, *drives}
-    robot.end(signal.SIGKILL)
-    stage.nobody_is_left(GONE_S)
-    assert command.wait() == 1
-    assert "robot orphans" in command.err
-    assert "Traceback" not in command.err
-
-
 def test_a_hung_runtime_looks_dead_to_the_drives(stage, turning):
     robot, probes = turning("hung")
     os.kill(robot.pid, signal.SIGSTOP)
@@ -197,22 +173,6 @@ def test_when_a_drive_is_killed_the_robot_stops_and_names_it_and_runs_on(stage, 
         assert any(f"({node})" in text and "no heartbeat" in text for text in events(client))
     assert eventually(lambda: rest.power == "SWITCH_ON_DISABLED")
     assert robot.running
-    assert robot.end() == 0, robot
-
-
-def test_a_drive_that_comes_back_moves_again_after_an_enable_and_not_before(stage, turning):
-    robot, probes = turning("back", apart=True)
-    stage.programs[0].end(signal.SIGKILL)  # the left drive
-    assert eventually(lambda: standing(probes[1:]))
-    stage.drive("back", LEFT)
-    with RobotClient.connect("back") as client:
-        assert eventually(lambda: client.ask(GetStatus()).state == "disabled")
-        assert standing(probes[1:])
-        assert stage.call("axis", "enable", "all", "--name", "back").wait() == 0
-        assert standing(probes[1:])
-        command_again(stage, "back")
-        joints = lambda: client.ask(GetStatus()).joints.values()  # noqa: E731
-        assert eventually(lambda: all(each.velocity == pytest.approx(10, rel=0.01) for each in joints()))
     assert robot.end() == 0, robot
 
 

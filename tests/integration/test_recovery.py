@@ -1,6 +1,5 @@
 """Drives that are killed, cut off, faulted and power-cycled under a running robot: it stops and goes on when it may."""
 
-import signal
 import time
 
 import pytest
@@ -91,20 +90,6 @@ def turning(stage, probe):
         robot.end()
 
 
-def test_a_drive_that_is_killed_and_started_again(turning):
-    robby = turning("killed")
-    robby.drives[LEFT].end(signal.SIGKILL)
-    took = seconds_until(lambda: robby.standing(RIGHT), 5)
-    assert took <= HEARTBEAT_S + CYCLE_S + RAMP_S + SLACK_S
-    assert robby.status().state == "fault"
-    assert eventually(lambda: any("node 3 (left_drive): no heartbeat" in text for text in robby.texts()))
-    robby.stage.drive(robby.name, LEFT)
-    assert eventually(robby.is_back)
-    robby.probes[LEFT] = robby._probe(robby.name, LEFT)
-    robby.stays_down()
-    robby.goes_on()
-
-
 @pytest.mark.embedded
 @pytest.mark.parametrize("seconds", [0.5, 5.0])
 def test_a_cable_that_is_cut_for_a_while(turning, seconds):
@@ -121,19 +106,6 @@ def test_a_cable_that_is_cut_for_a_while(turning, seconds):
     assert eventually(robby.is_back)
     assert eventually(lambda: robby.standing(LEFT, RIGHT))
     robby.stays_down()
-    robby.goes_on(reset=True)
-
-
-def test_a_drive_in_a_fault(turning):
-    robby = turning("fault")
-    robby.probes[LEFT].fault("drive_fault")
-    took = seconds_until(lambda: robby.standing(LEFT, RIGHT), 5)
-    assert took <= 3 * CYCLE_S + RAMP_S + SLACK_S
-    assert any("EMCY 0x4310" in text for text in robby.texts())
-    assert robby.axis("enable", "all") == 1
-    assert robby.axis("fault-reset", "left_drive") == 1, "the cause lasts"
-    robby.probes[LEFT].fault("drive_fault", on=False)
-    assert robby.status().controllers == CONTROLLERS
     robby.goes_on(reset=True)
 
 

@@ -34,10 +34,6 @@ LINES = {
 }
 
 
-def test_every_work_has_its_line_here():
-    assert LINES.keys() == JOBS.keys()
-
-
 @pytest.mark.parametrize("name", JOBS)
 def test_a_line_becomes_the_words_of_its_verb_which_knows_them(name):
     text, words = LINES[name]
@@ -45,19 +41,6 @@ def test_a_line_becomes_the_words_of_its_verb_which_knows_them(name):
     assert made == [*words.split(), "--name=robby"]
     args = parser_of(made[0]).parse_args(made[1:])
     assert args.name == "robby"
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("90deg", "jog left --position=90deg"),
-        ("-90deg,--max-current=300", "jog left --position=-90deg --max-current=300"),
-        ("1rad/s,2", "jog left --velocity=1rad/s --for=2"),
-        ("20rpm,--for=1", "jog left --velocity=20rpm --for=1"),
-    ],
-)
-def test_a_jog_is_a_speed_for_a_time_or_a_way(text, words):
-    assert work_words("jog", text, "left", "robby") == [*words.split(), "--name=robby"]
 
 
 def test_an_empty_line_and_no_drive_are_told():

@@ -2,7 +2,7 @@ import pytest
 
 from canopen_control.errors import ConfigError
 from canopen_control.frame import CanFrame
-from canopen_control.monitor.frame_tables import KEPT, FrameTable, LoadMeter, TraceLog, parse_filter
+from canopen_control.monitor.frame_tables import FrameTable, LoadMeter, TraceLog, parse_filter
 from canopen_control.trace.decoder import Decoder
 from canopen_control.trace.network_description import NetworkDescription, NodeDescription
 
@@ -40,10 +40,6 @@ def test_words_of_one_kind_are_alternatives_and_kinds_must_all_hold(text, ids):
     assert wanted(text, *FRAMES) == ids
 
 
-def test_changes_leaves_out_what_repeats():
-    assert wanted("changes", frame(0x703), frame(0x703), frame(0x703, b"\x7f")) == [0x703, 0x703]
-
-
 @pytest.mark.parametrize("text", ["xx", "hb,0xZZ", "0x200-0x100", "200"])
 def test_a_wrong_word_is_told_with_those_there_are(text):
     with pytest.raises(ConfigError) as caught:
@@ -66,15 +62,6 @@ def test_a_bus_with_every_identifier_does_not_grow_the_table():
     for can_id in range(5000):
         table.add(frame(0x8000_0000 | can_id))
     assert len(table.rows) == 4096
-
-
-def test_the_trace_is_bounded_and_fresh_only_once():
-    log = TraceLog()
-    for at in range(KEPT + 10):
-        log.add(frame(0x703, at=at))
-    fresh = log.fresh()
-    assert (len(fresh), fresh[-1].time) == (KEPT, (KEPT + 9) * MS)
-    assert log.fresh() == []
 
 
 def test_a_new_filter_shows_what_is_kept():

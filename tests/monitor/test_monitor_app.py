@@ -372,15 +372,6 @@ def test_a_click_selects_a_drive():
     on_screen(check)
 
 
-def test_q_quits_and_the_source_is_closed():
-    async def check(app, pilot, source):
-        await pilot.press("q")
-        await pilot.pause()
-        assert not app.is_running
-
-    assert on_screen(check).closed
-
-
 def test_who_only_listens_asks_nobody_and_says_why():
     source = FakeSource(can_command=False)
 
@@ -554,14 +545,6 @@ def test_a_robot_without_drives_has_no_table_of_them_until_it_has():
     on_screen(check, source)
 
 
-def test_a_small_terminal_still_shows_drives_and_keys():
-    async def check(app, pilot, source):
-        assert app.query_one("#drives").region.height >= 3
-        assert app.query_one("Footer").region.bottom == 24
-
-    on_screen(check, size=(80, 24))
-
-
 def test_its_picture_asks_nobody_for_anything():
     async def check(app, pilot, source):
         assert "url(" in app.export_screenshot()  # what is taken out was there
@@ -709,16 +692,6 @@ def test_a_search_of_objects_is_typed_like_a_filter_and_a_mistake_is_told():
     on_screen(check, source)
 
 
-@pytest.mark.rest
-def test_a_monitor_that_only_listens_reads_no_objects():
-    async def check(app, pilot, source):
-        await pilot.press("5")
-        app.refresh_picture()
-        assert "to read objects is to send" in str(app._drive.title.content)
-
-    on_screen(check, FakeSource(can_command=False))
-
-
 # -- the work at a drive
 
 
@@ -854,15 +827,6 @@ def test_an_object_is_written_and_the_write_is_undone():
         assert (source.objects.written, source.objects.undone) == (["0x6081:00=2500"], 1)
 
     on_screen(check, source)
-
-
-def test_who_only_listens_does_nothing_with_a_drive():
-    async def check(app, pilot, source):
-        await pilot.press("w", "u", "x")
-        await pilot.pause()
-        assert not app.query_one("#works").display
-
-    on_screen(check, FakeSource(can_command=False))
 
 
 @pytest.mark.rest

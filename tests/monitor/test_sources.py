@@ -7,7 +7,7 @@ from support.host import eventually
 from support.localbus import end_hubs
 from support.mockrobot import running
 from support.robots import LEFT, Bench
-from support.samples import event_of, sample_of
+from support.samples import event_of
 
 from canopen_control.bus.channel import open_port
 from canopen_control.cia301.pdo import MappedObject
@@ -24,13 +24,11 @@ from canopen_control.monitor.sources import (
     RobotLink,
     _Axis,
     content_of,
-    is_emergency,
     log_line,
     without_robot,
 )
 from canopen_control.rpc.messages.layout import BusLayout, NodeLayout
 from canopen_control.rpc.messages.robot import LoadController, Stop
-from canopen_control.rpc.wire import plain
 from canopen_control.runtime.node_readings import event_message
 from canopen_control.runtime.status import state_sample
 from canopen_control.trace.decoder import Decoder
@@ -82,12 +80,6 @@ def test_a_drive_that_is_gone_is_dead_in_words(bench):
     assert "left_drive" in row[3].text
 
 
-def test_a_robot_without_canopen_drives_says_so(bench):
-    state = state_sample(bench.robot)
-    assert "no CANopen drives" not in content_of("robby", state).facts
-    assert "no CANopen drives" in content_of("robby", sample_of({**plain(state), "nodes": {}})).facts
-
-
 def test_a_latched_stop_is_an_alarm_with_the_way_out(bench):
     bench.robot.stop(lambda _: None, "somebody")
     bench.run(100)
@@ -107,12 +99,6 @@ def test_events_are_lines_with_their_level(bench):
     assert "robby runs: joint_state_broadcaster, robby_forward_controller" in [line.text for line in lines]
     assert all(line.time > 0 for line in lines)
     assert log_line(event_of({"time": 1.0, "kind": "x", "level": "error", "text": "t"})).tone is Tone.BAD
-
-
-def test_emergencies_are_known_by_their_kind():
-    assert is_emergency(event_of({"time": 1.0, "kind": "emcy"}))
-    assert is_emergency(event_of({"time": 1.0, "kind": "emcy_reset"}))
-    assert not is_emergency(event_of({"time": 1.0, "kind": "state"}))
 
 
 def test_without_a_robot_it_says_that_stop_does_not_reach_it():
@@ -235,13 +221,6 @@ def bus():
     return Bus()
 
 
-def test_a_silent_bus_says_so(bus):
-    content = bus.table.content(START, "local:x (listening only)", ("1000 kbit/s",))
-    assert str(content.state) == "▲ listening, no node is heard"
-    assert content.facts == ("1000 kbit/s",)
-    assert not content.drives
-
-
 def test_heartbeats_make_rows_with_and_without_a_name(bus):
     bus.hear(0x703, [5])
     bus.hear(0x710, [0x7F])
@@ -288,12 +267,6 @@ def test_sdo_traffic_is_counted_by_the_requests(bus):
     bus.hear(0x603, [0x2B, 0x40, 0x60, 0, 0x0F, 0, 0, 0])
     bus.hear(0x583, [0x80, 0x40, 0x60, 0, 0, 0, 0x02, 0x06])
     assert bus.rows()["3"][6] == "▲ 1r 1w, 1 failed"
-
-
-def test_who_is_only_spoken_to_has_no_row(bus):
-    bus.hear(0x605, [0x40, 0x00, 0x10, 0, 0, 0, 0, 0])
-    bus.hear(0x203, [0x0F, 0x00])
-    assert bus.rows() == {}
 
 
 def test_stale_and_dead_follow_the_nodes_own_pace(bus):
@@ -347,14 +320,6 @@ def test_a_running_robot_is_shown_and_commanded(robot_source):
         assert eventually(lambda: robot_source.content().alarm.startswith("STOP is latched by monitor"))
         assert eventually(lambda: any("latched" in line.text for line in robot_source.log()))
         assert robot_source.emergencies() == []
-
-
-def test_emergencies_are_in_both_logs(robot_source, monkeypatch):
-    event = event_of({"time": 1.0, "kind": "emcy", "level": "warning", "text": "node 3: EMCY 0x3210", "node": "a"})
-    monkeypatch.setattr(robot_source._link, "events", lambda: [event])
-    assert [line.text for line in robot_source.log()] == ["node 3: EMCY 0x3210"]
-    assert [line.text for line in robot_source.emergencies()] == ["node 3: EMCY 0x3210"]
-    assert robot_source.emergencies() == []
 
 
 @pytest.mark.process

@@ -35,11 +35,6 @@ def test_numbers_need_no_eds_and_names_do():
         find_object("Statusword", None)
 
 
-def test_an_object_that_the_eds_lacks_is_still_an_address():
-    found = find_object("0x9999:5", OD)
-    assert (found.index, found.subindex, found.entry, found.label) == (0x9999, 5, None, "0x9999:05")
-
-
 def test_labels_name_object_and_entry():
     assert find_object("6041", OD).label == "0x6041:00 Statusword"
     assert find_object("1018:1", OD).label == "0x1018:01 Identity object.Vendor-ID"

@@ -26,13 +26,6 @@ def test_a_type_knows_its_width_and_range(data_type, bits, low, high):
     assert (data_type.bits, data_type.minimum, data_type.maximum) == (bits, low, high)
 
 
-def test_types_are_integers_reals_or_neither():
-    assert [t for t in DataType if t.is_real] == [DataType.REAL32, DataType.REAL64]
-    neither = {t.name for t in DataType if not t.is_real and not t.is_integer}
-    assert neither == {"VISIBLE_STRING", "OCTET_STRING", "UNICODE_STRING", "DOMAIN"}
-    assert all(t.signed == t.name.startswith("INTEGER") for t in DataType)
-
-
 @pytest.mark.parametrize(
     ("access", "readable", "writable", "rpdo", "tpdo"),
     [
@@ -50,12 +43,6 @@ def test_access_says_what_sdo_and_pdo_may_do(access, readable, writable, rpdo, t
     assert (mappable.rpdo_mappable, mappable.tpdo_mappable) == (rpdo, tpdo)
     assert not entry(access=access).rpdo_mappable
     assert not entry(access=access).tpdo_mappable
-
-
-def test_the_parameter_value_goes_before_the_default():
-    assert entry(default=1).value == 1
-    assert entry(default=1, parameter_value=0).value == 0
-    assert entry().value is None
 
 
 def test_entries_are_found_by_address():

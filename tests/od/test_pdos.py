@@ -26,12 +26,6 @@ def test_the_pdos_of_the_tmcm_1270():
     ]
 
 
-def test_only_what_is_counted_is_mapped():
-    (pdo,) = pdos_of(od_with((0x1600, 0, 1), (0x1600, 1, 0x60400010), (0x1600, 2, 0x60600008)))
-    assert (pdo.bits, pdo.count, pdo.slots) == (16, 1, 2)
-    assert (pdo.cob_id, pdo.enabled, pdo.transmission_type) == (None, False, None)
-
-
 def test_without_a_count_every_entry_with_a_value_is_mapped():
     od = od_with((0x1A00, 1, 0x60410010), (0x1A00, 2, 0), (0x1A00, 3, None), (0x1A00, 4, 0x00050008))
     (pdo,) = pdos_of(od)

@@ -69,13 +69,6 @@ def test_the_motor_of_a_wheel_is_estimated_by_what_it_moves():
     assert not motor.brake
 
 
-def test_the_motor_of_an_arm_is_estimated_by_effort_or_by_its_weight():
-    by_effort = body(BRAKED, AxisSettings("swing", 1.0)).joints["swing"].motor
-    assert (by_effort.peak_torque, by_effort.rated_torque, by_effort.brake) == (40.0, 20.0, True)
-    by_weight = body(BRAKED.replace('effort="40"', 'effort="0"'), AxisSettings("swing", 1.0)).joints["swing"].motor
-    assert 2 * 5.89 < by_weight.rated_torque < 30.0
-
-
 def test_what_the_file_says_of_a_motor_holds():
     axis = AxisSettings(
         "swing",

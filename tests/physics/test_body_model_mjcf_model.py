@@ -50,11 +50,6 @@ def test_friction_and_damping_are_the_scenes_unless_the_plant_file_says_more(tmp
         assert (model.dof_damping[0], model.dof_frictionloss[0]) == expected
 
 
-def test_its_sensors_are_read(tmp_path):
-    made = world(tmp_path, more="sensors: {tip: {kind: imu, link: arm}}\n")
-    assert len(made.describe().sensors["tip"]) == 10
-
-
 @pytest.mark.parametrize(
     ("scene", "joint", "words"),
     [
@@ -70,10 +65,3 @@ def test_what_cannot_be_is_one_sentence(tmp_path, scene, joint, words):
         world(tmp_path, scene, joint)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_a_scene_that_is_not_there_is_told(tmp_path):
-    path = tmp_path / "plant.yml"
-    path.write_text("engine: mujoco\nmjcf: none.xml\naxes: {}\n")
-    with pytest.raises(PhysicsError, match=r"none\.xml: MuJoCo cannot read it"):
-        make(path)

@@ -1,7 +1,6 @@
 import pytest
 from support.physicsbench import MS, ROBBY, robby
 
-from canopen_control.errors import ConfigError
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
 
@@ -23,17 +22,6 @@ def driving(axes, speed=5.0, seconds=1.0, ramp=10.0):
 
 def torque(axes):
     return abs(axes[2].plant.torque)
-
-
-def test_a_payload_weighs(tmp_path):
-    light, heavy = robby(tmp_path), robby(tmp_path)
-    heavy.world.act(AddPayload(mass=4 * 3.3, position=(0.0, 0.0, 0.05)))
-    link = heavy.world.model.body("base_link").id
-    assert float(heavy.world.model.body_mass[link]) == pytest.approx(3.0 + 13.2)
-    assert float(heavy.world.model.body_ipos[link][2]) == pytest.approx((3.0 * 0.045 + 13.2 * 0.05) / 16.2)
-    for axes in (light, heavy):
-        driving(axes, seconds=0.3)
-    assert torque(heavy) > 2.5 * torque(light)
 
 
 def test_a_payload_on_one_side_leaves_a_sound_inertia_and_comes_off_again(tmp_path):
@@ -106,11 +94,6 @@ def test_what_a_file_plans_happens_at_its_time_whoever_looks_and_wakes_a_sleepin
     assert digests[0] == digests[1]
 
 
-def test_the_robot_begins_where_the_file_says(tmp_path):
-    base = in_world(tmp_path, "start: {at: [1, 2], heading: 90}").world.describe().base
-    assert (base.x, base.y, base.heading) == pytest.approx((1.0, 2.0, 1.5708), abs=1e-4)
-
-
 @pytest.mark.rest
 def test_a_ramp_is_climbed_and_a_wall_is_not_passed(tmp_path):
     axes = driving(in_world(tmp_path, "ramps: [{at: [0.3, 0], angle: 5, length: 3}]"), speed=8.0, seconds=3.0)
@@ -135,9 +118,3 @@ def test_what_is_not_there_is_told_before_anything_runs(tmp_path, step, words):
     assert words in first
     assert "hall.yml:3:3: " in first
     assert "hall.yml:4:3: " in second
-
-
-def test_what_is_asked_for_while_it_runs_too(tmp_path):
-    axes = robby(tmp_path)
-    with pytest.raises(ConfigError, match="no link 'roof'"):
-        axes.world.act(PushRobot(force=(1.0, 0.0, 0.0), on="roof"))

@@ -8,9 +8,7 @@ from support.physicsrobot import PhysicsRobot
 from canopen_control.errors import ConfigError, NotEnabled
 from canopen_control.physics import engine
 from canopen_control.physics.physics_file import PhysicsError
-from canopen_control.physics.physics_world import PhysicsWorld
 from canopen_control.rpc.messages.drive import AddPayload
-from canopen_control.virtual.plant_file import read_world
 
 
 @pytest.fixture
@@ -24,18 +22,6 @@ def robot(request, state_home):
     made = PhysicsRobot(f"physics-{request.node.name[:20]}", **getattr(request, "param", {}))
     yield made
     made.close()
-
-
-def test_the_plant_file_names_the_engine(tmp_path):
-    world_of(tmp_path, ROBBY)
-    assert isinstance(read_world(tmp_path / "physics.yml"), PhysicsWorld)
-
-
-def test_what_was_guessed_is_told(tmp_path):
-    notes = world_of(tmp_path, ROBBY).notes
-    assert notes[0] == "masses are guessed from shapes at 1000 kg/m3: caster"
-    assert notes[1] == "the robot stands on wheels: left_wheel_joint, right_wheel_joint"
-    assert notes[2].startswith("rated torques are estimated: left_wheel_joint 0.4")
 
 
 def test_without_mujoco_it_is_told_what_to_install(tmp_path, monkeypatch):

@@ -27,10 +27,6 @@ def test_a_cylinder_that_turns_about_its_axis_is_a_wheel_and_the_robot_stands_on
     assert found.rolls
 
 
-def test_a_ball_that_turns_is_one_too():
-    assert [each.part for each in ground(wheel(shape='type="sphere" size="0.1"')).touches] == [ContactPart.WHEEL]
-
-
 @pytest.mark.parametrize(
     ("axis", "shape", "part"),
     [
@@ -44,15 +40,5 @@ def test_what_does_not_turn_about_its_own_axis_is_no_wheel(axis, shape, part):
     assert [each.part for each in ground(wheel(axis=axis, shape=shape)).touches] == [part]
 
 
-def test_what_is_above_the_floor_touches_nothing():
-    high = wheel("high", pos="0.1 0 0")
-    assert [each.geom for each in ground(wheel(), high).touches] == ["wheel"]
-
-
 def test_casters_alone_carry_no_robot_that_rolls():
     assert not ground(wheel(axis="0 0 1", shape='type="sphere" size="0.1"')).rolls
-
-
-def test_a_world_without_shapes_has_no_ground():
-    empty = ground_at_rest(mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>"))
-    assert (empty.touches, empty.lift, empty.rolls) == ((), 0.0, False)

@@ -6,7 +6,6 @@ import pytest
 from support.physicsrobot import PhysicsRobot
 
 from canopen_control.errors import NotEnabled
-from canopen_control.rpc.messages.drive import SetGrip
 
 BASE = "mecanum_base_controller"
 WHEELS = (2, 3, 4, 5)  # front left, front right, rear right, rear left
@@ -45,13 +44,6 @@ def test_truth_is_what_the_wheels_say_ahead_and_aside(robot):
     wheels, truth = went(robot, [0.15, 0.3, 0.0])
     assert (wheels[0] > 0.08, wheels[1] > 0.15) == (True, True)
     assert truth == pytest.approx(wheels, abs=0.003)
-
-
-def test_without_grip_the_wheels_spin(robot):
-    robot.world.act(SetGrip(friction=0.002))
-    wheels, truth = went(robot, [0.0, 0.3, 0.0])
-    assert truth[1] < 0.6 * wheels[1]
-    robot.world.act(SetGrip(friction=0.8))
 
 
 def test_a_turn_is_one_too_and_then_it_comes_to_rest(robot):

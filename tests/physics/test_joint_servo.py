@@ -48,29 +48,11 @@ def test_the_limit_of_the_current_holds_and_nothing_winds_up_on_it():
     assert highest < 0.065
 
 
-def test_an_encoder_sees_counts():
-    servo = loop(encoder=100)
-    assert servo.quantum == pytest.approx(math.tau / 100)
-    assert servo.torque(0.0, 0.0, 0.0, 5.0) == servo.torque(0.4 * servo.quantum, 0.0, 0.0, 5.0) == 0.0
-    assert servo.torque(0.6 * servo.quantum, 0.0, 0.0, 5.0) < 0.0
-
-
-def test_a_gear_makes_its_counts_finer():
-    assert loop(encoder=100, gear=10.0).quantum == pytest.approx(math.tau / 1000)
-
-
 def test_at_rest_within_a_count_it_does_not_hunt():
     servo = loop(encoder=1000)
     moved(servo, 1.0, load=-0.2)
     torques = {servo.torque(1.0, 1.0, 0.0, 5.0) for _ in range(200)}
     assert len(torques) == 1 or max(torques) - min(torques) < 0.05
-
-
-def test_rest_forgets_the_load():
-    servo = loop()
-    moved(servo, 1.0, load=-0.7)
-    servo.rest()
-    assert abs(servo.torque(1.0, 1.0, 0.0, 5.0)) < 0.2
 
 
 def test_a_velocity_alone_does_not_make_up_for_way_that_was_lost():

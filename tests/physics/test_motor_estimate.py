@@ -36,8 +36,3 @@ def test_friction_and_damping_are_the_settings_else_those_of_the_description_els
     assert (motor(said=said, friction=0.1).friction, motor(said=said, damping=0.2).damping) == (0.1, 0.2)
     found = motor(effort=8.0)
     assert (found.friction, found.damping) == (pytest.approx(0.02 * 4.0), pytest.approx(0.001 * 4.0))
-
-
-def test_a_motor_is_strong_enough_for_the_friction_of_its_joint():
-    plain, rubbed = motor().rated_torque, motor(said=Described(friction=50.0, damping=10.0, speed=2.0)).rated_torque
-    assert rubbed == pytest.approx(plain + 70.0)

@@ -1,5 +1,4 @@
 import itertools
-import math
 import subprocess
 import sys
 import time
@@ -9,13 +8,12 @@ import mujoco
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from support.physicsbench import MS, ROBBY, Axes, S, pendulum, robby, world_of
+from support.physicsbench import MS, ROBBY, pendulum, robby
 from support.properties import examples
 
 from canopen_control.errors import ConfigError
 from canopen_control.physics.physics_world import patches_of, shapes_of
 from canopen_control.physics.scene_file import Patch
-from canopen_control.virtual.plant import HasScenery
 from canopen_control.virtual.trajectory import ramp_to
 
 MODEL = """
@@ -43,12 +41,6 @@ def test_boxes_of_the_world_are_told_where_they_are_now():
     assert (parcel.name, parcel.moves, parcel.size) == ("parcel", True, (0.2, 0.4, 0.6))
     mujoco.mj_step(model, data, 300)
     assert shapes_of(model, data)[1].position[2] < parcel.position[2] == 5.0
-
-
-def test_the_robots_own_shapes_are_no_part_of_its_world(tmp_path):
-    world = world_of(tmp_path, ROBBY)
-    assert isinstance(world, HasScenery)
-    assert world.shapes() == ()
 
 
 def test_another_robot_is_drawn_by_its_shapes_and_a_mesh_of_it_by_its_bounds():
@@ -133,17 +125,6 @@ def test_counts_go_backwards_where_a_motor_is_mounted_mirrored(tmp_path):
     assert axes[3].plant.position < -50 < 50 < axes[2].plant.position
 
 
-def test_the_heading_goes_on_over_a_half_turn(tmp_path):
-    axes = robby(tmp_path)
-    axes.enable()
-    axes.cruise(3, -8.0, 20.0)
-    axes.cruise(2, 8.0, 20.0)
-    axes.go(3.5, every=S)
-    heading = axes.world.describe().base.heading
-    assert heading == pytest.approx(3.3 * 8.0 * 2.0 * RADIUS / 0.24, rel=0.02)
-    assert heading > math.tau
-
-
 @pytest.fixture(scope="module")
 def told(tmp_path_factory):
     return driven(tmp_path_factory.mktemp("told")).digest()
@@ -190,18 +171,6 @@ def test_it_sleeps_at_rest_and_wakes_with_an_order(tmp_path):
     assert axes[3].plant.position < -50
 
 
-def test_a_sleep_changes_no_bit_whoever_looks(tmp_path):
-    def story(every):
-        axes = robby(tmp_path)
-        axes.enable()
-        axes.go(1.5, every=every)
-        axes.cruise(2, 3.0)
-        axes.go(0.7, every=every)
-        return axes.digest()
-
-    assert story(20 * MS) == story(113 * MS)
-
-
 def test_a_brake_holds_a_joint_without_power_and_none_lets_it_fall(tmp_path):
     held, free = pendulum(tmp_path), pendulum(tmp_path, brake="false")
     held.go(2.0)
@@ -219,13 +188,6 @@ def test_power_off_wakes_a_sleeping_arm_whose_brake_is_none(tmp_path):
     axes[5].power(False, axes.now)
     axes.go(0.5)
     assert axes[5].plant.position - place > 20_000
-
-
-def test_a_heavy_arm_is_held_with_the_torque_of_its_weight(tmp_path):
-    axes = pendulum(tmp_path, rated_torque=10.0)
-    axes.enable()
-    axes.go(3.0)
-    assert axes[5].plant.torque == pytest.approx(-1000 * 2.0 * 9.81 * 0.3 / 10.0, rel=0.05)
 
 
 def test_what_a_drive_allows_its_motor_bounds_the_torque(tmp_path):
@@ -285,12 +247,3 @@ def test_a_displaced_encoder_moves_no_joint(tmp_path):
     axes.go(1.0)
     assert axes[2].plant.position == pytest.approx(100.0, abs=1.0)
     assert abs(axes.world.describe().base.x) < 1e-3
-
-
-def test_a_world_of_nothing_but_an_arm_has_no_base(tmp_path):
-    assert pendulum(tmp_path).world.describe().base is None
-
-
-def test_no_axis_but_those_of_the_file(tmp_path):
-    with pytest.raises(KeyError):
-        Axes(world_of(tmp_path, ROBBY), (9, 0))

@@ -28,22 +28,12 @@ def found(parameters, **hardware):
     return tag_lidars(Ros2ControlSystem("robot", "system", "plugin", hardware, (), (part,)), "base", "robot.urdf")
 
 
-def test_what_is_not_said_is_as_upstream_has_it():
-    (lidar,) = found(ANGLES)
-    expected = LidarSettings("lidar", "base", "/scan", -1.5, 1.5, 0.5, 0.0, 1000.0, 5.0, 0.0, 0, "robot.urdf:7:5")
-    assert (lidar, lidar.count) == (expected, 7)
-
-
 def test_everything_can_be_said():
     more = {"frame_name": "laser", "range_min": "0.1", "range_max": "8", "laserscan_topic": "/front", "noise": "0.01",
             "seed": "3"}  # fmt: skip
     (lidar,) = found(ANGLES | more, lidar_publish_rate="20")
     assert (lidar.frame, lidar.topic, lidar.range_min, lidar.range_max) == ("laser", "/front", 0.1, 8.0)
     assert (lidar.rate, lidar.noise, lidar.seed) == (20.0, 0.01, 3)
-
-
-def test_other_sensors_are_none():
-    assert found({"frame_id": "base"}) == []
 
 
 @pytest.mark.parametrize(
@@ -114,11 +104,6 @@ def test_each_ray_tells_how_far_it_reaches_and_minus_one_for_nothing():
 def test_it_turns_with_its_link_and_a_site_of_a_scene_is_a_frame_too():
     assert scanner(turned=math.pi / 2).scan(0.0).ranges == pytest.approx([3.0, 2.0, -1.0, -1.0])
     assert scanner("laser").scan(0.0).ranges == pytest.approx([-1.0, 2.5, -1.0, -1.0])
-
-
-def test_what_is_out_of_range_is_not_seen():
-    assert scanner(range_min=2.5).scan(0.0).ranges == pytest.approx([-1.0, 3.0, -1.0, -1.0])
-    assert scanner(range_max=2.5).scan(0.0).ranges == pytest.approx([-1.0, -1.0, 2.0, -1.0])
 
 
 def test_noise_is_that_of_a_seed_and_begins_anew():

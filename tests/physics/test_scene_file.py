@@ -41,11 +41,6 @@ def test_what_stands_on_the_floor_has_its_sizes(tmp_path):
     assert world.floor.friction == 0.6
 
 
-def test_an_empty_file_is_an_empty_floor(tmp_path):
-    world = read(tmp_path, "")
-    assert (world.floor, world.timeline(), world.boxes) == (None, [], [])
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -50,12 +50,6 @@ def test_a_box_with_a_mass_moves_and_one_without_does_not():
     assert model.geom("box 1").bodyid[0] == 0
 
 
-def test_a_box_stands_where_it_is_put():
-    model, data = scene(boxes=[Box((1.0, 0.0), (0.2, 0.4, 0.6), above=1.0, heading=90.0)])
-    assert height(model, data, 1.19, 0.0) == pytest.approx(1.6)
-    assert height(model, data, 1.0, 0.15) is None
-
-
 CORNERS = np.array([(x, y, z) for x in (0.0, 1.0) for y in (0.0, 0.001) for z in (0.0, 2.0)])
 
 

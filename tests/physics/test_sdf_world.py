@@ -28,12 +28,6 @@ def test_each_piece_that_hangs_together_is_a_part_at_the_scale():
     assert np.allclose(bounds, [(0, 0, 0, 1, 2, 1), (3, 0, 0, 3.5, 1, 0.5)])
 
 
-def test_a_flat_piece_gets_a_thickness_of_a_millimetre():
-    wall = [((1, 0, 0), (1, 2, 0), (1, 2, 1)), ((1, 0, 0), (1, 2, 1), (1, 0, 1))]
-    (part,) = convex_parts(stl(*wall), (1.0, 1.0, 1.0))
-    assert np.allclose(part.corners.max(axis=0) - part.corners.min(axis=0), [0.001, 2.0, 1.0])
-
-
 @pytest.mark.parametrize(
     ("content", "why"),
     [

@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from canopen_control.physics.physics_file import PhysicsError, SensorSettings
-from canopen_control.physics.urdf_sensors import FORCE, IMU, INTERFACES, MAGNET, POSE, RANGE, urdf_sensors
+from canopen_control.physics.urdf_sensors import IMU, INTERFACES, RANGE, urdf_sensors
 from canopen_control.urdf.document import ElementPlace
 from canopen_control.urdf.ros2_control import ControlJoint
 
@@ -23,13 +23,6 @@ def found(*parts):
 @pytest.mark.parametrize("kind", INTERFACES)
 def test_the_kind_follows_from_the_interfaces(kind):
     assert found(part(*INTERFACES[kind])) == {"one": SensorSettings(kind, "base")}
-
-
-@pytest.mark.parametrize(
-    ("word", "kind"), [("imu", IMU), ("fts", FORCE), ("pose", POSE), ("magnetometer", MAGNET), (" imu ", IMU)]
-)
-def test_mujocos_type_says_it_too(word, kind):
-    assert found(part(INTERFACES[kind][-1], mujoco_type=word))["one"].kind == kind
 
 
 def test_an_orientation_alone_is_an_imus_and_other_sensors_are_none_of_a_world():
@@ -61,13 +54,6 @@ def test_what_is_wrong_is_told_with_its_line(parameters, said):
     with pytest.raises(PhysicsError) as told:
         found(part("range", **parameters))
     assert str(told.value).startswith(f"robot.urdf:7:5: sensor one: {said}")
-
-
-def test_every_mistake_is_told_at_once():
-    with pytest.raises(PhysicsError) as told:
-        found(part("orientation.q", noise="-1"), part("range", name="two", frame_id="roof"))
-    assert len(str(told.value).splitlines()) == 3
-    assert "no imu sensor has 'orientation.q', did you mean 'orientation." in str(told.value)
 
 
 def test_who_reads_tags_need_not_have_mujoco():

@@ -67,13 +67,6 @@ def test_a_stamped_twist_goes_to_the_runtime_with_its_stamp(driving):
     }
 
 
-def test_a_stamp_of_zero_is_now(driving):
-    driving.peer.order("publish", topic="/base/cmd_vel", of=STAMPED, data={"twist": twist(0.75, 0.0)}, rate=20)
-    assert eventually(lambda: any(each["linear"] == 0.75 for each in twists(driving)))
-    driving.peer.order("silence", topic="/base/cmd_vel")
-    assert "stamp" not in twists(driving)[-1]
-
-
 def test_a_plain_twist_has_its_own_topic(driving):
     driving.peer.order("publish", topic="/base/cmd_vel_unstamped", of=PLAIN, data=twist(0.1, 0.2), rate=20)
     sent = {"controller": "base", "linear": 0.1, "lateral": 0.0, "angular": 0.2, "source": "ros", "dead_man": True}
@@ -148,13 +141,6 @@ def test_what_goes_sideways_is_for_a_base_that_can(axes, lateral):
         ["base: a twist is not finite: linear.x 0.5, linear.y nan, angular.z 0.3; it was dropped"] * bool(lateral)
     )
     commands.close()
-
-
-def test_odometry_has_the_speed_to_the_left():
-    given = Ros()
-    endpoint = publisher_of(given, replace(reading(HOLONOMIC), tells="odometry"), "odom")
-    endpoint.on_state(StateSample(samples={"base": OdometrySample(time=1.0, x=0.0, y=0.0, heading=0.0, lateral=0.25)}))
-    assert given.publishers[0].told[0].twist.twist.linear.y == 0.25
 
 
 WHEEL = {"time": 1.0, "x": 1.0, "y": 2.0, "heading": 0.5, "linear": 0.25}

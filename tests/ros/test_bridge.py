@@ -154,20 +154,6 @@ def test_use_sim_time_is_told_with_what_it_does(number):
     )
 
 
-def test_two_robots_live_in_one_graph_under_their_namespaces(number):
-    with (
-        ros.FakeRobot("one"),
-        ros.FakeRobot("two") as two,
-        ros.bridge(number, "--namespace", "/one", name="one"),
-        ros.bridge(number, "--namespace", "/two", name="two"),
-        ros.Peer(number) as peer,
-    ):
-        topic = "/two/forward/commands"
-        peer.order("publish", topic=topic, of=TYPE, data={"data": [1.0, 2.0]}, rate=20)
-        assert ros.eventually(two.commands)
-        assert ros.eventually(lambda: {"/one/joint_states", "/two/joint_states"} <= set(peer.order("graph")["topics"]))
-
-
 def test_parameters_come_from_a_file_and_names_are_remapped(number, tmp_path):
     path = tmp_path / "bridge.yaml"
     path.write_text("/**:\n  ros__parameters: {rate: 20.0, cmd_vel_type: Twist, cmd_vel_topic: drive}\n")
@@ -265,17 +251,6 @@ class Robby:
         return None
 
 
-def test_a_publisher_at_one_hertz_turns_both_wheels_and_joint_states_show_it(number):
-    with Robby(number) as robby, ros.Peer(number) as peer:
-        peer.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState")
-        peer.order("publish", topic=COMMANDS, of=TYPE, data={"data": [10.0, 10.0]}, rate=1)
-        turning = peer.message("/joint_states", lambda message: message["velocity"] == [10.0, 10.0])
-        assert turning["name"] == ["left_wheel_joint", "right_wheel_joint"]
-        later = peer.message("/joint_states", lambda message: message["position"][0] > turning["position"][0] + 1)
-        assert later["velocity"] == [10.0, 10.0]
-    assert robby.process.returncode == 0
-
-
 def test_a_bridge_that_is_a_fork_of_the_run_serves_and_ends_with_it(number):
     with Robby(number, restarts=True) as robby, ros.Peer(number) as peer:
         peer.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState")
@@ -306,16 +281,6 @@ def test_joint_states_come_once_per_update_of_their_broadcaster(number, tmp_path
     assert min(periods) > 0.0, "no update is told twice"
 
 
-def test_a_publisher_that_dies_stops_the_wheels_by_the_timeout(number):
-    with Robby(number), ros.Peer(number) as watcher:
-        watcher.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState")
-        with ros.Peer(number) as peer:
-            peer.order("publish", topic=COMMANDS, of=TYPE, data={"data": [10.0, 10.0]}, rate=10)
-            watcher.message("/joint_states", lambda message: message["velocity"] == [10.0, 10.0])
-            peer.kill()
-        watcher.message("/joint_states", lambda message: message["velocity"] == [0.0, 0.0])
-
-
 def test_the_death_of_the_bridge_is_told_and_the_robot_goes_on(number):
     with Robby(number) as robby:
         status = [sys.executable, "-m", "canopen_control", "status", "--json", "--name", "robby"]
@@ -331,19 +296,6 @@ def test_the_death_of_the_bridge_is_told_and_the_robot_goes_on(number):
             lambda: any(each["kind"] == "process_ended" for each in (runs() or {"events": []})["events"])
         )
     assert robby.process.returncode == 0
-
-
-def test_another_bridge_goes_on_where_the_dead_one_was(number):
-    with Robby(number) as robby, ros.Peer(number) as peer:
-        peer.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState")
-        peer.order("publish", topic=COMMANDS, of=TYPE, data={"data": [10.0, 10.0]}, rate=10)
-        turning = peer.message("/joint_states", lambda message: message["velocity"] == [10.0, 10.0])
-        os.kill(robby.bridge_pid(), signal.SIGKILL)
-        with ros.bridge(number, name="robby"):
-            farther = turning["position"][0] + 10.0
-            later = peer.message("/joint_states", lambda message: message["position"][0] > farther)
-            assert later["header"]["stamp"]["sec"] >= turning["header"]["stamp"]["sec"] + 1
-            peer.message("/joint_states", lambda message: message["velocity"] == [10.0, 10.0])
 
 
 def test_a_bridge_outlives_the_runtime_and_shows_the_next_one(number):

@@ -36,12 +36,6 @@ def test_without_parameters_the_arguments_count():
     assert with_parameters(Node(), BridgeOptions(rate=20.0)) == BridgeOptions(rate=20.0)
 
 
-def test_a_parameter_wins_over_an_argument():
-    assert with_parameters(Node(rate=10.0, cmd_vel_type="Twist"), BridgeOptions(rate=20.0)) == BridgeOptions(
-        rate=10.0, cmd_vel_type="Twist"
-    )
-
-
 @pytest.mark.parametrize("given", [{"rate": -1.0}, {"rate": 1000.1}, {"rate": "fast"}, {"cmd_vel_type": "twist"}])
 def test_a_value_that_does_not_fit_is_one_sentence(given):
     with pytest.raises(ConfigError, match=f"parameter {next(iter(given))}"):

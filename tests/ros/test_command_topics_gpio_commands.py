@@ -82,22 +82,6 @@ def test_a_message_that_does_not_fit_is_dropped_whole_with_a_sentence(ros, parts
     assert ros.told == [f"{TOPIC}: {told}; the message was dropped"]
 
 
-def test_as_many_groups_as_lists_of_values(ros):
-    GpioCommands(ros, reading())
-    wrong = message(("io", ["lamp"], [1.0]))
-    wrong.interface_groups = ["io", "valve"]
-    ros.publish(TOPIC, wrong)
-    assert ros.told == [f"{TOPIC}: 2 interface_groups with 1 interface_values; give as many; the message was dropped"]
-
-
-def test_a_controller_that_is_not_active_gets_nothing(ros):
-    commands = GpioCommands(ros, reading())
-    commands.on_controller(reading("inactive"))
-    ros.publish(TOPIC, message(("io", ["lamp"], [1.0])))
-    assert ros.asked == []
-    assert ros.told == [f"{TOPIC}: outputs is inactive; activate it before commanding it; the message was dropped"]
-
-
 def test_what_comes_before_the_answer_is_put_together_and_nothing_is_lost(ros):
     GpioCommands(ros, reading())
     for step in range(50):

@@ -11,9 +11,8 @@ pytest.importorskip("std_msgs")
 
 from support.endpoints import Ros, interface, publisher_of
 
-from canopen_control.ros import command_topics, controller_endpoints, sample_publisher
+from canopen_control.ros import command_topics, sample_publisher
 from canopen_control.ros.command_topics import FeedForwardSwitch, PidMeasuredStates, PidReferences
-from canopen_control.ros.sample_publisher import SamplePublisher
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.robot import CommandController, SetFeedForward, SetMeasuredStates
 from canopen_control.rpc.messages.samples import DofReading, PidSample
@@ -38,11 +37,6 @@ def ros(monkeypatch):
     for module in (command_topics, sample_publisher):
         monkeypatch.setattr(module, "interface", interface, raising=False)
     return Ros()
-
-
-def test_a_pid_controller_has_them(ros):
-    made = controller_endpoints.endpoints_for(ros, reading("position"))
-    assert [type(each) for each in made] == [PidReferences, PidMeasuredStates, FeedForwardSwitch, SamplePublisher]
 
 
 class TestReferences:
@@ -101,15 +95,6 @@ class TestReferences:
         PidReferences(ros, reading("position", "velocity"))
         assert self.take(ros, values, rates, names) == []
         assert ros.told == [f"{TOPIC}: {told}; the message was dropped"]
-
-    def test_one_that_is_not_active_gets_nothing_until_it_is(self, ros):
-        references = PidReferences(ros, reading(state="unconfigured"))
-        assert self.take(ros, [1.0, 2.0]) == []
-        references.on_controller(reading("position", state="inactive"))
-        assert self.take(ros, [1.0, 2.0]) == []
-        references.on_controller(reading("position"))
-        assert self.take(ros, [1.0, 2.0]) == [[1.0, 2.0]]
-        assert [each.split(": ")[1].split(";")[0] for each in ros.told] == ["pid is unconfigured", "pid is inactive"]
 
 
 class TestState:
@@ -172,9 +157,3 @@ class TestMeasuredStates:
         assert ros.commanded == []
         answer(None, "no")
         assert ros.told == [f"{self.TOPIC}: no"]
-
-    def test_one_that_is_not_finite_is_dropped(self, ros):
-        PidMeasuredStates(ros, reading("position"))
-        ros.publish(self.TOPIC, interface("control_msgs/msg/MultiDOFCommand")(values=[1.0, NAN]))
-        assert ros.asked == []
-        assert "give finite numbers" in ros.told[0]

@@ -124,16 +124,6 @@ def test_feedback_comes_at_the_controllers_rate_and_only_while_it_is_executed(ro
     assert result(maker, "fed")[0] == SUCCEEDED
 
 
-def test_a_goal_of_500_points_goes_in_pieces(robot, maker):
-    points = [{**POINT, "time_from_start": {"sec": each, "nanosec": 0}} for each in range(500)]
-    sent = accepted(robot, maker, "large", goal(points))
-    pieces = [*robot.commands("trajectory_data"), sent]
-    assert len(pieces) > 1
-    assert [each["time_from_start"] for piece in pieces for each in piece["points"]] == [*range(500)]
-    robot.release_one(ENDED)
-    assert result(maker, "large")[0] == SUCCEEDED
-
-
 def test_what_the_robot_refuses_is_refused_and_its_result_says_why(robot, maker):
     text = "arm refuses the trajectory: it names 'c', no joint of this controller"
     robot.answers["send_trajectory"] = {"accepted": False, "error_code": -2, "text": text}

@@ -118,8 +118,3 @@ def test_cancelling_asks_the_robot_and_ends_as_cancelled(robot, maker):
 def test_a_goal_that_is_none_is_refused_without_asking_the_robot(robot, maker, which, data):
     assert not send(robot, maker, which, data)
     assert robot.commands("send_gripper") == []
-
-
-def test_a_goal_that_the_robot_refuses_is_refused(robot, maker):
-    robot.answers["send_gripper"] = {"accepted": False, "text": "finger: not enabled; enable it"}
-    assert not send(robot, maker, "hand")

@@ -40,11 +40,6 @@ def test_what_is_told_to_ros_and_set_again_is_the_same(value):
     assert (came.name, came.kind, came.value) == ("a.b", kind, plain_value(plain))
 
 
-def test_what_is_not_set_has_no_type():
-    assert value_of(ParameterReading(name="command_timeout", kind="double")).type == 0
-    assert wanted_by(parameter("x", endpoints.interface("rcl_interfaces/msg/ParameterValue")(type=5))).kind == "not_set"
-
-
 def test_a_descriptor_tells_what_it_means_type_range_and_choices():
     told_of = descriptor_of(ParameterReading(name="t", kind="double", read_only=True, low=0.0, text="s; 0: never"))
     assert told_of.description == "s; 0: never"

@@ -10,7 +10,6 @@ from support.ros import CONTROLLERS
 from support.samples import controllers_of
 
 from canopen_control.ros.conversions import (
-    arrays_of,
     diagonal,
     frames_with_a_place,
     joint_arrays,
@@ -39,27 +38,9 @@ def test_a_joint_that_the_state_does_not_know_is_left_out():
     assert joint_arrays(JOINTS, ("gone", "left")).names == ["left"]
 
 
-def test_what_is_not_known_is_nan_and_all_arrays_have_one_length():
-    arrays = joint_arrays(JOINTS)
-    assert arrays.position == [1.0, 2.0]
-    assert math.isnan(arrays.velocity[0])
-    assert arrays.velocity[1] == 20.0
-    assert len(arrays.effort) == 2
-    assert all(map(math.isnan, arrays.effort))
-    assert all(isinstance(value, float) for value in arrays.velocity)
-
-
 def broadcaster(**told):
     (view,) = controllers_of([{"name": "states", **told}])
     return view
-
-
-def test_what_a_broadcaster_tells_comes_in_its_order():
-    told = {"left": {"position": 1.0}, "lamp": {"on": 1.0}, "caster": {"position": 0.0, "velocity": None}}
-    arrays = arrays_of(told, ("caster", "left"))
-    assert (arrays.names, arrays.position) == (["caster", "left"], [0.0, 1.0])
-    assert all(map(math.isnan, (*arrays.velocity, *arrays.effort)))
-    assert arrays_of(told, ()) == ([], [], [], [])
 
 
 def test_positions_are_those_of_the_joints_of_a_joint_state_that_are_known():
@@ -73,10 +54,6 @@ def test_a_stamp_is_the_time_in_valid_parts(time):
     seconds, nanoseconds = stamp_of(time)
     assert 0 <= nanoseconds < 1_000_000_000
     assert seconds + nanoseconds / 1e9 == pytest.approx(time, abs=1e-6)
-
-
-def test_a_stamp_just_below_a_second_does_not_overflow():
-    assert stamp_of(math.nextafter(1.0, 0.0)) == (0, 999_999_999)
 
 
 def test_a_stamp_of_zero_is_none_and_any_other_is_a_time():

@@ -61,24 +61,11 @@ def test_a_drive_in_fault_has_the_fields_of_its_fault():
     assert values["left error code"] == "0x4310 (drive temperature too high)"
 
 
-def test_a_node_never_seen_says_so():
-    assert told("left_drive", age_s=None).values["age"] == "never seen"
-
-
-def test_a_controller_that_is_not_active_is_a_warning():
-    assert (told("base").level, told("base").message) == (Health.WARN, "inactive")
-    assert told("forward").level is Health.OK
-
-
 def test_missed_cycles_are_told_once():
     statuses = diagnose("robby", state(missed=5), {}, missed_before=3)
     assert (statuses[-1].level, statuses[-1].message) == (Health.WARN, "2 cycles missed since the last report")
     statuses = diagnose("robby", state(missed=5), {}, missed_before=5)
     assert (statuses[-1].level, statuses[-1].message) == (Health.OK, "the robot is running")
-
-
-def test_a_robot_in_fault_is_an_error():
-    assert told("cycle", robot="fault").level is Health.ERROR
 
 
 def test_a_robot_whose_drives_are_off_is_a_warning_with_what_to_call():

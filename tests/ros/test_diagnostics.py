@@ -44,12 +44,6 @@ def test_an_event_comes_from_the_node_it_concerns(robot, of, name):
     assert [each.name for each in publisher.told] == [name]
 
 
-def test_without_a_namespace_the_name_is_the_nodes(robot, monkeypatch):
-    monkeypatch.setattr(robot, "get_namespace", lambda: "/", raising=False)
-    Rosout(robot, ()).on_event(event(controller="base"))
-    assert robot.publishers[-1].told[0].name == "base"
-
-
 @pytest.mark.parametrize(("level", "number"), [("info", 20), ("warning", 30), ("error", 40)])
 def test_it_has_its_level_time_and_text(robot, level, number):
     robot.endpoint.on_event(event("EMCY 0x8130", level))
@@ -146,12 +140,3 @@ def test_events_are_log_messages_with_their_level(listening, fresh):
     assert message["stamp"] == {"sec": 12, "nanosec": 500_000_000}
     fresh.robot.event(time=13.0, kind="running", node=None, level="info", text="it runs")
     assert fresh.peer.message(EVENTS)["name"] == "fake"
-
-
-def test_a_fault_is_in_ros_log_from_the_node_it_concerns(fresh):
-    fresh.peer.order("subscribe", topic="/rosout", of="rcl_interfaces/msg/Log", qos="latched")
-    fresh.robot.event(time=12.5, kind="emcy", node="left_drive", level="error", text="EMCY 0x3210: overvoltage")
-    fresh.robot.event(time=13.0, kind="error", controller="base", level="error", text="base was deactivated")
-    drive = fresh.peer.message("/rosout", lambda message: "0x3210" in message["msg"])
-    assert (drive["level"], drive["name"]) == (40, "left_drive")
-    assert fresh.peer.message("/rosout", lambda message: "base was" in message["msg"])["name"] == "base"

@@ -71,11 +71,6 @@ def test_recover_resets_the_fault_and_does_not_enable(fresh, call):
     assert [each["action"] for each in fresh.robot.commands("axis")] == ["fault-reset"]
 
 
-def test_a_trigger_that_is_refused_says_why(fresh, call):
-    fresh.robot.refusals["axis"] = {"kind": "ControlError", "message": "node 3 (left_drive) is not operational"}
-    assert call("/left_drive/enable") == {"success": False, "message": "node 3 (left_drive) is not operational"}
-
-
 def test_a_trigger_that_was_done_to_the_whole_base_says_so(fresh, call):
     fresh.robot.answers["axis"] = {"text": "base moves left_drive and right_drive together: halt is for all of them"}
     assert call("/left_drive/halt") == {
@@ -116,12 +111,6 @@ def _commands(stage, call, target):
     stage.robot.told.clear()
     assert call("/left_drive/target", TARGET, target=target) == {"success": True}
     return [each["values"] for each in stage.robot.commands()]
-
-
-def test_targets_of_two_drives_in_a_row_are_both_kept(fresh, call):
-    call("/left_drive/target", TARGET, target=1.0)
-    call("/test1/right_drive/target", TARGET, target=2.0)
-    assert [each["values"] for each in fresh.robot.commands()][-1] == [1.0, 2.0]
 
 
 def test_a_target_is_refused_without_a_controller_or_when_it_is_no_number(fresh, call):

@@ -38,12 +38,6 @@ def test_the_nmt_state_is_kept_for_who_comes_later_and_told_when_it_changes(list
         assert listening.message(topic) == {"data": word}
 
 
-def test_joint_states_of_a_drive_have_its_name_and_a_stamp(listening, fresh):
-    message = listening.message("/left_drive/joint_states")
-    assert (message["name"], message["position"], message["velocity"]) == (["left_drive"], [1.0], [10.0])
-    assert message["header"]["stamp"]["sec"] == 1_700_000_000
-
-
 def test_emcy_messages_of_this_node_alone_are_told_in_words_and_in_parts(listening, fresh):
     fresh.robot.event(time=1.0, kind="emcy", node="right_drive", level="warning", text="of another")
     fresh.robot.event(time=1.0, kind="state", node="left_drive", level="info", text="no emcy")
@@ -61,10 +55,6 @@ def test_emcy_messages_of_this_node_alone_are_told_in_words_and_in_parts(listeni
     }  # fmt: skip
     (status,) = listening.message("/left_drive/emcy")["status"]
     assert (status["message"], status["values"]) == ("many more", [])
-
-
-def test_nobody_asks_for_process_data_before_somebody_listens_to_rpdo(listening, fresh):
-    assert not any(params.get("pdos") for params in fresh.robot.commands("subscribe"))
 
 
 def test_who_listens_to_rpdo_gets_everything_and_then_what_changes(listening, fresh):

@@ -68,15 +68,6 @@ def test_joints_are_silent_without_a_broadcaster_and_odometry_goes_on(scene):
     assert base["transform"]["rotation"]["z"] == pytest.approx(1.0)
 
 
-def test_odometry_that_shall_not_be_broadcast_is_not(scene):
-    robot, peer = scene
-    robot.switch(joint_state_broadcaster="active")
-    robot.samples = {"base": {**ODOMETRY, "time": 7.0, "enable_odom_tf": False}}
-    robot.time = 1_700_000_005.0
-    peer.message("/tf", lambda message: children(message)["two/wheel"]["header"]["stamp"]["sec"] == 1_700_000_005)
-    assert "two/base" not in children(peer.message("/tf"))
-
-
 def test_odometry_and_the_limited_twist_are_in_the_frames_of_the_transforms(scene):
     robot, peer = scene
     robot.switch(base="active")

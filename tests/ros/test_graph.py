@@ -31,14 +31,6 @@ def made(**data):
     return fill(class_of("p/msg/Outer")(), data, class_of)
 
 
-def test_fields_get_what_yaml_gives_and_the_others_keep_their_defaults():
-    message = made(one={"x": 1}, many=[{"name": "a"}, {}], data=[1, 2.5], flag=True, raw=7, names=["n"], few=[1])
-    assert (message.one.x, message.one.name) == (1.0, "")
-    assert [each.name for each in message.many] == ["a", ""]
-    assert list(message.data) == [1.0, 2.5]
-    assert (message.flag, message.raw, message.names, list(message.few), message.index) == (True, b"\7", ["n"], [1], 0)
-
-
 @pytest.mark.parametrize(
     ("data", "where"),
     [

@@ -55,13 +55,6 @@ def test_an_rclpy_of_another_python_is_told_by_its_folder(monkeypatch, tmp_path)
         installation.require_ros({})
 
 
-@pytest.mark.parametrize("rmw", [None, "", "rmw_fastrtps_cpp"])
-def test_the_middleware_of_the_wheels_is_taken(monkeypatch, rclpy, rmw):
-    pretend(monkeypatch, rclpy, wheels=True)
-    installation.require_ros({} if rmw is None else {"RMW_IMPLEMENTATION": rmw})
-    assert installation.from_wheels()
-
-
 def test_a_foreign_middleware_is_refused_before_rclpy_ends_the_process(monkeypatch, rclpy):
     pretend(monkeypatch, rclpy, wheels=True)
     with pytest.raises(ConfigError, match=r"RMW_IMPLEMENTATION is rmw_cyclonedds_cpp, .* unset it"):
@@ -114,12 +107,6 @@ def test_a_sourced_ros_keeps_its_own_prefix_path():
 
 def test_a_wider_range_is_the_users_choice_and_gets_no_loopback_profile():
     assert prepared(**{RANGE: "SUBNET"}) == {"AMENT_PREFIX_PATH": "/venv", RANGE: "SUBNET"}
-
-
-def test_the_older_variable_for_the_local_host_is_obeyed():
-    environment = prepared(ROS_LOCALHOST_ONLY="1")
-    assert RANGE not in environment
-    assert environment[PROFILES] == str(PROFILE)
 
 
 @pytest.mark.parametrize(

@@ -114,22 +114,12 @@ def test_any_other_strictness_is_best_effort(scene, call, strictness):
     assert asked(scene, "switch")[0]["strict"] is False
 
 
-def test_unload_and_cleanup_go_to_the_robot(scene, call):
-    assert call("unload_controller", "UnloadController", name="base") == {"ok": True}
-    assert call("cleanup_controller", "CleanupController", name="base") == {"ok": True}
-    assert asked(scene, "unload") == asked(scene, "cleanup") == [{"controller": "base"}]
-
-
 def test_what_the_robot_refuses_is_not_ok_and_says_why(scene, call):
     scene[0].refusals["switch"] = {"kind": "InterfaceConflict", "message": "left/velocity is claimed"}
     answer = call("switch_controller", "SwitchController", activate_controllers=["base"], strictness=2)
     assert answer == {"ok": False, "message": "left/velocity is claimed"}
     scene[0].refusals["load"] = {"kind": "ControlError", "message": "no such type"}
     assert call("load_controller", "LoadController", name="x") == {"ok": False}
-
-
-def test_libraries_cannot_be_loaded_again(call):
-    assert call("reload_controller_libraries", "ReloadControllerLibraries", force_kill=True) == {"ok": False}
 
 
 def test_types_are_listed_with_their_base_class(call):

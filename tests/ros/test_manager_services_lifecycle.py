@@ -69,10 +69,3 @@ def test_it_is_not_active_while_a_node_is_not_ready(fresh, change):
         assert change.state() == "inactive"
     finally:
         node["ready"] = True
-
-
-def test_what_is_possible_is_told(fresh, call):
-    states = call("/lifecycle_manager", "get_available_states", "GetAvailableStates")["available_states"]
-    assert [each["label"] for each in states] == ["unconfigured", "inactive", "active", "finalized"]
-    told = call("/lifecycle_manager", "get_available_transitions", "GetAvailableTransitions")["available_transitions"]
-    assert [each["transition"]["label"] for each in told] == ["configure", "shutdown"]

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.ros.nodes import NMT_STATES, RosNode, nodes_of, resolve, ros_name
+from canopen_control.ros.nodes import RosNode, nodes_of, resolve, ros_name
 from canopen_control.rpc.messages.layout import BusLayout, Layout, MappedEntry, NodeLayout, PdoLayout
 from canopen_control.rpc.messages.robot import NodeListing, NodePlace
 from canopen_control.rpc.messages.state import AxisReading, NodeReading
@@ -54,20 +54,6 @@ def test_each_axis_of_a_node_with_several_has_its_names_below_its_channel():
     assert node.path("halt") == "/robot/arm/halt"
 
 
-def test_a_channel_has_the_name_of_bus_yml():
-    node = two_axes(channel_names=["upper arm"])
-    assert [node.path("halt", channel) for channel in node.channels] == [
-        "/robot/upper_arm/halt",
-        "/robot/arm/elbow/halt",
-    ]
-
-
-def test_a_node_with_one_axis_has_no_channels():
-    states = {"left_drive": NodeReading(name="left_drive", node_id=3, axes=(AxisReading("wheel", 1),))}
-    (node,) = nodes_of(NodeListing(nodes=[NodePlace(name="left_drive", node_id=3)]), "/", None, states)
-    assert node.channels == ()
-
-
 def test_what_the_rpdos_map_comes_from_the_layout():
     outputs, word = MappedEntry(0x60FE, 1, 32, "UNSIGNED32"), MappedEntry(0x6041, 0, 16, "UNSIGNED16")
     pdos = (PdoLayout(0x203, "rpdo", 1, objects=(outputs,)), PdoLayout(0x183, "tpdo", 1, objects=(word,)))
@@ -79,10 +65,6 @@ def test_what_the_rpdos_map_comes_from_the_layout():
 def test_private_names_are_below_the_node():
     assert resolve("/a", "~/x", "n") == "/a/n/x"
     assert resolve("", "x") == "/x"
-
-
-def test_every_nmt_state_has_a_word():
-    assert set(NMT_STATES) == {"INITIALISING", "PRE_OPERATIONAL", "OPERATIONAL", "STOPPED", None}
 
 
 @given(st.text(min_size=1))

@@ -66,12 +66,6 @@ def test_those_are_present_that_dds_knows(graph):
     assert graph.of.present() == set()
 
 
-def test_a_client_of_this_host_is_known_by_its_process(graph):
-    assert graph.of.runs_here(part(gid(1)))
-    graph.running = {2}
-    assert not graph.of.runs_here(part(gid(1)))
-
-
 @pytest.mark.parametrize("other", [gid(1, FAR), gid(1, HOST, b"\x01\x10")])
 def test_of_a_client_elsewhere_no_process_is_looked_for(graph, other):
     assert not graph.of.runs_here(part(other))

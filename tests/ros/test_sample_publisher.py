@@ -1,11 +1,10 @@
 from __future__ import annotations
 
-import itertools
 import math
 import time
 
 import pytest
-from support.ros import eventually, run_ros, stamp_of
+from support.ros import eventually, stamp_of
 
 pytestmark = pytest.mark.ros
 TOPIC = "/joint_states"
@@ -89,32 +88,6 @@ def test_several_broadcasters_publish_on_their_own_with_their_own_frames(listeni
         del fresh.robot.controllers[-2:]
 
 
-def test_what_a_broadcaster_does_not_know_is_nan_and_every_value_has_its_name(listening, fresh, maker):
-    zero = dict.fromkeys(("position", "velocity", "effort"), 0.0)
-    few = local("few", "left", "caster", publishes=["few/joint_states", "few/dynamic_joint_states"])
-    told = {"left": {"position": 1.0}, "caster": zero}
-    fresh.robot.samples["few"] = {"kind": "joint_states", "time": 5.0, "names": list(told), "joints": told}
-    fresh.robot.joints["caster"] = {**zero, "command": None}
-    fresh.robot.controllers.append(few)
-    try:
-        fresh.peer.order("subscribe", topic="/few/joint_states", of="sensor_msgs/msg/JointState", qos="latched")
-        message = fresh.peer.message("/few/joint_states")
-        assert (message["name"], message["position"]) == (["left", "caster"], [1.0, 0.0])
-        assert math.isnan(message["velocity"][0])
-        assert message["velocity"][1] == message["effort"][1] == 0.0
-        dynamic = "/few/dynamic_joint_states"
-        maker.order("subscribe", topic=dynamic, of="control_msgs/msg/DynamicJointState", qos="default")
-        seconds = itertools.count(6)
-        message = maker.hears(dynamic, lambda: fresh.robot.samples["few"].update(time=float(next(seconds))))
-        assert message["joint_names"] == ["left", "caster"]
-        left, caster = message["interface_values"]
-        assert (left["interface_names"], left["values"]) == (["position"], [1.0])
-        assert (caster["interface_names"], caster["values"]) == (list(zero), [0.0] * 3)
-    finally:
-        fresh.robot.controllers.remove(few)
-        del fresh.robot.joints["caster"]
-
-
 def test_there_is_one_message_per_update_of_the_broadcaster_however_often_the_state_comes(listening, fresh):
     told = {"kind": "joint_states", "names": ["left"], "joints": {"left": {"position": 4.5}}}
     fresh.robot.samples["joint_state_broadcaster"] = {**told, "time": 1_750_000_000.0}
@@ -138,13 +111,3 @@ def test_its_topics_move_when_it_is_configured_anew(listening, fresh):
         assert eventually(lambda: "/late/joint_states" not in topics())
     finally:
         fresh.robot.controllers.remove(late)
-
-
-def test_the_publisher_satisfies_every_subscriber(stage):
-    publisher = stage.peer.publisher(TOPIC)
-    assert (publisher["reliability"], publisher["durability"]) == ("RELIABLE", "TRANSIENT_LOCAL")
-
-
-def test_a_time_in_unix_seconds_as_a_message():
-    code = "from canopen_control.ros.sample_publisher import time_message as t; m = t(12.5); print(m.sec, m.nanosec)"
-    assert run_ros(code).split() == ["12", "500000000"]

@@ -83,21 +83,6 @@ def test_an_imu():
     assert list(message.linear_acceleration_covariance) == [0.5] * 9
 
 
-def test_a_range():
-    (message,) = published("range").told
-    assert (message.range, message.radiation_type, message.field_of_view) == (1.25, 1, 0.5)
-    assert (message.min_range, message.max_range, message.variance) == (0.125, 4.0, 0.25)
-    (unknown,) = published("range", RangeSample(time=1.0, frame_id="front", range=None)).told
-    assert math.isnan(unknown.range)
-
-
-def test_a_wrench():
-    (message,) = published("wrench").told
-    assert (message.wrench.force.x, message.wrench.force.z) == (1.0, -3.5)
-    assert math.isnan(message.wrench.force.y)
-    assert xyz(message.wrench.torque) == [0.5, 0.25, 0.125]
-
-
 def test_a_pose():
     (message,) = published("pose").told
     assert xyz(message.pose.position)[:2] == [1.0, 2.0]

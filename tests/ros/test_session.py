@@ -6,7 +6,7 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.ros import URDF, eventually
+from support.ros import eventually
 
 from canopen_control.errors import RemoteError
 from canopen_control.ros.session import Mailbox, RosTime, wants_sim_time
@@ -49,13 +49,6 @@ def sample(unix, *, base=None, sim_time=None, sim_epoch=None):
 
 def times(message):
     return {name: each.time for name, each in message.samples.items()}
-
-
-def test_without_use_sim_time_everything_is_as_the_robot_says():
-    clocks, told = Clocks(), sample(UNIX)
-    assert clocks.time.state(told) is told
-    assert clocks.time.unix(12.5) == 12.5
-    assert clocks.time.unix(None) is None
 
 
 def test_what_comes_has_the_time_of_the_clock_and_keeps_it():
@@ -142,22 +135,10 @@ def test_a_controller_that_comes_anew_is_stamped_anew():
 
 
 @pytest.mark.ros
-def test_whoever_comes_late_still_gets_the_description(stage):
-    stage.peer.order("subscribe", topic="/robot_description", of="std_msgs/msg/String", qos="latched")
-    assert stage.peer.message("/robot_description") == {"data": URDF}
-
-
-@pytest.mark.ros
 def test_it_is_kept_by_a_reliable_publisher(stage):
     publisher = stage.peer.publisher("/robot_description")
     assert (publisher["reliability"], publisher["durability"]) == ("RELIABLE", "TRANSIENT_LOCAL")
     assert publisher["node"] == "canopen_control_bridge"
-
-
-def test_the_first_message_leaves_at_once():
-    box = Mailbox(20)
-    assert box.put("forward", 1)
-    assert box.take(1000) == ({"forward": 1}, None)
 
 
 def test_within_an_interval_the_newest_waits_and_the_others_are_superseded():
@@ -168,15 +149,6 @@ def test_within_an_interval_the_newest_waits_and_the_others_are_superseded():
     assert box.take(1005) == ({}, 1020)
     assert not box.put("forward", 3), "somebody comes at 1020 anyway"
     assert box.take(1020) == ({"forward": 3}, None)
-
-
-def test_controllers_do_not_wait_for_each_other():
-    box = Mailbox(20)
-    box.put("a", 1)
-    box.take(1000)
-    box.put("a", 2)
-    box.put("b", 3)
-    assert box.take(1010) == ({"b": 3}, 1020)
 
 
 def test_what_waits_under_a_name_that_is_gone_is_dropped():

@@ -76,7 +76,3 @@ os._exit(0)  # as the bridge does then
 """
     )
     assert run_ros(code) == ""
-
-
-def test_a_spinner_that_never_started_can_be_stopped():
-    assert run_ros(START + "assert spinner.stop(1)\ncontext.shutdown()") == ""

@@ -8,13 +8,6 @@ def test_a_sentence_is_said_at_once_and_then_once_per_interval():
     assert [now for now in range(0, 350, 10) if throttle.allows("x", now)] == [0, 100, 200, 300]
 
 
-def test_sentences_do_not_silence_each_other():
-    throttle = Throttle(100)
-    assert throttle.allows("x", 0)
-    assert throttle.allows("y", 1)
-    assert not throttle.allows("x", 2)
-
-
 def test_a_reason_is_told_once_and_the_number_at_the_end():
     refusals = Refusals()
     assert refusals.answered("base", "not enabled") == "not enabled"
@@ -30,12 +23,6 @@ def test_another_reason_is_told_again_and_another_number_in_it_is_not():
     assert refusals.answered("base", "a twist that is 0.712 s old") is not None
     assert refusals.answered("base", "a twist that is 13.4 s old") is None
     assert refusals.answered("base", "latched") == "latched"
-
-
-def test_one_refusal_alone_needs_no_second_sentence():
-    refusals = Refusals()
-    refusals.answered("base", "being enabled")
-    assert refusals.answered("base", None) is None
 
 
 def test_a_sentence_is_known_whatever_numbers_stand_in_it():

@@ -119,17 +119,6 @@ def test_the_message_has_the_time_of_its_scan_on_the_clock_of_the_bridge(unix, s
     ros.endpoint.close()
 
 
-def test_another_program_hears_it(fresh):
-    fresh.robot.answers["laser_scans"] = [{field: getattr(SCAN, field) for field in SCAN.__struct_fields__}]
-    fresh.peer.order("subscribe", topic="/front/scan", of="sensor_msgs/msg/LaserScan", qos="default")
-    periods = itertools.count(1)
-
-    def tell():
-        fresh.robot.more = {"sim_time": next(periods) * SCAN.scan_time, "sim_epoch": fresh.robot.time}
-
-    assert fresh.peer.hears("/front/scan", tell)["ranges"] == [-1.0, 2.5, 3.0]
-
-
 TOPIC = "/ground_truth"
 
 

@@ -14,7 +14,6 @@ from support.control import vectors
 pytestmark = pytest.mark.ros
 ARGUMENTS = ("--ros-args", "-p", "topic_hardware:=true", "-p", "rate:=100.0")
 COMMANDS, STATES, TYPE = "/robot_joint_commands", "/robot_joint_states", "sensor_msgs/msg/JointState"
-NAN = math.nan
 
 
 def send(stage, **data):
@@ -45,17 +44,6 @@ def matched(stage):
 def test_velocities_go_to_the_forward_controller_in_its_order(matched, fresh):
     send(fresh, name=["right", "left"], velocity=[2.0, 1.0])
     assert ros.eventually(lambda: [1.0, 2.0] in [each["values"] for each in commands(fresh)])
-
-
-def test_nan_commands_nothing(matched, fresh):
-    send(fresh, name=["left", "right"], velocity=[NAN, NAN])
-    send(fresh, name=["left", "right"], velocity=[1.0, NAN])
-    assert settled(fresh) == []
-
-
-def test_another_interface_commands_nothing(matched, fresh):
-    send(fresh, name=["left", "right"], position=[1.0, 2.0])
-    assert settled(fresh) == []
 
 
 @pytest.mark.parametrize("velocity", [[1.0], [1.0, 2.0, 3.0]])

@@ -2,8 +2,7 @@
 
 import pytest
 
-from canopen_control.scaffold import bases
-from canopen_control.scaffold.bases import BASES, BaseKind
+from canopen_control.scaffold.bases import BASES
 from canopen_control.scaffold.drive_choice import POSITION, VELOCITY
 
 
@@ -30,9 +29,3 @@ def test_the_left_wheels_are_mirrored_and_the_steering_is_not():
     assert [BASES["mecanum"].mirrored(4, number) for number in range(4)] == [True, False, True, False]
     assert [BASES["tricycle"].mirrored(3, number) for number in range(3)] == [True, False, False]
     assert not BASES["none"].mirrored(1, 0)
-
-
-def test_a_controller_that_this_version_lacks_is_named(monkeypatch):
-    monkeypatch.setattr(bases, "TYPES", {})
-    said = BaseKind("mecanum", "mecanum_drive_controller/MecanumDriveController").problem(4)
-    assert said.startswith("--base mecanum: this version has no mecanum_drive_controller/MecanumDriveController")

@@ -84,21 +84,6 @@ def test_rpm_makes_scales_of_their_own_for_each_drive():
     assert "counts_per_revolution" not in keys["defaults"]
 
 
-def test_axes_that_differ_have_units_of_their_own_and_those_that_do_not_share_them():
-    axes = keys_of(shape(axes=2), base="diff")
-    left, right = axes["nodes"]["drive_2"]["channels"]
-    assert right["scale_vel_to_dev"] == right["scale_pos_to_dev"] == pytest.approx(6000 / math.tau)
-    assert left["scale_vel_to_dev"] == -right["scale_vel_to_dev"]  # mounted mirrored
-    same = keys_of(shape(axes=2))
-    assert same["nodes"]["drive_2"]["reversed"] is False
-    assert same["defaults"]["counts_per_revolution"] == 6000
-
-
-def test_each_axis_gets_the_ramps_that_its_eds_does_not_tell():
-    od = shape(axes=2, drop=(0x6007, 0x6807), s6883_00={"default": None})
-    assert [entry["index"] for entry in keys_of(od)["defaults"]["sdo"]] == [0x6883]
-
-
 def test_ramps_are_written_only_where_the_eds_tells_none():
     plain = {"drop": (0x6007,)}
     assert "sdo" not in keys_of(shape(**plain))["defaults"]
@@ -114,11 +99,6 @@ def test_a_lost_master_is_a_quick_stop_where_the_drive_has_an_option_for_it():
     assert keys_of(shape(extra=[option]))["defaults"]["sdo"] == [{"index": 0x6007, "sub_index": 0, "value": 3}]
     limited = dataclasses.replace(option, low=0, high=2)
     assert "sdo" not in keys_of(shape(extra=[limited]))["defaults"]
-
-
-def test_a_file_name_with_a_blank_is_quoted():
-    devices = [Device(2, Path("my drive #2.eds"), shape())]
-    assert yaml.safe_load(bus_text(plan_robot("r", devices)))["defaults"]["dcf"] == "my drive #2.eds"
 
 
 def test_a_remark_never_touches_what_it_is_about():

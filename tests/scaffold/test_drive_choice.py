@@ -43,11 +43,6 @@ def test_a_drive_whose_statusword_cannot_be_sent_is_none_to_run():
         choose_drive(shape(s6041_00={"pdo_mappable": False}))
 
 
-def test_feedback_is_what_a_tpdo_can_carry():
-    assert axis(shape()).feedback == (POSITION, VELOCITY)
-    assert axis(shape(drop=(0x606C,))).feedback == (POSITION,)
-
-
 def test_counts_are_those_of_the_eds_or_a_guess():
     told = axis(shape(drop=(0x608F,), extra=record(0x608F, "Resolution", 10_000, 4)))
     assert (told.counts, told.told) == (2500, True)
@@ -60,11 +55,6 @@ def test_counts_are_those_of_the_eds_or_a_guess():
 def test_a_feed_constant_is_the_users_unit_and_one_to_one_says_nothing():
     assert axis(shape(extra=record(0x6092, "Feed", 360, 1))).counts == 360
     assert axis(shape(extra=record(0x6092, "Feed", 1, 1))).counts == 6000
-
-
-@pytest.mark.parametrize(("unit", "one"), [(0x00B44700, 1.0), (0xFDB44700, 0.001), (0, 0.0), (0x00410300, 0.0)])
-def test_rpm_is_read_with_its_power_of_ten(unit, one):
-    assert rpm(unit) == pytest.approx(one)
 
 
 def test_who_watches_whom():
@@ -104,9 +94,3 @@ def test_axes_that_the_rpdos_cannot_carry_together_are_named():
     few = slots_of(shape(axes=2, drop=(0x1440, 0x1441), pdos=[*TWO_PAIRS[:1], *TWO_PAIRS[2:]]), 2)
     with pytest.raises(RobotConfigError, match="its RPDOs cannot carry what 2 axes need: 0x6840, 0x68FF are left over"):
         choose_drive(few)
-
-
-@pytest.mark.parametrize(("index", "why"), [(0x6060, "is chosen"), (0x6061, "nothing is enabled without")])
-def test_a_drive_without_a_mode_of_operation_is_refused(index, why):
-    with pytest.raises(RobotConfigError, match=f"no 0x{index:04X}, by which .*{why}"):
-        choose_drive(shape(drop=(index,)))

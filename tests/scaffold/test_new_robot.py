@@ -86,13 +86,6 @@ def test_the_master_takes_an_id_that_is_free():
         plan_robot("r", [module(node_id) for node_id in range(1, 128)])
 
 
-def test_the_bit_rate_is_the_highest_that_all_have():
-    both = [device(2, device={"bit_rates": frozenset((125_000, 250_000, 500_000))}),
-            device(3, device={"bit_rates": frozenset((250_000, 125_000))})]  # fmt: skip
-    assert plan_robot("r", both).baudrate == 250
-    assert plan_robot("r", [device(2)]).baudrate == 1000
-
-
 def test_a_drive_that_can_neither_says_what_it_has_and_moves_no_joint():
     robot = plan_robot("r", [device(2, s6502_00={"default": 0x08}), device(3)], base="diff")
     (problem,) = robot.problems

@@ -19,15 +19,6 @@ def test_one_pdo_is_filled_up_to_64_bits_what_is_needed_first():
     assert chosen(shape(), FEEDBACK) == ({1: ((0x6041, 0), (0x6061, 0), (0x6064, 0)), 2: ((0x606C, 0),)}, ())
 
 
-def test_slots_are_kept_to():
-    od = slots_of(shape(pdos=[*TWO_PAIRS, *TWO_MORE]), 1)
-    assert chosen(od, COMMANDS) == ({1: (WORD,), 2: (SPEED,), 3: (MODE,)}, ())
-
-
-def test_a_high_limit_of_the_count_is_a_number_of_slots():
-    assert chosen(shape(s1600_00={"high": 1}), COMMANDS)[0][1] == (WORD,)
-
-
 def test_of_fixed_mappings_the_one_with_everything_is_taken_and_no_second_controlword():
     assert chosen(shape(pdos=FOUR_PAIRS, access="const"), COMMANDS) == ({4: (WORD, SPEED)}, ())
 
@@ -81,9 +72,3 @@ def test_the_predefined_identifier_is_given_to_the_first_four_alone():
         del od.entries[0x1400 + number, 1]
     uses, _ = choose_pdos(od, PdoRequirement(True, (WORD, SPEED)))
     assert [(use.number, use.auto) for use in uses] == [(4, True), (5, False)]
-
-
-def test_one_that_is_off_for_good_is_passed_over_for_one_that_is_not():
-    twice = [*FOUR_PAIRS, (True, 4, 0x640, [0x60400010, 0x60FF0020])]
-    od = shape(pdos=twice, access="const", s1403_01={"default": 0x80000505, "access": "const"})
-    assert chosen(od, COMMANDS) == ({5: (WORD, SPEED)}, ())

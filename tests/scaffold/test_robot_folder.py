@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from support.drive_shapes import MAKERS, NODE, SHAPES, UNWATCHED, commissioned, modes, shape, write_shape
+from support.drive_shapes import MAKERS, NODE, SHAPES, UNWATCHED, commissioned, shape, write_shape
 from support.eds import DEVIATIONS
 from support.iomodule import io_eds
 from support.robots import Bench
@@ -49,15 +49,6 @@ def test_a_battery_is_told_as_one():
     given = file["battery_9_broadcaster"]["ros__parameters"]
     assert given["batteries"] == ["battery_9"]
     assert given["interfaces"]["battery_9"] == {"battery_temperature": True, "battery_percentage": True}
-
-
-def test_what_is_only_measured_is_told():
-    assert controllers_of(410)["inclinometer_9_broadcaster"]["ros__parameters"]["joints"] == ["inclinometer_9"]
-
-
-def test_the_joint_of_an_encoder_is_told_by_the_broadcaster_of_joints():
-    kinds = controllers_of(406)["controller_manager"]["ros__parameters"]
-    assert [each for each in kinds if isinstance(kinds[each], dict)] == ["joint_state_broadcaster"]
 
 
 def test_what_an_encoder_cannot_do_is_a_jump():
@@ -130,17 +121,6 @@ def keys_of(*ods, **how):
     return yaml.safe_load(controllers_text(plan_robot("r", devices, **how)))
 
 
-def test_joints_are_grouped_by_what_commands_them():
-    keys = keys_of(shape(), shape(drop=(0x60FF,), **modes(0x81)), shape())
-    assert keys["velocity_controller"]["ros__parameters"]["joints"] == ["joint_1", "joint_3"]
-    assert keys["position_controller"]["ros__parameters"]["joints"] == ["joint_2"]
-    assert keys["controller_manager"]["ros__parameters"]["enforce_command_limits"] is True
-
-
-def test_the_rate_is_that_of_sync():
-    assert keys_of(shape())["controller_manager"]["ros__parameters"]["update_rate"] == 50
-
-
 def test_a_base_goes_before_the_controllers_of_single_joints():
     keys = keys_of(shape(), shape(), base="diff")
     assert list(keys["controller_manager"]["ros__parameters"]) == [
@@ -150,11 +130,6 @@ def test_a_base_goes_before_the_controllers_of_single_joints():
         "velocity_controller",
     ]
     assert keys["base_controller"]["ros__parameters"]["position_feedback"] is True
-
-
-def test_of_four_wheels_those_of_a_side_belong_together():
-    parameters = keys_of(*[shape()] * 4, base="diff")["base_controller"]["ros__parameters"]
-    assert parameters["left_wheel_names"] == ["front_left_wheel_joint", "rear_left_wheel_joint"]
 
 
 def test_odometry_is_of_what_the_drives_tell():
@@ -327,12 +302,6 @@ def test_a_drive_without_feedback_is_written_and_told_and_simulated(tmp_path):
     assert "nofb.eds has neither" in found.fix
     assert any("no TPDO carries" in each for each in written.warnings)
     assert "# NO FEEDBACK: neither 0x6064" in (written.folder / "bus.yml").read_text()
-
-
-def test_a_robot_may_be_made_in_a_folder_that_is_not_there(tmp_path):
-    written = new_robot(tmp_path / "a" / "b", EDITS / "feedrpm.eds")
-    assert written.folder == tmp_path / "a" / "b" / "fresh"
-    assert check_robot(find_robot(str(written.folder)), CheckOptions()).passes(strict=True)
 
 
 BUILT = [name for name, base in BASES.items() if base.type_name in TYPES]

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from support.drive_shapes import modes, shape
+from support.drive_shapes import shape
 
 from canopen_control.data_files import data_path
 from canopen_control.od.eds import read_eds
@@ -16,18 +16,6 @@ from canopen_control.urdf.description import parse_description
 def described(*ods, **how):
     devices = [Device(number, Path("d.eds"), od) for number, od in enumerate(ods, 2)]
     return parse_description(description_text(plan_robot("r", devices, **how)))
-
-
-def test_each_joint_names_its_node_and_what_it_has():
-    joint = described(shape(drop=(0x60FF, 0x606C), **modes(0x81))).hardware[0].joints[0]
-    assert joint.parameters == {"device_name": "joint_1_drive"}
-    assert (list(joint.command_interfaces), list(joint.state_interfaces)) == (["position"], ["position"])
-
-
-def test_joints_turn_without_end_and_have_a_limit_of_speed():
-    for joint in described(shape(), shape()).joints.values():
-        assert joint.type == "continuous"
-        assert joint.limits.velocity == 30.0
 
 
 def test_the_wheels_of_a_base_stand_where_the_controllers_file_says():
@@ -68,12 +56,6 @@ def test_an_encoder_measures_a_joint_that_nothing_commands():
     assert (joint.name, joint.parameters) == ("encoder_9_joint", {"device_name": "encoder_9"})
     assert (list(joint.command_interfaces), list(joint.state_interfaces)) == ([], ["position", "velocity"])
     assert description.joints["encoder_9_joint"].type == "continuous"
-
-
-def test_an_axis_of_several_is_named_with_its_number():
-    first, second = described(shape(axes=2)).hardware[0].joints
-    assert first.parameters == {"device_name": "drive_2"}
-    assert second.parameters == {"device_name": "drive_2", "axis": "1"}
 
 
 def test_a_steered_wheel_is_in_front_and_turns_about_the_vertical(monkeypatch):

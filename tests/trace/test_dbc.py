@@ -65,14 +65,6 @@ def test_words_and_modes_are_named():
     assert str(db.decode_message(0x000, b"\x01\x03")["NMT_node_id"]) == "left_drive"
 
 
-def test_senders_and_receivers_are_the_nodes():
-    db = database(robby_network())
-    assert db.get_message_by_frame_id(0x183).senders == ["left_drive"]
-    assert db.get_message_by_frame_id(0x203).senders == ["master"]
-    assert db.get_message_by_frame_id(0x203).signals[0].receivers == ["left_drive"]
-    assert {node.name for node in db.nodes} == {"master", "left_drive", "right_drive"}
-
-
 def test_every_type_and_every_place_is_read_back():
     objects = (
         DescribedPdoObject(0x2000, 0, 4, DataType.INTEGER8, "nibble"),

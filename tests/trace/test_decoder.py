@@ -149,15 +149,6 @@ def test_heartbeats_that_were_read_late_together_are_no_silence():
     assert {each.text for each in beats(0, 0.5, 190, 191, 380)} == {"OPERATIONAL"}
 
 
-def test_what_a_node_did_before_its_boot_up_says_nothing_about_its_heartbeat():
-    decoder = robby_decoder()
-    texts = [
-        decoder.decode(frame(0x703, data), ms * 1_000_000).text
-        for data, ms in (("05", 0), ("05", 100), ("00", 200), ("7F", 2200), ("7F", 4200))
-    ]
-    assert texts[2:] == ["boot-up", "PRE-OPERATIONAL (after boot-up)", "PRE-OPERATIONAL"]
-
-
 def test_a_pdo_may_lie_on_any_identifier_even_one_of_29_bits():
     objects = (
         DescribedPdoObject(0x2000, 0, 4, DataType.INTEGER8, "nibble"),
@@ -174,11 +165,6 @@ def test_a_mapping_that_cannot_be_is_said_with_the_bytes():
     got = Decoder(NetworkDescription(nodes={9: node})).decode(frame(0x189, "0102"))
     assert got.text.startswith("01 02; its mapping cannot be read")
     assert got.mark is Mark.WARNING
-
-
-def test_sync_may_lie_elsewhere():
-    decoder = Decoder(NetworkDescription(sync_cob_id=0x85))
-    assert decoder.decode(frame(0x85)).service == "sync"
 
 
 frames = st.builds(

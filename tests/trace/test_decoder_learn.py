@@ -45,13 +45,6 @@ def test_what_is_off_or_in_part_or_impossible_is_not_known():
     assert taught([*MAP[:2], held(0x1A00, 0, 254), held(0x1800, 1, 0x183)]) == []  # multiplexed
 
 
-def test_a_pdo_that_moves_says_where_it_was():
-    pdos = learner()
-    taught([*MAP, held(0x1800, 1, 0x183)], pdos)
-    ((pdo, before),) = taught([held(0x1800, 1, INVALID_BIT | 0x183), held(0x1800, 1, 0x1FF)], pdos)
-    assert (pdo.cob_id, before) == (0x1FF, 0x183)
-
-
 def test_the_layout_of_a_robot_is_learned_from_its_boot_alone():
     bench, decoder, told = Bench("learn"), Decoder(NetworkDescription()), robby_decoder()
     bench.start()

@@ -15,7 +15,6 @@ from canopen_control.errors import BusError
 from canopen_control.frame import CanFrame, pack_records
 from canopen_control.host.reactor import Reactor
 from canopen_control.master.event_log import Event, Level
-from canopen_control.rpc.messages.drive import WorldShape
 from canopen_control.rpc.messages.state import RobotEvent
 from canopen_control.trace import flight
 from canopen_control.trace.flight import FlightRecorder, flight_folder, main
@@ -71,18 +70,6 @@ def test_events_and_states_of_the_robot_are_in_the_file_and_the_robot_tells_wher
     told = [event for event in robot.status().events if event.kind == "flight"]
     assert len(told) <= 1
     assert recorder.said == [] or told == []
-
-
-def test_what_stands_in_the_world_is_in_the_file_also_when_its_drives_are_gone(reactor, robot, monkeypatch):
-    box = WorldShape(name="box 0", kind="box", size=(1.0, 2.0, 3.0), position=(0.5, 0.0, 1.5))
-    monkeypatch.setattr(flight, "shapes_of_world", lambda _nodes: (box,))
-    recorder = FlightRecorder(reactor, "flight", {})
-    recorder.start()
-    monkeypatch.setattr(flight, "shapes_of_world", lambda _nodes: ())
-    fail(robot)
-    hear(reactor, recorder, "it broke")
-    recorder.finish()
-    assert read_flight(newest(flight_folder("flight"))).meta.world == (box,)
 
 
 @pytest.mark.rest

@@ -10,7 +10,6 @@ from canopen_control.rpc.messages.state import RobotEvent
 from canopen_control.trace.flight_trigger import (
     AFTER_NS,
     GAP_NS,
-    LONGEST_NS,
     WIDEST_GAP_NS,
     RecordingTrigger,
     is_fault,
@@ -44,28 +43,6 @@ def test_a_sum_tells_of_more_than_its_own_moment(since, expected):
     assert is_sum(event(since=since)) is expected
 
 
-def test_the_file_comes_when_the_reaction_is_over():
-    trigger = RecordingTrigger(KEEP)
-    assert trigger.next_deadline() is None
-    trigger.fault(event("first"), 100 * S)
-    assert trigger.due(100 * S + AFTER_NS - 1) is None
-    assert trigger.due(100 * S + AFTER_NS) == event("first")
-    assert trigger.next_deadline() is None
-    assert trigger.due(200 * S) is None
-
-
-def test_more_faults_wait_together_but_not_for_ever():
-    trigger = RecordingTrigger(KEEP)
-    for tenth in range(300):
-        now = 100 * S + tenth * S // 10
-        trigger.fault(event(str(tenth)), now)
-        if (reason := trigger.due(now)) is not None:
-            assert reason == event("0")
-            assert now == 100 * S + LONGEST_NS
-            return
-    pytest.fail("no file in a storm")
-
-
 def test_a_storm_makes_few_files_and_ever_fewer():
     trigger, written, end = RecordingTrigger(KEEP), [], 3600
     for tenth in range(end * 10):
@@ -78,17 +55,6 @@ def test_a_storm_makes_few_files_and_ever_fewer():
     assert all(later >= min(1.9 * earlier, WIDEST_GAP_NS) for earlier, later in itertools.pairwise(gaps))
     assert len(written) <= 8
     assert trigger.left_out > 0
-
-
-def test_calm_makes_the_gap_short_again():
-    trigger = RecordingTrigger(KEEP)
-    for start in (0, 60, 160):
-        trigger.fault(event(), start * S)
-        assert trigger.due(start * S + AFTER_NS) is not None
-    trigger.fault(event(), 1000 * S)
-    assert trigger.due(1000 * S + AFTER_NS) is not None
-    trigger.fault(event(), 1010 * S)
-    assert trigger.next_deadline() == 1000 * S + AFTER_NS + GAP_NS
 
 
 def test_a_fault_that_is_not_in_the_window_any_more_is_counted_instead():

@@ -5,9 +5,7 @@ from support.tracing import frame, robby_decoder, robby_network
 
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
 from canopen_control.rpc.wire import plain
-from canopen_control.trace.decoder import DecodedFrame
 from canopen_control.trace.frame_lines import COLUMNS, LineWriter, document_of, identifier_text, write_long, write_wide
-from canopen_control.trace.values import SignalValue
 
 STREAM = [(0x183, "370603"), (0x703, "05"), (0x283, "FFFFFFFF40060000"), (0x603, "4018100500000000"), (0x7FF, "00")]
 
@@ -102,9 +100,3 @@ def test_a_frame_is_a_document_for_scripts():
         "text": "0x0637 OPERATION ENABLED, target reached",
     }
     assert document_of(decoder.decode(frame(0x080))).node is None
-
-
-def test_a_float_that_is_no_number_is_null_in_json():
-    value = SignalValue(0x2000, 0, "x", float("nan"), "nan")
-    decoded = DecodedFrame(0, 0x183, b"", "pdo", 3, "", "x nan", (value,))
-    assert document_of(decoded).values[0].value is None

@@ -24,10 +24,6 @@ def shown(**how):
     return [each[0] for each in STREAM if wanted.wants(decoder.decode(frame(*each)))]
 
 
-def test_without_a_wish_everything_is_shown():
-    assert shown() == [each[0] for each in STREAM]
-
-
 def test_by_node_by_service_and_by_identifier():
     assert shown(nodes=frozenset({2})) == [0x182]
     assert shown(services=frozenset({"emcy"})) == [0x083, 0x083]

@@ -12,7 +12,6 @@ from canopen_control.od.model import DataType, Entry, ObjectCode, ObjectDictiona
 from canopen_control.rpc.messages.layout import BusLayout
 from canopen_control.rpc.wire import convert, plain
 from canopen_control.trace.network_description import (
-    NetworkDescription,
     NodeDescription,
     entry_name,
     network_of_eds,
@@ -131,7 +130,3 @@ def test_a_part_is_named_with_its_object():
     od.objects[0x1018] = ObjectInfo(0x1018, "Vendor", ObjectCode.RECORD)
     assert entry_name(od, 0x1018, 1) == "Vendor Id"
     assert entry_name(od, 0x2000, 0) == entry_name(None, 0x1018, 1) == ""
-
-
-def test_a_bus_nobody_described_is_a_description_too():
-    assert NetworkDescription().name_of(3) == ""

@@ -1,7 +1,6 @@
 import json
 
 import pytest
-from msgspec.structs import replace
 from support.samples import event_of, sample_of
 
 from canopen_control.errors import ConfigError
@@ -9,7 +8,6 @@ from canopen_control.host.lineclient import LineClient
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import socket_path
 from canopen_control.host.timer import ManualClock
-from canopen_control.rpc.messages.drive import WorldShape
 from canopen_control.rpc.messages.robot import Description
 from canopen_control.rpc.messages.state import RobotEvent
 from canopen_control.trace.flight_file import FlightMeta, read_samples, save
@@ -110,12 +108,6 @@ def test_what_a_page_asks_is_answered_and_what_moves_is_refused(watched):
     refused = w.ask("stop", latch=True)
     assert refused["message"] == "was is a recording of robby: nothing in it can be changed"
     assert "is a recording" in w.ask("twist", controller="base", linear=1.0, angular=0.0)["message"]
-
-
-def test_what_stood_in_the_world_is_told_with_the_description(watched):
-    box = {"name": "box 0", "kind": "box", "size": [1.0, 2.0, 3.0], "position": [0.5, 0.0, 1.5]}
-    meta = replace(META, world=(WorldShape(**box),))
-    assert watched(1.0, meta=meta).ask("description") == {"urdf": "<robot/>", "path": "/robby.urdf", "world": [box]}
 
 
 def test_a_recording_without_states_is_told():

@@ -148,12 +148,6 @@ def test_a_command_is_compared_with_what_the_mode_makes_of_it(mode, quantity):
     assert joint.error == [5.0 - values[quantity]]
 
 
-def test_what_is_not_known_stays_unknown():
-    joint = joints_of([sample(10, velocity=1.0), sample(11, command=1.0)], 10)["wheel"]
-    assert joint.error == [None, None]
-    assert joint.time == [0, 1]
-
-
 def test_the_histogram_is_that_of_the_window():
     states = [sample(1, late_counts=[5, 1]), sample(3, late_counts=[100, 3])]
     cycle = cycle_of(states, Status(late_edges_s=[1e-5]))
@@ -162,11 +156,6 @@ def test_the_histogram_is_that_of_the_window():
     assert cycle.count == 100
     assert cycle_of([], Status(cycle=states[1].cycle)).late_counts == [100, 3]
     assert cycle_of([], None) is cycle_of([], Status()) is None
-
-
-def test_a_histogram_that_begins_within_the_window_is_taken_as_it_is():
-    states = [sample(1), sample(3, late_counts=[100, 3])]
-    assert cycle_of(states, None).late_counts == [100, 3]
 
 
 @pytest.mark.parametrize(
@@ -195,18 +184,6 @@ def test_the_load_is_bits_by_the_bit_rate():
     assert bus.services == {"pdo": 1000}
     assert bus.load.time == [0.25, 0.75]
     assert bus.load.value == pytest.approx([(47 + 64) * 1000 / 500_000] * 2, rel=0.01)
-
-
-def test_a_half_second_that_is_cut_is_not_less_load():
-    frames = [(n * NS // 1000, "can", CanFrame(0x181, bytes(8))) for n in range(760)]
-    load = read_frames(frames, {}, 0.0, None).buses()["can"].load.value
-    assert load == pytest.approx([load[0], load[0]], rel=0.01)
-    assert len(read_frames(frames[:510], {}, 0.0, None).buses()["can"].load.value) == 1
-
-
-def test_a_quiet_half_second_is_no_load():
-    frames = [(0, "can", CanFrame(0x80)), (2 * NS, "can", CanFrame(0x80))]
-    assert read_frames(frames, {}, 0.0, None).buses()["can"].load.value[1:4] == [0.0, 0.0, 0.0]
 
 
 def test_heartbeats_tell_nmt_states_and_silence():
@@ -239,11 +216,6 @@ def test_a_29_bit_identifier_is_not_taken_for_one_of_11_bits():
     assert [(frame.id, frame.node) for frame in around] == [("183", "node 3"), ("00000183", "")]
 
 
-def test_statuswords_that_repeat_make_no_new_span():
-    frames = [(n, "can", CanFrame(0x183, b"\x37\x06\x03")) for n in range(100)]
-    assert read_frames(frames, {}, 0.0, None).nodes() == {}  # nobody said that it carries a statusword
-
-
 EMPTY = FlightMeta(robot="", reason=NO_FAULT)
 
 
@@ -254,26 +226,6 @@ def test_what_went_wrong_first_is_found_and_named(lost_drive):
     assert 1.9 < facts.fault.at < 3.0
     assert "left_drive" in facts.summary[1]
     assert facts.last_state == "fault"
-
-
-def test_a_run_in_which_nothing_goes_wrong_has_no_fault(calm_run):
-    facts = facts_of(calm_run)
-    assert facts.fault is None
-    assert "Nothing was reported" in facts.summary[1]
-    assert facts.stopped_after_s == {}
-
-
-def test_states_of_the_drives_come_from_the_frames_by_joint(lost_drive):
-    nodes = facts_of(lost_drive).nodes
-    left = nodes["left_drive"].axes["left_wheel_joint"]
-    assert [span.state for span in left] == ["OPERATION_ENABLED", None]
-    assert 1.9 < left[0].end < 2.1
-    right = [span.state for span in nodes["right_drive"].axes["right_wheel_joint"]]
-    assert right[0] == "OPERATION_ENABLED"
-    assert right[-1] == "SWITCH_ON_DISABLED"
-    sampled = facts_of(FlightFile(lost_drive.meta, lost_drive.events, lost_drive.states)).nodes
-    assert sampled["left_drive"].axes["left_wheel_joint"][0].state == "OPERATION_ENABLED"
-    assert len(right) >= len(sampled["right_drive"].axes["right_wheel_joint"])
 
 
 def test_the_eds_files_in_the_recording_name_the_objects(lost_drive):

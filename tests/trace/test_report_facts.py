@@ -16,9 +16,3 @@ def test_an_event_keeps_all_it_says_and_gets_its_time_in_the_recording():
         details=FaultEvent(error_code=0x8130),
     )  # fmt: skip
     assert plain(event_at(event, 10.0)) == {**plain(event), "at": 2.5}
-
-
-def test_what_an_event_does_not_say_is_not_in_it():
-    event = RobotEvent(time=9.0, kind="ready", node=None, level="info", text="t")
-    assert plain(event_at(event, 10.0)) == {**plain(event), "at": -1.0}
-    assert "details" not in plain(event_at(event, 10.0))

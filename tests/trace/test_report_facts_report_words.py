@@ -4,7 +4,7 @@ from msgspec.structs import replace
 
 from canopen_control.rpc.messages.state import RobotEvent, TrackingReading, TruePose
 from canopen_control.trace.report_build import facts_of
-from canopen_control.trace.report_facts import clock, summary
+from canopen_control.trace.report_facts import summary
 
 
 def test_the_first_lines_name_robot_drives_and_the_fault(lost_drive):
@@ -26,18 +26,6 @@ def test_a_storm_is_counted_instead_of_listed(lost_drive):
     said = facts_of(lost_drive).summary
     assert len(said) < 15
     assert any("more errors followed" in line for line in said)
-
-
-def test_cycles_that_were_left_out_are_told(calm_run):
-    facts = facts_of(calm_run)
-    assert any("none missed" in line for line in summary(facts))
-    missed = replace(facts, cycle=replace(facts.cycle, missed=3))
-    assert any("3 missed" in line for line in summary(missed))
-
-
-def test_a_time_of_day_has_milliseconds():
-    assert clock(1_700_000_000.1239).endswith(".123")
-    assert len(clock(1_700_000_000.0, date=True)) == len("2023-11-14 22:13:20.000")
 
 
 def test_hardware_that_is_made_up_is_called_that(calm_run):

@@ -62,12 +62,6 @@ def test_a_span_tells_its_state_and_time():
     assert [line.get("class") for line in root.iter("line")][-1] == "fault"
 
 
-def test_a_span_too_short_for_its_word_keeps_it_as_a_hint():
-    root = ET.fromstring(timeline("states", [("left", [Span(1.0, 1.001, None)])], AXIS))
-    assert root.find("g/text").text is None
-    assert "unknown" in root.find("g/title").text
-
-
 @pytest.mark.parametrize("counts", [[0, 0], []])
 def test_no_counts_make_no_bars(counts):
     assert bars("x", ["a", "b"][: len(counts)], counts) == ""

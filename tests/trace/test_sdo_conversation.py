@@ -2,11 +2,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.properties import examples
-from support.tracing import frame, robby_decoder, said
+from support.tracing import robby_decoder, said
 
 from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.cia301.sdo_server import SdoServer
-from canopen_control.trace.decoder import Decoder, Mark
+from canopen_control.trace.decoder import Decoder
 from canopen_control.trace.network_description import NetworkDescription
 from canopen_control.trace.sdo_conversation import LIMIT
 
@@ -78,10 +78,6 @@ def test_the_abort_names_object_code_and_side():
     assert texts[2].startswith(
         "ABORT by the client, 0x1008:00 Manufacturer device name: 0x05040000 SDO protocol timed out"
     )
-
-
-def test_an_abort_is_marked_as_an_error():
-    assert robby_decoder().decode(frame(0x583, "8018100511000906")).mark is Mark.ERROR
 
 
 def test_configuration_objects_are_said_in_their_own_words():

@@ -6,7 +6,6 @@ from canopen_control.od.model import DataType
 from canopen_control.trace.network_description import NodeDescription
 from canopen_control.trace.values import (
     NodeWords,
-    bytes_text,
     controlword_text,
     decoded,
     is_faulty,
@@ -100,8 +99,3 @@ def test_bytes_that_do_not_fit_their_type_stay_bytes():
     assert decoded(b"\x01\x02", DataType.UNSIGNED32) == b"\x01\x02"
     assert decoded(b"\x01\x02", None) == 0x0201
     assert decoded(b"\x01\x02\x03", None) == b"\x01\x02\x03"
-
-
-def test_many_bytes_are_cut_and_counted():
-    assert bytes_text(b"") == "no bytes"
-    assert bytes_text(bytes(20)).endswith("... (20 bytes)")

@@ -56,22 +56,6 @@ def test_robby_has_the_geometry_of_the_tutorial_and_its_wheels_turn_forward_toge
     assert "mesh" not in robby.urdf_xml
 
 
-def test_robbys_wheels_as_cylinders_agree_with_the_controllers_numbers():
-    from canopen_control.controllers.controllers_file import read_controllers
-
-    base = (
-        read_controllers(ROBBY.parent / "ros2_controllers.yaml").controllers["robby_base_controller"].params.flat.value
-    )
-    assert f'radius="{base["wheel_radius"]}"' in read_description(ROBBY).urdf_xml
-    assert base["base_frame_id"] == "base_footprint"
-
-
-def test_robby_is_swapped_for_the_mock_by_one_argument():
-    assert read_description(ROBBY, mappings={"use_mock_hardware": "true"}).hardware[0].plugin == (
-        "mock_components/GenericSystem"
-    )
-
-
 def test_every_mistake_is_told_at_once_with_its_place():
     text = (
         ARM.replace('type="revolute"', 'type="revolut"')
@@ -147,11 +131,6 @@ def test_a_macro_that_is_called_twice_with_one_name_is_told():
     (told,) = str(caught.value).splitlines()
     assert told.startswith("r.xacro:2:41: link 'left_wheel' stands twice, ")
     assert told.endswith("both are made here: call the macro with another name")
-
-
-def test_two_tags_of_one_name_are_refused():
-    tag = ARM[ARM.index("  <ros2_control") : ARM.index("</robot>")]
-    assert any("two <ros2_control> tags are called 'arm'" in line for line in complaints(ARM.replace(tag, tag * 2)))
 
 
 def test_a_file_that_cannot_be_read_is_one_sentence(tmp_path):

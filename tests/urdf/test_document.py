@@ -5,33 +5,11 @@ import pytest
 from canopen_control.errors import RobotConfigError
 from canopen_control.urdf.document import read_document
 
-XACRO = """\
-<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="r">
-  <xacro:macro name="wheel" params="side">
-    <joint name="${side}_joint" type="continuous"/>
-  </xacro:macro>
-  <joint name="fixed_one" type="fixed"/>
-  <joint name="$(arg prefix)arm"/>
-</robot>
-"""
-
-
-def places(text: str, source: str | None = None) -> dict[str, tuple[int, int]]:
-    root = read_document(text, "r.urdf", source).root
-    return {each.attributes["name"]: each.place for each in root.children}
-
 
 def test_elements_know_their_place_text_and_parameters():
     root = read_document("<a>\n <b name='x'>\n  hello \n <param name='p'> 1 </param></b></a>", "r.urdf").root
     (b,) = root.children
     assert (b.place, b.text, b.parameters(), root.child("b"), root.child("c")) == ((2, 2), "hello", {"p": "1"}, b, None)
-
-
-def test_elements_of_a_xacro_file_are_sought_in_its_source():
-    result = (
-        "<robot name='r'><joint name='left_joint'/><joint name='fixed_one'/><joint name='arm'/><x name='y'/></robot>"
-    )
-    assert places(result, XACRO) == {"left_joint": (3, 5), "fixed_one": (5, 3), "arm": (6, 3), "y": (1, 1)}
 
 
 def test_of_several_of_one_name_each_has_its_own_line():

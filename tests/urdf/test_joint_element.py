@@ -5,7 +5,7 @@ import math
 import pytest
 
 from canopen_control.urdf.description import parse_description
-from canopen_control.urdf.geometry import ORIGIN, Pose, from_yaw, rotate
+from canopen_control.urdf.geometry import ORIGIN, Pose, rotate
 from canopen_control.urdf.joint_element import Dynamics, Joint, Mimic, SoftLimits, UrdfLimits
 from canopen_control.urdf.robot_model import read_model
 
@@ -26,23 +26,12 @@ def transform(name, **positions):
     return read_model(URDF).joints[name].transform(positions)
 
 
-def test_a_fixed_joint_is_its_origin_whatever_moves():
-    made = transform("plain", wheel=1.0)
-    assert made == ("a", "b", ((0, 0, 0), (1, 0, 0, 0)))
-
-
 def test_a_wheel_turns_about_its_axis_after_its_origin():
     made = transform("wheel", wheel=math.pi / 2)
     assert made.pose.position == (1.0, 2.0, 3.0)
     # the axis y of the joint is -x of the parent: what pointed along the joint's x points down
     assert rotate(made.pose.rotation, (1.0, 0.0, 0.0)) == pytest.approx((0, 0, -1), abs=1e-9)
     assert rotate(made.pose.rotation, (0.0, 1.0, 0.0)) == pytest.approx((-1, 0, 0), abs=1e-9)
-
-
-def test_a_lift_shifts_along_its_axis_in_its_own_frame():
-    made = transform("lift", lift=0.5)
-    assert made.pose.position == pytest.approx((0.0, 0.5, 1.0))
-    assert made.pose.rotation == pytest.approx(from_yaw(math.pi / 2))
 
 
 def test_a_mimic_joint_follows():

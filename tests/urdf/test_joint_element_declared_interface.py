@@ -1,10 +1,8 @@
-import math
-
 import pytest
 
 from canopen_control.errors import RobotConfigError
 from canopen_control.urdf.document import read_document
-from canopen_control.urdf.joint_element import InterfaceInfo, read_interfaces
+from canopen_control.urdf.joint_element import read_interfaces
 
 JOINT = """<joint name="j">
 <command_interface name="velocity"><param name="min">-2</param><param name="max">3</param></command_interface>
@@ -26,12 +24,6 @@ def test_bounds_initial_values_and_switched_off_limits():
     assert not commands["effort"].limited
     assert read("state_interface")["position"].initial_value == 0.5
     assert not read("command_interface", "<limits enable=' FALSE '/>")["velocity"].limited
-
-
-def test_nothing_given_is_no_bound_and_no_value():
-    plain = InterfaceInfo("x")
-    assert (plain.minimum, plain.maximum, plain.limited) == (-math.inf, math.inf, True)
-    assert math.isnan(plain.initial_value)
 
 
 def test_an_interface_given_twice_is_a_mistake():

@@ -25,12 +25,6 @@ def test_a_link_with_one_round_collision_has_its_radius_else_that_of_its_visual(
     assert radius(f"<visual>{SPHERE}</visual>") == 0.2
 
 
-def test_two_round_shapes_or_none_or_nonsense_are_no_radius():
-    assert radius(f"<collision>{CYLINDER}</collision><collision>{SPHERE}</collision>") is None
-    assert radius("<collision><geometry><box size='1 1 1'/></geometry></collision><collision/>") is None
-    assert radius('<collision><geometry><sphere radius="big"/></geometry></collision>') is None
-
-
 def test_shapes_materials_and_origins():
     model = read_model(ARM)
     box = model.links["base"].visuals[0]

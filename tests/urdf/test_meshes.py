@@ -3,7 +3,7 @@ import struct
 import pytest
 
 from canopen_control.errors import ConfigError
-from canopen_control.urdf.meshes import dae_triangles, find_mesh, obj_triangles, read_mesh, stl_triangles
+from canopen_control.urdf.meshes import dae_triangles, find_mesh, obj_triangles, read_mesh
 
 DAE = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema">
 <asset><unit meter="0.001"/><up_axis>{up}</up_axis></asset>
@@ -19,8 +19,6 @@ DAE = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema">
 TRIANGLE = """<triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/>
 <input semantic="NORMAL" source="#n" offset="1"/>
 <p>0 0 1 0 2 0</p></triangles>"""
-SQUARE = """<polylist count="1"><input semantic="VERTEX" source="#v" offset="0"/>
-<vcount>4</vcount><p>0 1 2 3</p></polylist>"""
 
 
 def test_collada_is_read_where_its_nodes_put_it_in_metres():
@@ -30,30 +28,12 @@ def test_collada_is_read_where_its_nodes_put_it_in_metres():
     assert c == pytest.approx((-1, 2, 2))
 
 
-def test_y_up_is_turned():
-    ((a, b, _),) = dae_triangles(DAE.format(up="Y_UP", part=TRIANGLE).encode())
-    assert a == pytest.approx((0, -2, 0))
-    assert b == pytest.approx((0, -2, 2))
-
-
-def test_polygons_become_triangles():
-    assert len(dae_triangles(DAE.format(up="Z_UP", part=SQUARE).encode())) == 2
-    assert len(obj_triangles(b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1/1/1 2//2 3 -1\n")) == 2
-
-
 def test_what_is_broken_is_an_error_that_the_reader_knows():
     for text in (b"<COLLADA", DAE.format(up="Z_UP", part=TRIANGLE).replace("#g", "#x").encode()):
         with pytest.raises((ValueError, KeyError, IndexError)):
             dae_triangles(text)
     with pytest.raises(IndexError):
         obj_triangles(b"f 1 2 3\n")
-
-
-def test_the_text_of_an_stl_is_its_corners():
-    text = b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n  vertex 1e0 0 0\nvertex 0 1 0\nendloop\n"
-    assert stl_triangles(text) == [((0, 0, 0), (1, 0, 0), (0, 1, 0))]
-    with pytest.raises(IndexError):
-        stl_triangles(b"vertex 1 2\n")
 
 
 TETRAHEDRON = """solid t
@@ -89,11 +69,6 @@ def robot(tmp_path):
 @pytest.mark.parametrize("uri", ["package://my_robot/meshes/wheel.stl", "../meshes/wheel.stl"])
 def test_a_mesh_is_found_from_where_the_description_is(robot, uri):
     assert find_mesh(uri, str(robot), {}).resolve() == robot.parents[1] / "meshes" / "wheel.stl"
-
-
-def test_a_mesh_is_found_by_its_whole_path(robot):
-    file = robot.parents[1] / "meshes" / "wheel.stl"
-    assert find_mesh(f"file://{file}", str(robot), {}) == file
 
 
 @pytest.mark.rest

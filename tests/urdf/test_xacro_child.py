@@ -53,10 +53,6 @@ def test_an_argument_with_a_question_mark_need_not_be_there(tmp_path):
     assert '<link name="b"/>' in made(tmp_path, {"prefix?": "b"})[1]
 
 
-def test_an_argument_that_is_used_and_not_declared_is_one(tmp_path):
-    assert made(tmp_path, {"side": "left"}, '<link name="$(arg side)"/>')[0]
-
-
 def test_a_mistyped_argument_is_told_beside_the_one_that_is_missing(tmp_path):
     good, said = made(tmp_path, {"sid": "left"}, '<link name="$(arg side)"/>')
     assert not good

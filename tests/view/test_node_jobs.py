@@ -8,7 +8,7 @@ from support.service_node import NodeStub
 
 from canopen_control.commissioning.jobs import FIRMWARE, RESTORE, JobRun
 from canopen_control.data_files import data_path
-from canopen_control.errors import ConfigError, DriveError, SdoTimeout
+from canopen_control.errors import ConfigError, DriveError
 from canopen_control.od.eds import read_eds
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
@@ -24,13 +24,6 @@ def test_a_question_is_answered_from_a_thread():
     )
     assert found[0] == b"\x37\2"
     assert found[1] != threading.get_ident()
-
-
-def test_what_the_node_says_is_raised_where_it_was_asked():
-    lost = desk()
-    lost.stub.error = SdoTimeout(3, 0x6041, 0, 0.5)
-    with pytest.raises(SdoTimeout):
-        asyncio.run(lost.ask(lambda session: session.read(0x6041)))
 
 
 def test_long_work_tells_how_far_it_is_and_what_came_of_it():

@@ -31,12 +31,6 @@ def test_an_object_has_its_name_unit_type_access_default_and_limits():
     assert (identity["object"], identity["name"], identity["sub"]) == ("Identity object", "Vendor-ID", True)
 
 
-def test_all_objects_are_there_by_address():
-    rows = listed().rows
-    assert len(rows) == len(OD.entries)
-    assert [each["index"] for each in rows] == sorted(each["index"] for each in rows)
-
-
 def test_a_search_has_the_words_of_the_verb():
     objects = listed()
     assert objects.search(" ") == (None, "")
@@ -84,9 +78,3 @@ def test_the_mode_is_read_beside_a_word_whose_bits_depend_on_it():
     assert [each.index for each in objects.entries_with_mode(["0x6041:00"])] == [0x6041, 0x6061]
     assert [each.index for each in objects.entries_with_mode(["0x6040:00", "0x6061:00"])] == [0x6040, 0x6061]
     assert [each.index for each in objects.entries_with_mode(["0x6081:00"])] == [0x6081]
-
-
-def test_an_address_that_is_none_is_no_object():
-    assert listed().entry("0x6081:00") is OD[0x6081, 0]
-    assert listed().entry("<script>") is None
-    assert listed().entries(["0x6081:00", "nothing"]) == [OD[0x6081, 0]]

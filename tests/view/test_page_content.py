@@ -23,15 +23,6 @@ def test_what_happened_stands_there_as_it_was_told():
     assert [(each.count, each.first, each.time) for each in log] == [(1, 1.0, 1.0), (1, 2.0, 2.0)]
 
 
-def test_other_texts_and_nodes_stand_for_themselves():
-    assert len(list(RecentEvents([event(text="a"), event(text="b"), event(text="b", node="left")]))) == 3
-
-
 def test_what_the_runtime_has_counted_takes_the_place_of_its_beginning():
     log = RecentEvents([event(time=5.0), event(text="between"), event(since=5.0, count=40, time=8.0)])
     assert [(each.text, each.count) for each in log] == [("between", 1), ("it happened", 40)]
-
-
-def test_the_oldest_go():
-    log = RecentEvents(event(text=str(number)) for number in range(300))
-    assert next(each.text for each in log) == "200"

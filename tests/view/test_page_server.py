@@ -115,25 +115,6 @@ def test_scripts_of_the_page_carry_a_nonce_of_its_own_and_no_other_runs(port):
     assert nonce not in ask(port)[1]
 
 
-def test_a_foreign_origin_is_refused_and_our_own_is_not(port):
-    own = f"http://127.0.0.1:{port}"
-    assert knock(port, origin=own) is True
-    assert knock(port, origin="http://evil.example") == 403
-    assert knock(port) == 403
-    response, body = ask(port, Origin="http://evil.example")
-    assert response.status == 403
-    assert b"evil.example" in body
-    for headers in ({"Host": "evil.example"}, {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "no-cors"}):
-        assert ask(port, **headers)[0].status == 403
-
-
-def test_no_path_is_past_the_door_and_none_leads_out(port):
-    for path in ("/", "/stop", "/mesh/1.stl", "/_nicegui_ws/socket.io/?EIO=4&transport=polling", "/docs", "//", "/x"):
-        assert ask(port, path, Host="evil.example")[0].status == 403
-    for path in ("/../../../../etc/passwd", "/%2e%2e/%2e%2e/setup.py", "/docs", "/openapi.json"):
-        assert ask(port, path)[0].status == 404
-
-
 def test_stop_is_for_our_own_page_alone_and_says_when_it_did_not_reach(port):
     assert ask(port, "/stop")[0].status != 200
     assert ask(port, "/stop", "POST")[0].status == 403
@@ -142,10 +123,6 @@ def test_stop_is_for_our_own_page_alone_and_says_when_it_did_not_reach(port):
     assert ask(port, "/stop", "POST", **own)[0].status == 200
     response, body = ask(port, "/stop", "POST", **own)
     assert (response.status, body) == (503, b"the robot is gone")
-
-
-def test_a_proxys_word_is_not_written_into_the_page(port):
-    assert b"evilprefix" not in ask(port, **{"X-Forwarded-Prefix": "/evilprefix"})[1]
 
 
 @pytest.mark.parametrize("which", [0, 1], ids=["loopback", "everywhere"])
@@ -203,8 +180,3 @@ def test_a_port_that_is_taken_is_a_sentence_and_the_default_one_moves_on():
         port = free.getsockname()[1]
     with listen("127.0.0.1", None, first=port) as wanted, listen("127.0.0.1", None, first=port) as other:
         assert wanted.getsockname()[1] == port != other.getsockname()[1]
-
-
-def test_an_address_that_is_not_ours_is_a_sentence():
-    with pytest.raises(ConfigError, match=r"cannot listen on 192\.0\.2\.1"):
-        listen("192.0.2.1", 0)

@@ -38,11 +38,6 @@ def test_whoever_may_not_come_in_reaches_nothing():
     assert b"evil" in sent[1]["body"]
 
 
-def test_what_lies_behind_finds_the_token_as_its_root():
-    came, _ = ask([HOST], path="/secret/stop")
-    assert (came[0]["path"], came[0]["root_path"]) == ("/secret/stop", "/secret")
-
-
 def test_without_the_token_nothing_is_reached_and_the_refusal_leads_nowhere():
     came, (start, body) = ask([HOST], path="/")
     headers = dict(start["headers"])

@@ -31,11 +31,6 @@ def test_the_pose_is_that_of_the_first_base_controller():
     assert pose_of(state()) is None
 
 
-def test_a_robot_with_another_shape_is_another_one():
-    assert info().shape == info(state="fault").shape
-    assert info().shape != info(joints={"other": {}}).shape
-
-
 def test_a_page_begins_with_what_the_status_tells():
     found = info()
     assert (found.robot, found.joints, found.buses) == ("pair", ("left", "lift"), ("can",))
@@ -100,20 +95,6 @@ def test_another_controller_does_not_leave_the_first_one_moving(man, sent):
     assert sent == [MOVE, REST, arm]
 
 
-def test_letting_go_of_nothing_sends_nothing(man, sent):
-    man.release()
-    man.leave("page 1")
-    man.tick(10**12)
-    assert sent == []
-
-
-def test_what_stop_has_ended_is_not_ended_again(man, sent):
-    man.hold("page 1", FORWARD_OF_DEAD_MAN, 0)
-    man.forget()
-    man.tick(10**12)
-    assert (sent, man.driver) == ([MOVE], None)
-
-
 def test_an_arm_is_sent_its_way_once_and_cancelled_when_it_is_let_go(man, sent):
     there, further = (trajectory_motion("arm", ["a"], [to], 2.0) for to in (1.0, 1.5))
     for number, motion in enumerate((there, there, further)):
@@ -141,15 +122,6 @@ def connection(robot):
     connection = RobotConnection("mock")
     yield connection
     connection.close()
-
-
-def test_a_robot_says_what_it_is(connection):
-    info = connection.robot_info()
-    assert info.robot == "mock"
-    assert "<robot" in info.urdf
-    assert info.path.endswith("robby.urdf.xacro")
-    assert info.joints == ("left_wheel_joint", "right_wheel_joint")
-    assert FORWARD in [each.name for each in connection.controllers()]
 
 
 def test_samples_come_at_the_rate_that_was_asked_for(connection):

@@ -2,8 +2,7 @@ import dataclasses
 import math
 
 import pytest
-from support.pages import FORWARD, drive_state, info, robot, state
-from support.samples import controllers_of
+from support.pages import info, robot, state
 
 from canopen_control.view.robot_view import RobotView
 
@@ -35,20 +34,6 @@ def test_the_true_pose_of_a_simulated_base_has_a_way_of_its_own_where_odometry_s
     assert (list(view.trail.points), list(view.true_trail.points)) == ([(1.0, 0.0)], [(1.1, 0.0)])
     unaligned = {"time": 1.0, "x": 5.0, "y": 1.1, "heading": 0.0}
     assert view.take(state(samples=odometry, true_pose=unaligned)) == {"truth": None}
-
-
-def test_what_hangs_on_a_faulty_drive_is_named():
-    view = robot()
-    view.take(state())
-    assert view.take(drive_state(axis={"cia402_state": "FAULT"})) == {"tint": ["left"]}
-
-
-def test_a_sample_is_plotted_as_it_is_commanded():
-    view = robot()
-    view.controllers = controllers_of([FORWARD])
-    view.take(state())
-    row = dict(zip(["time", *view.history.names], view.history.rows()[0], strict=True))
-    assert (row["left command"], row["left error"]) == (2.5, pytest.approx(0.5))
 
 
 @pytest.mark.parametrize("urdf", ["", "<robot", "<robot><link/><joint/></robot>"])

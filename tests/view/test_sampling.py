@@ -5,31 +5,13 @@ from support.pages import TARGET, drive_state, state
 from support.samples import controllers_of
 
 from canopen_control.view.sampling import (
-    SPAN_S,
     History,
     Sampler,
     Stillness,
     charts,
     commanded_interfaces,
     names,
-    titles,
 )
-
-
-def test_the_last_thirty_seconds_are_kept():
-    history = History(["a"])
-    for step in range(400):
-        history.add(1000.0 + step / 10, {"a": float(step)})
-    rows = history.rows()
-    assert rows[-1] == [1039.9, 399.0]
-    assert rows[-1][0] - rows[0][0] <= SPAN_S + 0.01
-
-
-def test_samples_of_one_tenth_of_a_second_replace_each_other():
-    history = History(["a"])
-    history.add(5.00, {"a": 1.0})
-    history.add(5.04, {"a": 2.0})
-    assert history.rows() == [[5.04, 2.0]]
 
 
 def test_news_are_told_once_and_when_they_are_finished():
@@ -47,13 +29,6 @@ def test_where_nothing_was_known_nothing_is_made_up():
     history = History(["a", "b"])
     history.add(5.0, {"a": float("nan")})
     assert history.rows() == [[5.0, None, None]]
-
-
-def test_a_clock_that_is_set_back_begins_anew():
-    history = History(["a"])
-    history.add(5000.0, {"a": 1.0})
-    history.add(10.0, {"a": 2.0})
-    assert history.rows() == [[10.0, 2.0]]
 
 
 @given(st.lists(st.tuples(st.floats(0, 1e6), st.one_of(st.none(), st.floats()))))
@@ -111,12 +86,6 @@ def test_the_cycle_time_is_what_passed_between_samples_per_cycle():
     assert sampler.take(sample(100.1, 15), {})["cycle"] == pytest.approx(20.0)
     assert sampler.take(sample(100.2, 15), {})["cycle"] is None
     assert sampler.take(sample(100.3, 2), {})["cycle"] is None  # another run of the robot
-
-
-def test_titles_say_what_is_plotted_and_in_which_unit():
-    assert titles({"wheel": "velocity", "slide": "position"}, frozenset({"slide"})) == {
-        "wheel": "wheel velocity, rad/s", "slide": "slide position, m", "error": "Tracking error, m and rad/s",
-    }  # fmt: skip
 
 
 def test_no_chart_has_a_line_that_is_not_sampled_and_many_joints_are_cut():

@@ -31,12 +31,6 @@ def test_signals_of_one_unit_share_a_field_and_what_is_not_known_is_a_gap():
     json.dumps(options, allow_nan=False)  # as it is sent
 
 
-def test_an_overlay_lies_below_the_signal_of_its_name():
-    overlay = NamedShot(Shot(((1.0, (5.0,)),)), ("c",), ("",), "old")
-    keys = [each["id"] for each in chart_options(NAMED, overlay, None)["series"]]
-    assert keys[:4] == ["s0", "s1", "o2", "s2"]
-
-
 def test_cursors_and_the_trigger_are_all_that_changes_with_them():
     change = cursor_change(NAMED, (-0.2, 0.3))
     assert set(change) == {"series"}

@@ -22,11 +22,6 @@ def targets(clock):
     return TargetSliders(LIMITS, clock)
 
 
-def test_a_slider_shows_where_its_joint_is_within_its_ends(targets):
-    assert targets.follow({"a": 0.5, "b": 7.0}) == {"a": 0.5, "b": 2.0}
-    assert targets.values == {"a": 0.5, "b": 2.0}
-
-
 def test_one_that_is_set_stays_until_the_drive_has_ended(targets, clock):
     targets.set("a", 1.5)
     assert targets.follow({"a": 0.5, "b": 0.6}) == {"b": 0.6}

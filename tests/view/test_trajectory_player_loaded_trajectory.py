@@ -8,7 +8,6 @@ from canopen_control.rpc.messages.state import ControllerReading
 from canopen_control.view.trajectory_player import (
     LoadedTrajectory,
     load,
-    place_text,
     preview_table,
     progress_of,
     trajectory_takers,
@@ -55,10 +54,6 @@ def test_a_point_that_places_no_joint_or_too_few_places_none():
     assert LOADED.positions(0) == {"left": 0.5, "<lift>": 0.25}
     assert LOADED.positions(1) == {}
     assert LoadedTrajectory("x", ["left", "lift"], [TrajectoryPoint(positions=[1.0])]).positions(0) == {}
-
-
-def test_the_preview_is_called_one_and_says_when():
-    assert place_text(LOADED, 0) == "Preview, the robot does not move: point 1 of 2, at 1.00 s"
 
 
 def test_the_table_has_what_is_previewed_beside_what_is():

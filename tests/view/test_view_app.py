@@ -15,7 +15,7 @@ from support.mockrobot import running
 from support.pages import FakeContext, html, seen, settle, state, visited
 
 from canopen_control import Robot
-from canopen_control.errors import ConfigError, RemoteError
+from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.robot import Release
 from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
 from canopen_control.view import view_app
@@ -23,7 +23,7 @@ from canopen_control.view.elements.nicegui_elements import Feed
 from canopen_control.view.page_address import page_addresses
 from canopen_control.view.robot_connection import RobotConnection, joint_motion
 from canopen_control.view.trajectory_player import LoadedTrajectory
-from canopen_control.view.view_app import PANELS, SEEN_HZ, STILL_HZ, UNSEEN_HZ, Page, ViewApp, build_waiting, stop_html
+from canopen_control.view.view_app import SEEN_HZ, STILL_HZ, UNSEEN_HZ, Page, ViewApp, build_waiting, stop_html
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
@@ -55,11 +55,6 @@ def test_stop_asks_nobody_but_its_own_server_and_needs_nothing_else():
     assert "import" not in whole.split("<script>")[1]
     for word in ("nicegui", "socket", "Vue", "THREE"):
         assert word not in whole.split("<script>")[1]
-
-
-def test_a_panel_is_a_line_of_the_table():
-    assert len({place.key for place in PANELS}) == len(PANELS)
-    assert {place.where for place in PANELS} == {"side", "middle", "right"}
 
 
 def test_only_news_are_told():
@@ -185,11 +180,6 @@ async def connected(app):
 
 def command(robot):
     return robot.status().joints["left_wheel_joint"].command
-
-
-def test_without_a_robot_it_does_not_begin(private_folders):
-    with pytest.raises(ConfigError, match="no robot"):
-        ViewApp(None, "127.0.0.1", 0, teleop=False, report=print)
 
 
 @pytest.mark.process

@@ -19,10 +19,6 @@ def test_what_is_no_node_id_is_told_with_what_is(text):
     assert str(caught.value) == f"{text!r} is not a node id: 1 to 127"
 
 
-def test_node_ids():
-    assert [node_id("1"), node_id("0x7f")] == [1, 127]
-
-
 @pytest.mark.parametrize("text", ["0", "-1", "61", "soon", "nan", "inf"])
 def test_a_timeout_is_above_0_and_at_most_a_minute(text):
     with pytest.raises(argparse.ArgumentTypeError, match="is not a time in seconds above 0 and up to 60"):

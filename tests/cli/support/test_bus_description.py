@@ -81,15 +81,6 @@ def test_a_robots_files_give_the_names_on_any_channel():
     assert heard.network.channel == "local:nobody-runs-here"
 
 
-def test_eds_files_add_to_a_robots_nodes():
-    network = described(arguments("robby", "--eds", "9=TMCM-1270.eds"))
-    assert {node_id: node.name for node_id, node in network.nodes.items()} == {
-        2: "right_drive",
-        3: "left_drive",
-        9: "TMCM-1270",
-    }
-
-
 def test_without_names_it_says_so_and_goes_on(capsys):
     assert described(arguments()).nodes == {}
     assert "object names are unknown: give ROBOT, --name or --eds" in capsys.readouterr().err
@@ -98,11 +89,6 @@ def test_without_names_it_says_so_and_goes_on(capsys):
     assert capsys.readouterr().err == ""  # not before the bus is open
     heard.report_notes()
     assert "object names are unknown: give ROBOT, --name or --eds" in capsys.readouterr().err
-
-
-def test_without_a_robot_there_is_no_bus_to_listen_to():
-    with pytest.raises(ConfigError, match="no robot is running"):
-        watched_bus(arguments(), None)
 
 
 def test_a_robot_on_mock_hardware_has_no_bus():

@@ -10,7 +10,6 @@ from support.mockrobot import running
 from canopen_control import Robot
 from canopen_control.cli.main import main
 from canopen_control.cli.support.commands import (
-    PERIOD_S,
     add_repeat_arguments,
     positions_of,
     send,
@@ -26,10 +25,6 @@ def parse(*arguments):
     parser = argparse.ArgumentParser()
     add_repeat_arguments(parser)
     return parser.parse_args(arguments)
-
-
-def test_it_repeats_faster_than_any_usual_timeout():
-    assert PERIOD_S <= 0.25
 
 
 def test_for_and_once_exclude_each_other(capsys):

@@ -12,7 +12,7 @@ from canopen_control.cli.support.jog_run import JogRun, Keyboard, reset_fault
 from canopen_control.commissioning.driven_axis import JogDrive
 from canopen_control.commissioning.jog_motion import JogEnd, JogKind, JogLimits, JogMotion
 from canopen_control.commissioning.quantity import JogScale
-from canopen_control.errors import ConfigError, RemoteError
+from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.robot import CommandController
 
 
@@ -56,13 +56,6 @@ def test_signals_are_the_end_and_the_handlers_come_back(terminal, number):
         assert keyboard.read(1.0) == b""
         assert keyboard.ended
     assert signal.getsignal(number) == before
-
-
-def test_what_is_no_terminal_gives_no_keys(monkeypatch):
-    with open(os.devnull) as stdin:
-        monkeypatch.setattr(sys, "stdin", stdin)
-        with pytest.raises(ConfigError, match="standard input is not a terminal"), Keyboard():
-            pass
 
 
 DRIVE = JogDrive("jog_5", "drive", "joint", "controller", "PV")

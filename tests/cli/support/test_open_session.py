@@ -1,7 +1,7 @@
 import argparse
 
 import pytest
-from support.onbus import GENERIC, TMCM, OnBus
+from support.onbus import TMCM, OnBus
 
 from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.cia402.state import State
@@ -84,12 +84,6 @@ def test_a_node_that_sends_no_heartbeat_is_not_waited_for(alone, monkeypatch):
         node.nmt_state()
         node.transfers.command(NmtCommand.START)
     assert waited == [0.3, 0.02, 3.0, 0.3]
-
-
-def test_another_device_than_the_eds_describes_is_seen(private_folders):
-    other = OnBus("memory:other", {5: GENERIC})
-    with other, open_session(arguments("5", "--can", "memory:other", "--eds", TMCM)) as node:
-        assert [text.partition(" ")[0] for text in node.identity_differences()] == ["vendor", "product"]
 
 
 def test_a_node_of_a_running_robot_is_reached_through_it(robby):

@@ -80,24 +80,6 @@ def test_an_unknown_total_or_nothing_known_at_all(clock):
     assert stream.getvalue() == "reading, 5 s\nreading: 4,200 bytes, 10 s\n"
 
 
-def test_quiet_is_quiet(clock):
-    stream = io.StringIO()
-    with Progress("reading", quiet=True, stream=stream, clock=clock) as progress:
-        clock.now += 100
-        progress.at(1)
-    assert stream.getvalue() == ""
-
-
-def test_who_reads_it_may_go_without_breaking_the_work(clock):
-    stream = io.StringIO()
-    progress = Progress("reading", stream=stream, clock=clock)
-    stream.close()
-    clock.now += PLAIN_S
-    progress.at(1)
-    progress.end()
-    assert stream.closed
-
-
 def test_the_work_is_watched_from_beside_and_wiped_also_after_an_error(clock):
     stream, asked = Terminal(), threading.Event()
 
@@ -128,22 +110,12 @@ def test_columns_are_as_wide_as_their_widest_cell_and_numbers_stand_right():
     assert table.lines() == ["name         value", "left           -1.5", "right_drive  100.25"]
 
 
-def test_a_missing_value_stands_left():
-    table = Table(("name", "value"))
-    table.add(("a", "-"))
-    assert table.lines() == ["name  value", "a     -"]
-
-
 def test_what_is_printed_is_json_with_the_keys_of_the_messages():
     text = json_text({"joints": [JointReading("é", math.nan)]})
     assert text.isascii()
     assert text.startswith('{\n  "joints"')
     (joint,) = json.loads(text)["joints"]
     assert (joint["name"], joint["position"]) == ("é", None)
-
-
-def test_without_an_indent_it_is_one_line():
-    assert json_text([JointReading("a")], indent=None).startswith('[{"name": "a", ')
 
 
 @pytest.mark.parametrize("name", ["a", "é"])

@@ -4,7 +4,7 @@ import pytest
 from support.onbus import GENERIC, TMCM, OnBus
 
 from canopen_control.cli.support import target
-from canopen_control.cli.support.target import BusTarget, RobotTarget, find_eds, parse_node_id, robot_on
+from canopen_control.cli.support.target import BusTarget, RobotTarget, find_eds, robot_on
 from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.frame import CanFrame
@@ -120,14 +120,6 @@ def test_a_bare_bus_keeps_off_the_nodes_of_a_robot(running):
         assert bus.session("0x10").node_id == 16
 
 
-def test_without_a_robot_every_node_is_open(monkeypatch, private_folders):
-    with OnBus("memory:open", {3: TMCM}), target.BusTarget("memory:open", find_eds(TMCM)) as bus:
-        node = bus.session("3")
-        assert node.read(0x1018, 2) == (1270).to_bytes(4, "little")
-        node.write(0x6081, 0, bytes(4))
-        assert node.dictionary.node_id == 3
-
-
 def test_an_eds_is_a_path_or_a_bundled_name(tmp_path):
     assert find_eds(TMCM).name == TMCM
     path = tmp_path / "my.eds"
@@ -135,12 +127,6 @@ def test_an_eds_is_a_path_or_a_bundled_name(tmp_path):
     assert find_eds(str(path)) == path
     with pytest.raises(ConfigError, match=r"no EDS file nope\.eds"):
         find_eds("nope.eds")
-
-
-@pytest.mark.parametrize("text", ["0", "128", "-1", "left", "", "3.0"])
-def test_a_node_id_is_a_number_from_1_to_127(text):
-    with pytest.raises(ConfigError, match="node"):
-        parse_node_id(text)
 
 
 def test_the_progress_of_a_transfer_is_what_its_client_knows(private_folders):

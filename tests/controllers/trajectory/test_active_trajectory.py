@@ -52,12 +52,6 @@ def test_a_quintic_begins_and_ends_as_its_points_say(values, duration):
             assert values_found[0] == pytest.approx(value, rel=1e-6, abs=1e-4)
 
 
-def test_beyond_its_ends_it_stands():
-    a, b = Point([1.0], [3.0]), Point([2.0], [3.0])
-    assert between(a, b, -1.0).positions == [1.0]
-    assert between(a, b, 2.0).positions == [2.0]
-
-
 def test_points_in_the_wrong_order_are_joined_as_upstream_joins_them():
     segment, out = Segment(), Point()
     segment.fit(2 * S, Point([1.0], [3.0]), S, Point([2.0], [3.0]))
@@ -210,11 +204,6 @@ def test_later_points_keep_their_distances_from_the_first_one():
     assert [at(made, t) for t in (10.0, 11.0, 12.0, 13.0)] == pytest.approx([0.0, first, first + 10.0, first])
 
 
-def test_a_first_point_at_once_is_shifted_too():
-    made = turning(12.0, Point([0.0], time=0), Point([1.0], time=S))
-    assert [at(made, t) for t in (10.0, 11.0)] == pytest.approx([4 * math.pi, 4 * math.pi + 1.0])
-
-
 def test_the_first_point_that_has_positions_counts_after_those_that_have_none():
     """1 s at 2 rad/s on the average brings it to 1 rad: the way to 7.5 rad is 0.2 rad then, on the turn below."""
     points = Point(velocities=[2.0], time=S), Point([7.5], [0.0], time=2 * S)
@@ -304,21 +293,6 @@ def test_positions_are_continuous_in_time_and_meet_every_point(message):
         for joint in range(2):
             assert after.positions[joint] == pytest.approx(each.positions[joint], abs=1e-9), index
             assert before.positions[joint] == pytest.approx(after.positions[joint], abs=1e-5)
-
-
-@given(st.lists(VALUES, min_size=1, max_size=8), st.integers(0, 10 * S))
-def test_positions_alone_stay_within_what_their_points_span(values, elapsed):
-    made = ramp(*((1.0 + index, each) for index, each in enumerate(values)))
-    assert at(made, 10.0) == 0.0
-    assert min(0.0, *values) - 1e-12 <= at(made, 10.0 + elapsed / S) <= max(0.0, *values) + 1e-12
-
-
-@given(messages(), st.lists(st.integers(0, 3 * S), min_size=1))
-def test_when_it_is_over_the_last_point_stays(message, later):
-    made, out = followed(message), Point()
-    for each in itertools.accumulate(later):
-        assert made.sample(10 * S + message.points[-1].time + each, out)
-        assert out.positions == message.points[-1].positions
 
 
 def test_an_effort_that_was_never_commanded_is_none():

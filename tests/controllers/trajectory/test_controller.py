@@ -229,21 +229,6 @@ def test_a_bad_goal_is_refused_and_nothing_moves(arm, points, text):
     assert arm.positions() == [1.0, 1.0]
 
 
-def test_the_limits_of_the_command_interface_hold_beside_those_of_the_description():
-    arm = Arm()
-    arm.manager.switch((), ["arm"])
-    arm.hardware.command_interfaces[0].maximum = 0.5
-    arm.manager.switch(["arm"])
-    with pytest.raises(ControlError, match=r"a at 1 is beyond its limits of -3 to 0\.5"):
-        arm.send((1.0, 1.0))
-
-
-def test_what_the_object_behind_cannot_hold_is_refused(arm):
-    arm.hardware.command_interfaces[1].highest = 0.5
-    with pytest.raises(ControlError, match="b/position holds"):
-        arm.send((1.0, 1.0))
-
-
 def test_the_death_of_the_sender_ends_the_goal_in_a_decelerated_hold():
     arm = Arm(
         constraints={"decelerate_on_cancel": True, **{each: {"max_deceleration_on_cancel": 2.0} for each in JOINTS}}
@@ -374,15 +359,6 @@ def test_a_deceleration_that_has_no_effect_is_told(given, told):
     assert (told in texts[0]) if told else not texts
 
 
-def test_a_scaling_that_nobody_knows_lets_the_time_stand():
-    arm = Arm(speed_scaling__state_interface="a/velocity")
-    arm.send((1.0, 1.0))
-    arm.run(20)
-    arm.hardware.set("a/velocity", math.nan)
-    arm.run()
-    assert arm.controller.speed.factor == 0.0
-
-
 @pytest.mark.parametrize("factor", [-0.1, math.nan, math.inf])
 def test_a_scaling_that_is_none_is_refused(arm, factor):
     with pytest.raises(ControlError, match="give 0 or more"):
@@ -443,19 +419,6 @@ def test_without_it_the_trajectory_that_runs_ends_at_once():
     arm.controller.send_goal(TrajectoryGoal(JointTrajectory(JOINTS, [Point([0.2, 0.2], time=S)], arm.now + S)), arm.now)
     arm.run(99)
     assert max(arm.positions()) < 0.3
-
-
-def test_joints_that_a_new_trajectory_does_not_name_go_on():
-    arm = blending()
-    arm.send((1.0, 1.0))
-    arm.run(50)
-    goal = arm.send((0.2, 0.4), names=("b",))
-    arm.run(30)
-    assert arm.positions() == pytest.approx([0.8, 0.4], abs=0.015)
-    assert not goal.ended
-    arm.run(25)
-    assert goal.state is GoalState.SUCCEEDED
-    assert arm.positions() == pytest.approx([1.0, 0.4])
 
 
 def test_a_blend_keeps_time_where_speed_is_scaled():

@@ -92,10 +92,6 @@ def test_an_effort_begins_with_that_of_the_trajectory():
     assert Loops(GAINS, [1], with_effort=True).compute(0, WANTED, ERROR, 0.01) == pytest.approx(20.0 + 0.6 + 0.5)
 
 
-def test_a_trajectory_that_says_nothing_is_no_feed_forward():
-    assert Loops(GAINS, [0], with_effort=True).compute(0, Point([1.0, 1.0]), ERROR, 0.01) == pytest.approx(0.2)
-
-
 def test_other_gains_keep_the_integral_and_a_reset_does_not():
     loops = Loops([JointGains(i=1.0)], [0], with_effort=False)
     error = Point([1.0], [0.0])

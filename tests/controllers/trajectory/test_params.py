@@ -4,7 +4,6 @@ import pytest
 from support.trajectories import cases, close, point
 
 from canopen_control.controllers.params import Params
-from canopen_control.controllers.pid import AntiWindup
 from canopen_control.controllers.trajectory.params import (
     POINT_LIMITER,
     GoalTolerances,
@@ -102,10 +101,6 @@ def test_a_loop_needs_position_and_velocity(commands):
     assert wrong_together(commands, ["position", "velocity"]) is None
 
 
-def test_positions_need_no_states_but_their_own():
-    assert wrong_together(["position", "velocity"], ["position"]) is None
-
-
 def test_joints_of_another_hardware_are_as_many_and_fewer_are_some_of_them():
     assert wrong_joints(["a", "b"], ["x", "y"]) is None
     assert wrong_joints(["a", "b"], ["b"]) is None
@@ -126,23 +121,6 @@ LEAST = {"joints": ["a", "b"], "command_interfaces": ["position"], "state_interf
 
 def read(**more):
     return read_params(Params.of({**LEAST, **more}), "arm")
-
-
-def test_the_defaults_are_upstreams():
-    found = read()
-    assert found.commanded == ("a", "b")
-    assert (found.initial_scaling_factor, found.action_monitor_rate, found.interpolation_method) == (
-        1.0,
-        20.0,
-        "splines",
-    )
-    assert (found.stopped_velocity_tolerance, found.goal_time, found.cmd_timeout) == (0.01, 0.0, 0.0)
-    off = (found.allow_partial_joints_goal, found.open_loop_control, found.decelerate_on_cancel)
-    assert off == (False, False, False)
-    assert found.set_last_command_interface_value_as_state_on_activation
-    assert found.gains == (JointGains(),) * 2
-    assert found.constraints == (JointConstraints(),) * 2
-    assert found.gains[0].pid().anti_windup is AntiWindup.LEGACY
 
 
 def test_gains_and_constraints_are_those_of_each_joint():

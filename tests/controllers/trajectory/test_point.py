@@ -8,7 +8,6 @@ from support.trajectories import cases, close, differences, message
 
 from canopen_control.controllers.trajectory.point import (
     Arrangement,
-    JointTrajectory,
     Point,
     shortest_angular_distance,
     whole_turns,
@@ -17,14 +16,6 @@ from canopen_control.controllers.trajectory.point import (
 #: upstream appends nothing then, and commands every joint what was meant for another one
 UNKNOWN = "missing command value is NaN: nothing appended, rows not remapped"
 PARTIAL = cases("jtc_partial_goal")
-
-
-def test_a_joint_without_a_command_stays_where_it_is():
-    case = next(each for each in PARTIAL if each["name"] == UNKNOWN)
-    joints, made = case["in"]["params"]["joints"], message(case["in"]["trajectory"])
-    given = dict(zip(made.joint_names, made.points[0].positions, strict=True))
-    Arrangement(made.joint_names, joints, [math.nan] * len(joints), [9.0] * len(joints)).apply(made.points[0])
-    assert made.points[0].positions == [given.get(joint, 9.0) for joint in joints]
 
 
 @pytest.mark.parametrize("case", [each for each in PARTIAL if each["name"] != UNKNOWN], ids=lambda case: case["name"])
@@ -49,26 +40,6 @@ def test_a_point_takes_the_values_of_another_in_its_own_lists():
     assert one.positions is positions
     other.positions[0] = 9.0
     assert one.positions == [1.0, 2.0]
-
-
-def test_a_copy_has_lists_of_its_own():
-    one = Point([1.0], [2.0], [3.0], [4.0], 5)
-    copy = one.copy()
-    one.positions[0] = one.effort[0] = 0.0
-    assert (copy.positions, copy.velocities, copy.accelerations, copy.effort, copy.time) == (
-        [1.0],
-        [2.0],
-        [3.0],
-        [4.0],
-        5,
-    )
-
-
-def test_a_trajectory_keeps_lists_of_its_own():
-    names = ["a"]
-    message = JointTrajectory(names, [Point([1.0])])
-    names.append("b")
-    assert (message.joint_names, message.stamp) == (["a"], 0)
 
 
 ANGLES = st.floats(-1e3, 1e3)

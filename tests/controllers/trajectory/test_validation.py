@@ -157,13 +157,6 @@ def test_every_point_is_as_it_came_whatever_pieces_it_came_in(pieces):
     assert [values(each) for each in packed] == [values(packed[index]) for index in range(len(came))]
 
 
-def test_each_point_is_its_own():
-    packed = PointBuffer()
-    packed.add([TrajectoryPoint(positions=[1.0])])
-    packed[0].positions[0] = 5.0
-    assert packed[0].positions == [1.0]
-
-
 @pytest.mark.parametrize("time", [float("nan"), float("inf"), -1e12])
 def test_a_time_that_no_clock_holds_is_a_sentence_and_nothing_is_taken(time):
     packed = PointBuffer()

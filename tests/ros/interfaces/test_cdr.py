@@ -89,14 +89,6 @@ def test_numbers_are_aligned_to_their_size_and_strings_end_with_zero():
     assert body.hex() == "01" + "00" * 7 + "00" * 8 + "03000000" + "686900" + "00" + "0200"
 
 
-def test_an_empty_structure_is_one_byte_and_an_empty_sequence_is_not_aligned():
-    registry = Registry()
-    registry.add({"p/msg/Empty": [], "p/msg/T": ["float64[] a", "uint8 b"]})
-    made = Codecs(registry.get, lambda name: SimpleNamespace)
-    assert made.encode("p/msg/Empty", SimpleNamespace()) == b"\0"
-    assert made.encode("p/msg/T", SimpleNamespace(a=[], b=7)).hex() == "0000000007"
-
-
 @pytest.mark.parametrize(
     ("field", "value"),
     [("three", [1, 2]), ("two", [1, 2, 3]), ("one", b""), ("small", 300), ("text", 5), ("double", "x")],

@@ -41,14 +41,6 @@ def test_every_field_has_its_default(made):
     assert (message.defaults, message.short) == ([1, 2], [])
 
 
-def test_defaults_are_nobodys_but_the_messages(made):
-    one, other = made("p/msg/All")(), made("p/msg/All")()
-    one.defaults.append(3)
-    one.point.x = 5.0
-    assert other.defaults == [1, 2]
-    assert other.point.x == 0.0
-
-
 def test_fields_are_given_by_name_and_none_is_the_default(made):
     message = made("p/msg/Point")(x=2.0, y=None)
     assert (message.x, message.y) == (2.0, 1.5)
@@ -190,10 +182,3 @@ print(count)
 @pytest.mark.ros
 def test_slots_and_their_types_are_those_of_ros_own_classes():
     assert int(run_ros(SLOTS)) > 100
-
-
-def test_a_slot_and_its_attribute_are_one(made):
-    message = made("p/msg/Point")(x=2.0)
-    assert message.__slots__ == ("_x", "_y")
-    message._x = 3.0
-    assert message.x == 3.0

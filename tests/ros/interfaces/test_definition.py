@@ -10,16 +10,11 @@ from canopen_control.ros.interfaces.definition import (
     Structure,
     owner_of,
     parse,
-    parts_of,
 )
 
 
 def fields_of(*lines):
     return parse("p/msg/T", list(lines))[0].fields
-
-
-def test_a_name_has_three_parts():
-    assert parts_of("std_msgs/msg/String") == ("std_msgs", "msg", "String")
 
 
 @pytest.mark.parametrize(

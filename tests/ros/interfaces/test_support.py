@@ -16,13 +16,10 @@ from support.ros import Peer, domain, ros_environment, run_ros
 
 from canopen_control.ros.interfaces import abi, support
 from canopen_control.ros.interfaces.cdr import Codecs
-from canopen_control.ros.interfaces.definition import DEFINITIONS, owner_of
 from canopen_control.ros.interfaces.support import Callbacks, Registry, Supports, hash_of, hash_text
 
 GOLDEN = json.loads((Path(__file__).parents[2] / "data/ros_interfaces.json").read_text())
 SHARE = Path(sys.prefix, "share")
-#: of all 36 interfaces of control_msgs jazzy, and of the parts of its services and actions, by ROS's own generator
-CONTROL_MSGS = json.loads((Path(__file__).parents[2] / "data/control_msgs_hashes.json").read_text())
 
 
 @pytest.fixture(scope="module")
@@ -36,17 +33,6 @@ def registry():
 @pytest.mark.parametrize("name", GOLDEN)
 def test_the_hash_is_the_published_one(registry, name):
     assert hash_text(registry.describe(name)) == GOLDEN[name]["type_hash"]
-
-
-@pytest.mark.ros
-def test_the_hashes_of_control_msgs_are_those_of_ross_own_generator():
-    registry = Registry([SHARE])
-    registry.add(DEFINITIONS)
-    assert {name: hash_text(registry.describe(name)) for name in CONTROL_MSGS} == CONTROL_MSGS
-    assert len(CONTROL_MSGS) == 129
-    assert {owner_of(name) for name in CONTROL_MSGS} == {
-        name for name in DEFINITIONS if name.startswith("control_msgs/")
-    }
 
 
 @pytest.mark.ros
@@ -226,11 +212,6 @@ def test_every_body_that_is_cut_is_dropped_and_told_once():
     assert not any(native.takes(body[:length]) for length in range(len(body)))
     assert native.callbacks.newly_dropped() == ["p/msg/All"]
     assert native.callbacks.newly_dropped() == []
-
-
-def test_a_big_endian_message_is_dropped():
-    native = Native()
-    assert not native.takes(native.codecs.encode("p/msg/All", message()), b"\0\0\0\0")
 
 
 @given(st.binary(max_size=120))

@@ -19,17 +19,6 @@ def test_how_far_it_is_how_fast_and_how_long():
     assert progress_words(work, 11.0).endswith("40,000 of 100,000 bytes (40 %), 40,000 bytes/s, 2 s left")
 
 
-def test_another_part_and_another_try_are_rated_anew():
-    work = JobRun(FIRMWARE, "Loading", "bytes", doing="sending", done=500, total=1000)
-    assert work.pace(1.0) is None
-    work.done = 700
-    assert work.pace(2.0) == (200.0, 1.5)
-    work.done = 100  # started again
-    assert work.pace(3.0) is None
-    work.doing = "waiting for the flash"
-    assert work.pace(4.0) is None
-
-
 def test_what_came_of_it_is_escaped():
     work = JobRun(RESTORE, "x", lines=["<b>"], table=[("0x6081:00", "<i>", "1", "2")])
     assert "&lt;b&gt;" in outcome(work)

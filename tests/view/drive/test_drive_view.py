@@ -88,13 +88,6 @@ def test_a_page_is_opened_where_its_address_says():
     assert [type(each) for each in MADE] == [OtherTab]
 
 
-def test_an_address_of_what_is_not_there_is_the_robots():
-    async def act(_user, view):
-        return view.is_open
-
-    assert played(act, {"drive": "nobody", "tab": "nothing"}) is False
-
-
 def test_a_tab_that_is_left_is_told_and_stays():
     async def act(user, view):
         switch(user, "drive")
@@ -132,14 +125,3 @@ def test_a_page_that_is_closed_ends_what_its_tabs_do():
 
     played(act)
     assert MADE[0].left == 1
-
-
-def test_without_a_connection_nobody_knows_what_the_drive_does():
-    context = FakeContext()
-
-    async def act(user, view):
-        switch(user, "drive")
-        view.show(context.content(lost="gone"))
-        return html(user)
-
-    assert "the state of the drive is unknown" in played(act, context=context)

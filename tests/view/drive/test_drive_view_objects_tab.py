@@ -137,17 +137,6 @@ def test_a_page_that_only_looks_writes_nothing_whatever_it_is_told(sent):
     assert played(act, teleop=False) == ([], False, False)
 
 
-def test_nonsense_from_a_browser_is_nothing(sent):
-    async def act(user, tab, _page):
-        for event, args in (("seen", "x"), ("seen", [1, None]), ("write", "x"), ("write", {"address": 1, "text": "2"})):
-            user.find(kind=ObjectTree).trigger(event, args)
-        user.find(kind=ObjectTree).trigger("write", {"address": "no such", "text": "2"})
-        await settle(turns=5)
-        return tab._context.desk.stub.written
-
-    assert played(act) == []
-
-
 @pytest.mark.rest
 def test_a_node_without_an_eds_and_one_that_cannot_be_read_are_told():
     async def act(user, _tab, _page):

@@ -54,10 +54,6 @@ def test_what_the_robot_refuses_is_told():
     played(press, drive_state(OFF))
 
 
-def test_a_page_that_only_looks_takes_nothing_out():
-    assert played(look, drive_state(OFF), teleop=False)[1] == [("Take it out of the robot", False)]
-
-
 @pytest.mark.rest
 def test_taken_out_is_said_of_a_node_that_has_confirmed_it():
     assert "It is taken out of the robot, which leaves it alone" in played(look, drive_state(OFF, **OUT))[0]

@@ -15,7 +15,7 @@ from canopen_control.errors import ConfigError
 from canopen_control.od.eds import read_eds
 from canopen_control.view.drive import scope_tab
 from canopen_control.view.drive.drive_tab import DriveTabContext
-from canopen_control.view.drive.scope_tab import ScopeTab, cursor_table, read_overlay, signals_of
+from canopen_control.view.drive.scope_tab import ScopeTab, read_overlay, signals_of
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
 NAMED = NamedShot(
@@ -158,13 +158,6 @@ def test_files_are_what_the_scope_writes(began, sent, monkeypatch):
     played(act)
     assert saved["left_drive.csv"].startswith(b"time,t,left_drive:0x606C")
     assert saved["left_drive.png"] == b"\x89PNG"
-
-
-def test_cursors_where_nothing_is_known_show_nothing():
-    unknown = NamedShot(Shot(((0.0, (None,)), (1.0, (None,)))), ("<b>",), ("",))
-    table = cursor_table(unknown, (0.0, 1.0))
-    assert table.count("<td>-</td>") == 4
-    assert "&lt;b&gt;" in table
 
 
 @pytest.mark.rest

@@ -160,16 +160,6 @@ def test_of_a_drive_with_several_axes_one_is_chosen_and_named():
     assert "Move left_drive, axis 1?" in words
 
 
-def test_of_a_drive_with_one_axis_nothing_is_to_be_chosen():
-    async def act(user, tab, page):
-        user.find("Run ...").click()
-        return tab._axis.visible, html(user), tab._plan().axis
-
-    (shown, words, axis), _ = played(act, joints=("wheel",))
-    assert (shown, axis) == (False, 0)
-    assert "Move left_drive?" in words
-
-
 async def closed(user, tab, _page):
     return tab._run.enabled, tab._revert.enabled, html(user)
 
@@ -187,9 +177,3 @@ def test_a_run_that_would_be_refused_is_not_offered_and_why_is_said(how, why):
     (run, _, words), _ = played(closed, **how)
     assert not run
     assert why in words
-
-
-def test_gains_are_not_offered_while_the_drive_is_enabled():
-    (run, revert, words), _ = played(closed, new=state())
-    assert (run, revert) == (True, False)
-    assert "left is enabled: disable it to set gains" in words

@@ -1,6 +1,5 @@
 import gc
 import weakref
-from pathlib import Path
 
 import pytest
 
@@ -8,7 +7,6 @@ pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install can
 from nicegui import ui
 from support.pages import seen, settle, visited
 
-from canopen_control.view.elements import nicegui_elements
 from canopen_control.view.elements.nicegui_elements import (
     Feed,
     FileUpload,
@@ -54,10 +52,6 @@ def test_a_held_button_speaks_often_enough_for_the_dead_man():
         return buttons.props["period"]
 
     assert visited(lambda: HoldButtons([], print, print), act) * 1e6 * 3 <= LET_GO_NS
-
-
-def test_three_js_is_the_toolkits_own():
-    assert (nicegui_elements._THREE / "index.js").is_file()
 
 
 def test_it_is_given_its_tree():
@@ -170,8 +164,3 @@ def test_a_chosen_file_comes_to_who_waits_for_it_and_the_upload_goes_with_its_pa
         assert freed() is None  # and with it the page, which its handlers know
 
     visited(build, act)
-
-
-def test_no_panel_has_the_toolkits_own_upload_which_keeps_its_page_in_memory():
-    view = Path(nicegui_elements.__file__).parents[1]
-    assert [path.name for path in view.rglob("*.py") if "ui.upload(" in path.read_text()] == []

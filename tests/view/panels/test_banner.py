@@ -3,7 +3,7 @@ import pytest
 from support.pages import FakeContext, drive_state, html, seen, settle, state, visited
 from support.samples import event_of
 
-from canopen_control.rpc.messages.robot import AxisRequest, Release
+from canopen_control.rpc.messages.robot import Release
 from canopen_control.view.panels.banner import BannerPanel, DrivesPanel, EventsPanel, JointsPanel
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
@@ -70,13 +70,6 @@ def shown(new=None, lost="", press=False, refusal=None):
     return visited(lambda: BannerPanel(context), act)
 
 
-def test_a_robot_that_runs_says_so_and_nothing_is_to_be_done():
-    text, labels, _ = shown()
-    assert "running" in text
-    assert "cycle 20 ms" in text
-    assert labels == []
-
-
 def test_a_latched_stop_has_its_way_out():
     text, labels, asked = shown(state(latched=True, latched_by="view"), press=True)
     assert "STOP is latched" in text
@@ -84,24 +77,11 @@ def test_a_latched_stop_has_its_way_out():
     assert asked == [Release(source="view")]
 
 
-def test_drives_that_are_off_are_enabled_from_here():
-    _, labels, asked = shown(drive_state({"cia402_state": "SWITCH_ON_DISABLED"}), press=True)
-    assert labels == ["Enable"]
-    assert asked == [AxisRequest(action="enable", node="all", source="view")]
-
-
 def test_a_fault_says_its_cause_and_is_reset_from_here():
     new = drive_state({"cia402_state": "FAULT", "error": "too hot"})
     text, labels, _ = shown(msgspec.structs.replace(new, state="fault"))
     assert "left_drive: too hot" in text
     assert labels == ["Reset fault"]
-
-
-def test_a_lost_robot_leaves_nothing_to_press():
-    text, labels, _ = shown(state(latched=True), lost="it has died")
-    assert "not connected" in text
-    assert "it has died" in text
-    assert labels == []
 
 
 def test_what_the_robot_refuses_is_told():

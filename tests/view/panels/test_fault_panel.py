@@ -57,15 +57,6 @@ def test_what_the_drive_refuses_is_told():
     played(act, refuse)
 
 
-def test_where_no_drive_is_virtual_nothing_is_offered():
-    async def act(user, panel, context):
-        context.robot.faults = DriveFaults()
-        panel.show(context.content())
-        return html(user)
-
-    assert "No virtual drive" in played(act)[0]
-
-
 def test_inputs_are_set_where_a_device_has_some():
     given = []
     context = FakeContext().with_faults()

@@ -28,15 +28,6 @@ def test_a_button_asks_for_its_action(label, action):
     assert pressed(label) == [AxisRequest(action=action, node="left_drive", source="view")]
 
 
-def test_a_node_without_an_axis_has_no_row():
-    context = FakeContext(nodes={"left_drive": NODE, "io": NODE | {"axes": []}})
-
-    async def act(_user, _panel):
-        return [label.text for label in seen(ui.label)]
-
-    assert visited(lambda: PowerPanel(context), act) == ["left_drive"]
-
-
 def test_several_drives_have_a_row_for_all():
     axes = [AXIS | {"joint": "lift"}]
     context = FakeContext(nodes={"left_drive": NODE, "lift_drive": NODE | {"axes": axes}})

@@ -60,17 +60,6 @@ def test_a_base_that_drives_sideways_has_two_more_buttons():
     assert all(each.resting.lateral == 0.0 for each in context.held)
 
 
-def test_a_key_that_is_no_button_drives_nothing():
-    context = FakeContext(controllers=(BASE | {"state": "active"},))
-
-    async def act(user, _panel):
-        hold(user, "up")
-        hold(user, {"linear": 99})
-
-    played(context, act)
-    assert context.held == []
-
-
 def test_joints_are_driven_by_what_their_sliders_say_and_rest_at_zero():
     context = FakeContext()
 

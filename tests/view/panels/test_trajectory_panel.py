@@ -165,20 +165,6 @@ def test_what_is_refused_is_the_robots_sentence_and_stays():
     assert "cc-bad'>joint &lt;1&gt; is disabled" in played(act)
 
 
-def test_cancel_is_the_players():
-    async def act(user, _panel, context):
-        await upload(user)
-        user.find("Play").click()
-        await settle(lambda: context.player.played)
-        user.find("Cancel").click()
-        await settle(lambda: context.player.cancelled)
-        context.player.ended.set()
-        return context.player.cancelled, user._client.id
-
-    cancelled, page = played(act)
-    assert cancelled == [page]
-
-
 def test_a_page_that_only_looks_previews_and_does_not_play():
     async def act(user, _panel, _context):
         await upload(user)

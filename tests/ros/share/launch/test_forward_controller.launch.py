@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import pytest
 from support.launch_stub import launched
 
 from canopen_control.cli.main import main
@@ -29,13 +28,6 @@ def test_real_drives_are_asked_for_in_the_tutorials_words():
     commands, nodes = launched(NAME, ["rviz2"], use_real_hardware="true", can_interface_name="can0")
     assert commands == [command("true", "can0")]
     assert nodes == ["rviz2"]
-
-
-def test_the_command_line_understands_the_command(capsys):
-    ((_, *words),), _ = launched(NAME, use_real_hardware="true", can_interface_name="can0")
-    with pytest.raises(SystemExit) as caught:
-        main([*words, "--help"])
-    assert caught.value.code == 0
 
 
 def test_real_drives_need_their_interface(capsys):
