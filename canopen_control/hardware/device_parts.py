@@ -416,6 +416,10 @@ def _is(names: Sequence[str]) -> str:
     return "is" if len(names) == 1 else "are"
 
 
+def _them(names: Sequence[str]) -> str:
+    return "it" if len(names) == 1 else "them"
+
+
 def device_of(part: ControlJoint, nodes: Mapping[str, int]) -> str | None:
     """Return the node name of a part (by name or id); "" for a wrong one, None without one."""
     name, node_id = part.parameters.get("device_name"), part.parameters.get("node_id")
@@ -450,7 +454,7 @@ def _derived(node: RemoteNode, name: str) -> bool:
 
 def part_problems(part: ControlJoint, node: RemoteNode) -> list[str]:
     """Return the errors in the interfaces of a part, one sentence each."""
-    problems, unsent = list[str](), dict[str, list[str]]()
+    problems, unsent, possible = list[str](), dict[str, list[str]](), set[str]()
     sent = {(mapped.index, mapped.subindex) for layout in node.plan.rpdos for mapped in layout.objects}
     device = f"{node.plan.profile.words} {node.name}"
     for name in dict.fromkeys((*part.command_interfaces, *part.state_interfaces)):
@@ -467,11 +471,17 @@ def part_problems(part: ControlJoint, node: RemoteNode) -> list[str]:
         elif signal.index in {index + offset for index in MOTION for offset in node.plan.axes}:
             problems.append(f"{part.name}: {name!r} of {device} moves an axis; a joint commands it")
         elif signal.address not in sent:
-            unsent.setdefault(signal.where.partition(".")[0], []).append(repr(name))
+            place, entry = signal.where.partition(".")[0], node.od.get(*signal.address)
+            unsent.setdefault(place, []).append(repr(name))
+            if entry is not None and entry.rpdo_mappable:
+                possible.add(place)
     for place, names in unsent.items():  # outputs of one object, such as the eight of a byte, share a sentence
         few = names if len(names) <= _FEW else [*names[: _FEW - 1], f"{len(names) - _FEW + 1} more"]
         text = f"{', '.join(few)} of {device} {_is(names)} in no RPDO"
-        problems.append(f"{part.name}: {text}; map {place} in bus.yml")
+        remedy = (
+            f"map {place} in bus.yml" if place in possible else f"{place} cannot be mapped: leave {_them(names)} out"
+        )
+        problems.append(f"{part.name}: {text}; {remedy}")
     return problems
 
 

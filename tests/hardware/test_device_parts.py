@@ -566,6 +566,20 @@ def test_outputs_of_one_object_without_an_rpdo_share_a_sentence(tmp_path):
     assert "'ao1' of I/O module (CiA 401) io is in no RPDO; map 0x6411:02 in bus.yml" in lines[1]
 
 
+def test_an_output_that_cannot_be_mapped_is_not_to_be_mapped(tmp_path):
+    text = data_path("eds", EDS).read_text()
+    head, found, tail = text.partition("[6411sub2]")
+    assert found
+    (tmp_path / "sdo_only.eds").write_text(head + found + tail.replace("PDOMapping=1", "PDOMapping=0", 1))
+    off = {"rpdo": {2: {"enabled": False}}}
+    config = with_device(tmp_path, str(tmp_path / "sdo_only.eds"), (), commands=("ao0", "ao1"), keys=off)
+    with pytest.raises(RobotConfigError) as caught:
+        DeviceBench("device-sdo-only", config)
+    said = str(caught.value)
+    assert "'ao0' of I/O module (CiA 401) io is in no RPDO; map 0x6411:01 in bus.yml" in said
+    assert "'ao1' of I/O module (CiA 401) io is in no RPDO; 0x6411:02 cannot be mapped: leave it out" in said
+
+
 def test_a_part_of_another_name_says_which_node_it_is(tmp_path):
     wrong = '<param name="device_name">io1</param>'
     with pytest.raises(RobotConfigError, match=r"'io1' is not a node of bus\.yml, did you mean 'io'"):
