@@ -168,6 +168,7 @@ class DiffDriveController(MobileBase):
         self._side = 0
         self._left_states: list[StateInterface] = []
         self._right_states: list[StateInterface] = []
+        self._pair: tuple[StateInterface, StateInterface] | None = None  # of a base with one wheel on each side
 
     def wheel_base(self) -> DriveGeometry:
         """Return the wheel geometry in its parameters, without the multipliers, which are calibration."""
@@ -215,6 +216,7 @@ class DiffDriveController(MobileBase):
         """Start without a command; the pose is kept, and the next sample is the baseline."""
         super().on_activate(commands, states, now)
         self._left_states, self._right_states = states[: self._side], states[self._side :]
+        self._pair = (states[0], states[1]) if len(states) == 2 and self._side == 1 else None
 
     @property
     def begun(self) -> bool:
@@ -241,7 +243,11 @@ class DiffDriveController(MobileBase):
         if self.params.open_loop:
             self.odometry.update_open_loop(self.limited[0], self.limited[1], now)
             return True
-        left, right = _mean(self._left_states), _mean(self._right_states)
+        pair = self._pair
+        if pair is None:
+            left, right = _mean(self._left_states), _mean(self._right_states)
+        else:
+            left, right = pair[0].value, pair[1].value
         if not (math.isfinite(left) and math.isfinite(right)):
             return False
         if self.params.position_feedback:

@@ -77,7 +77,7 @@ def _or(value: float, default: float) -> float:
 
 
 class RateLaw:
-    """Bounds of one number for `RateLimiter`; ValueError if a minimum is above its maximum."""
+    """Bounds of one number for `RateLimiter`, `free` without any; ValueError if a minimum is above its maximum."""
 
     def __init__(self, limits: VelocityLimits) -> None:
         self._min_v, self._max_v = _or(limits.min_velocity, -limits.max_velocity), limits.max_velocity
@@ -89,6 +89,7 @@ class RateLaw:
         self._has_v, self._has_a, self._has_j = (
             not math.isnan(limit) for limit in (self._max_v, self._acc, self._max_j)
         )
+        self.free = not (self._has_v or self._has_a or self._has_j)
         self._check()
 
     def _check(self) -> None:
@@ -150,24 +151,27 @@ class RateLimiter(Limiter["list[float]"]):
 
     def enforce(self, actual: list[float], desired: list[float], period: float) -> bool:
         """See `Limiter`; the history stays until `step`."""
-        limited = False
-        for at in range(len(desired)):
-            target = desired[at]
-            if target != target:  # nan
+        limited, latest, before = False, self.last, self._earlier
+        for at, law in enumerate(self.laws):
+            target, last, earlier = desired[at], latest[at], before[at]
+            if target != target or law.free:  # nan
                 continue
-            last, earlier = self.last[at], self._earlier[at]
             if last != last:
                 last = actual[at]
             if earlier != earlier:
                 earlier = last
-            value = self.laws[at].limit(target, last, earlier, period)
-            desired[at] = value
-            limited = limited or value != target
+            desired[at] = value = law.limit(target, last, earlier, period)
+            if value != target:
+                limited = True
         return limited
 
     def step(self, actual: list[float], commanded: list[float]) -> None:
         """Record the commands of this cycle."""
         self._earlier[:] = self.last
+        total = sum(commanded)
+        if total == total:  # no nan
+            self.last[:] = commanded
+            return
         for at in range(len(commanded)):
             value = commanded[at]
             if value == value:

@@ -429,15 +429,16 @@ class MobileBase(Controller):
             fill(self.limited, 0.0)
             self.follow(now)
         self._take_reference(now)
-        if not self._twist.known:
-            return OK if self.waits_for_a_twist else self._rest(now)
-        is_standstill = self._twist.is_standstill
+        twist = self._twist
+        is_standstill = twist.is_standstill
         if not is_standstill:
-            self._twist.limit(period)
+            if not twist.known:
+                return OK if self.waits_for_a_twist else self._rest(now)
+            twist.limit(period)
         if not self.follow(now):
             return self._without_feedback()
         if not is_standstill:
-            self._twist.step()
+            twist.step()
         self._write(is_standstill=is_standstill)
         self._publish(now)
         return OK

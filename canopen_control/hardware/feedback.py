@@ -170,8 +170,8 @@ class Feedback:
 
     def read(self, now: int) -> int:
         """Process new values; return a jump of the position in counts, 0 for none."""
-        position_values, velocity_values = self._position_pdo.values, self._velocity_pdo.values
-        if self._rests and position_values is self._position_values and velocity_values is self._velocity_values:
+        same = self._position_pdo.values is self._position_values
+        if same and self._velocity_pdo.values is self._velocity_values and self._rests:
             self._sampled_before, self._sampled = self._sampled, self._position_pdo.stamp
             return 0
         jump = 0
@@ -180,8 +180,8 @@ class Feedback:
             pdo = velocity.pdo
             if pdo.count != self._velocity_count and pdo.stamp >= 0:
                 self._velocity_count = pdo.count
-                self._velocity_values = velocity_values
-                raw: int = velocity_values[velocity.position]  # type: ignore[assignment]  # mapped drive objects are integers
+                self._velocity_values = values = pdo.values
+                raw: int = values[velocity.position]  # type: ignore[assignment]  # mapped drive objects are integers
                 if raw != self._raw_velocity:
                     self._raw_velocity = raw
                     # + 0.0: a mirrored drive that stands still has no velocity of -0.0
@@ -192,9 +192,9 @@ class Feedback:
             pdo = position.pdo
             if pdo.count != self._position_count and pdo.stamp >= 0:
                 self._position_count = pdo.count
-                self._position_values = position_values
+                self._position_values = values = pdo.values
                 self._sampled_before, self._sampled = self._sampled, pdo.stamp
-                raw = position_values[position.position]  # type: ignore[assignment]  # as above
+                raw = values[position.position]  # type: ignore[assignment]  # as above
                 if raw != self._raw_position:
                     jump = self._take_position(raw, pdo.stamp)
                 if velocity is None:

@@ -244,7 +244,7 @@ class JointDrive(JointParts):
         self._settle_ns = node.config.motion.enable_settle_ms * 1_000_000
         self._settled_at = 0  # before it, set-points of a drive that was just enabled would be lost
         self._status = AxisStatus(self.axis, self.machine, holds_load=self.power.holds_load)
-        self._limits, self._controlword = self.axis.limits, self.axis.controlword  # for every cycle
+        self._limits, self._controlword, self._mode = self.axis.limits, self.axis.controlword, self.axis.mode
         self._evaluations = -1
         self._link: FeedbackStatus = _GONE
         self._now = 0
@@ -341,7 +341,7 @@ class JointDrive(JointParts):
         pdo, shown = status.pdo, status.shown
         word: int | None
         display: int | None
-        if shown is not None and pdo.stamp >= 0 and shown.stamp >= 0 and not pdo.overdue and self.node.ready:
+        if self._link is _LIVE and shown is not None and pdo.stamp >= 0 and shown.stamp >= 0:
             # as `AxisStatus.update`, without the call; both are integers
             status.word = word = pdo.values[status.place]  # type: ignore[assignment]
             status.display = display = shown.values[status.shown_place]  # type: ignore[assignment]
@@ -404,7 +404,7 @@ class JointDrive(JointParts):
             self._brake(period)
         else:
             targets.hold()
-        mode = self.axis.mode
+        mode = self._mode
         if targets.has_outputs or (mode is not None and mode.value != self.machine.mode_request.sent):
             targets.write_outputs()
 

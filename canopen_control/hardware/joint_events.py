@@ -252,6 +252,8 @@ class MotionWatch:
         self._rest: int | None = None  # where the present motion began
         self._last = 0
         self._right = False  # the present motion has led towards its target
+        self._idle: ModeTarget | None = None  # whose output of `_idle_at` asked for no motion of an axis that stands
+        self._idle_at = 0
 
     def check(self, target: ModeTarget | None, enabled: bool) -> None:
         """Compare the target sent with the motion since the last check."""
@@ -261,9 +263,12 @@ class MotionWatch:
             self._standing = self._away = 0
             self._still = self._rest = None
             self._moved = self._moved and enabled
+            self._idle = None
             return
         here = self._axis.raw_position + self._axis.unwrap.offset
         step, self._last = here - self._last, here
+        if not step and target is self._idle and target.output.value == self._idle_at:
+            return  # as the last time
         scale = abs(self._axis.scale.pos_to_dev)
         self._check_standstill(target, here, scale)
         if target.interface == POSITION and self._rest is not None:
@@ -271,6 +276,9 @@ class MotionWatch:
         else:
             self._away = 0
             self._rest = here
+        stands = not step and self._rest == self._still == here
+        self._idle = target if stands and not self._asks(target, scale) else None
+        self._idle_at = target.output.value
 
     @property
     def unmoved(self) -> bool:

@@ -194,7 +194,8 @@ class JointTargets:
                 value = command.maximum
             if self.feed_forward.fed and self.mode is OperationMode.CSP:
                 self.feed_forward.follow(command, period)
-        current.follow(value, now, period)
+        if not current.steady or value != current.value or self._axis.limits.blocked != current.blocked:
+            current.follow(value, now, period)
         if current.bits or current.handshakes:
             self._machine.mode_bits = current.bits
 
@@ -245,18 +246,21 @@ class ModeTarget(metaclass=ABCMeta):
     """Target of one mode: common parts of all modes.
 
     `output` carries it, `bits` are the mode's bits of the controlword; `handshakes` is True if it has events of its
-    own, `tracks` if the axis must reach the target's position or velocity in every cycle.
+    own, `tracks` if the axis must reach the target's position or velocity in every cycle. `value` is the last target,
+    nan for none, and `blocked` the direction that an active limit closed then; `steady` is True if the same target
+    changes nothing.
     """
 
     interface = ""
     bits = 0
     handshakes = False
     tracks = False
+    steady = False
 
     def __init__(self, axis: AxisProcessData, output: Output, machine: DriveMachine) -> None:
         self._axis, self.output, self._machine = axis, output, machine
-        self._value = _NAN
-        self._blocked = 0
+        self.value = _NAN
+        self.blocked = 0
         self._slope = 0.0  # of a stop that the master ramps
 
     @abstractmethod
@@ -289,9 +293,9 @@ class ModeTarget(metaclass=ABCMeta):
 
     def _same(self, value: float) -> bool:
         """Whether target and limits equal those of the last cycle."""
-        if value == self._value and self._axis.limits.blocked == self._blocked:
+        if value == self.value and self._axis.limits.blocked == self.blocked:
             return True
-        self._value, self._blocked = value, self._axis.limits.blocked
+        self.value, self.blocked = value, self._axis.limits.blocked
         return False
 
 
@@ -333,13 +337,14 @@ class VelocityTarget(_ScaledTarget):
 
     interface = VELOCITY
     tracks = True
+    steady = True
     low = INT32_MIN
     high = INT32_MAX
     ramped = False  # by the master
 
     def hold(self) -> None:
         """Command zero velocity."""
-        self._value = _NAN
+        self.value = _NAN
         self._slope = 0.0
         self.output.set(0)
 
@@ -347,9 +352,9 @@ class VelocityTarget(_ScaledTarget):
         """Send a velocity within the drive's limits."""
         axis = self._axis
         blocked = axis.limits.blocked
-        if value == self._value and blocked == self._blocked:
+        if value == self.value and blocked == self.blocked:
             return  # as `_same`, without the call
-        self._value, self._blocked = value, blocked
+        self.value, self.blocked = value, blocked
         self._slope = 0.0
         self.output.set(self._bounded(self._scaled(value)))
 
@@ -364,7 +369,7 @@ class VelocityTarget(_ScaledTarget):
     def ramp_down(self, period: float) -> bool:
         """Ramp towards zero at the drive's deceleration, or command zero if the drive ramps."""
         raw: int = self.output.value
-        self._value = _NAN
+        self.value = _NAN
         if not self.ramped or raw == 0:
             self.output.set(0)
             return True
@@ -414,7 +419,7 @@ class EffortTarget(_ScaledTarget):
 
     def hold(self) -> None:
         """Command zero torque."""
-        self._value, self._last, self._speed = _NAN, None, _NAN
+        self.value, self._last, self._speed = _NAN, None, _NAN
         self.output.set(0)
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
@@ -494,7 +499,7 @@ class PositionTarget(_PositionTarget):
 
     def hold(self) -> None:
         """Command the actual position."""
-        self._count, self._value = None, _NAN
+        self._count, self.value = None, _NAN
         self._speed = self._slope = 0.0
         self._ramp.rest()
         self.output.set(self._axis.raw_position)
@@ -517,7 +522,7 @@ class PositionTarget(_PositionTarget):
 
     def ramp_down(self, period: float) -> bool:
         """Ramp the target to standstill at the drive's deceleration."""
-        self._value = _NAN
+        self.value = _NAN
         if self._speed == 0.0:
             return True
         here = self._here()
@@ -548,7 +553,7 @@ class PositionTarget(_PositionTarget):
         step = int(reach)
         self._rest = reach - step
         if step == 0:
-            self._value = _NAN  # the way goes on, in a later cycle
+            self.value = _NAN  # the way goes on, in a later cycle
         return here + step if way > 0 else here - step
 
     def _go(self, here: int, count: int, period: float) -> None:
@@ -585,7 +590,7 @@ class SetPointTarget(_PositionTarget):
 
     def hold(self) -> None:
         """Drop the set-point and command the actual position."""
-        self._value, self._given = _NAN, None
+        self.value, self._given = _NAN, None
         if self._handshake.busy:
             self._handshake.abort("the axis is not enabled")
             self._handshake.update(None, ready=False, now=0)
@@ -623,7 +628,7 @@ class SetPointTarget(_PositionTarget):
 
     def ramp_down(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode
         """Stop by the drive's halt option (0x605D)."""
-        self._value, self._given = _NAN, None
+        self.value, self._given = _NAN, None
         if self._handshake.busy:
             self._handshake.abort("stopped")
             self._handshake.update(self._machine.statusword, ready=False, now=0)
@@ -650,7 +655,7 @@ class SetPointTarget(_PositionTarget):
     def _give(self, value: float) -> None:
         axis = self._axis
         if axis.limits.ramp_unbounded:
-            self._value = _NAN  # it waits until the drive's own ramp is known to be slow enough
+            self.value = _NAN  # it waits until the drive's own ramp is known to be slow enough
             return
         count = self._count_of(value, axis.raw_position + axis.unwrap.offset)
         raw = axis.limits.of_position(axis.unwrap.raw_of(count))

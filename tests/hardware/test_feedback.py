@@ -47,6 +47,31 @@ def make(*, velocity=True, extras=()):
     return feedback, axis
 
 
+def test_values_that_come_again_are_taken_again_once_the_node_is_back():
+    feedback, axis = make()
+    feedback.put(0, 1000, 500)
+    feedback.read(0)
+    feedback.node_lost()
+    feedback.node_ready()
+    feedback.read(CYCLE)
+    assert math.isnan(feedback.states["position"].value)
+    pdo = axis.position.pdo
+    pdo.stamp, pdo.count = 2 * CYCLE, pdo.count + 1  # as a read of the port with the frames of the one before
+    feedback.read(2 * CYCLE)
+    assert [feedback.states[name].value for name in ("position", "velocity")] == [1.0, 0.5]
+
+
+def test_a_new_scale_counts_for_values_that_come_again():
+    feedback, axis = make()
+    for now in (0, CYCLE):
+        feedback.put(now, 1000, 0)
+        feedback.read(now)
+    axis.scale = Scale(2 * COUNTS, 0.5 / COUNTS, COUNTS, 1 / COUNTS)
+    feedback.refresh_scale()
+    feedback.read(CYCLE)
+    assert feedback.states["position"].value == 0.5
+
+
 def test_values_are_nan_before_the_first_frame_and_without_the_node():
     feedback, _ = make()
     feedback.read(0)

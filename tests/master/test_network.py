@@ -186,6 +186,29 @@ def test_any_frames_whatever_raise_nothing_and_leave_the_master_usable(stream):
     assert all(len(node.boot_steps) < 10 for node in net.nodes.values())
 
 
+def test_a_read_that_equals_the_last_one_stamps_and_counts_its_tpdos():
+    net, _ = network()
+    pdos = list(net.image.inputs.values())
+    frames = [CanFrame(pdo.cob_id, bytes([1] * pdo.length)) for pdo in pdos]
+    for now in range(1, 5):
+        net.receive(pack_records(frames), now)
+        assert [(pdo.stamp, pdo.count) for pdo in pdos] == [(now, now)] * len(pdos)
+    values = pdos[0].values
+    net.receive(pack_records([CanFrame(pdos[0].cob_id, bytes([2] * pdos[0].length)), *frames[1:]]), 5)
+    assert pdos[0].values != values
+    net.receive(pack_records(frames), 6)
+    assert pdos[0].values == values
+
+
+def test_a_read_that_equals_the_last_one_passes_every_other_frame_on():
+    net, _ = network()
+    pdo = next(iter(net.image.inputs.values()))
+    frames = pack_records([CanFrame(pdo.cob_id, bytes(pdo.length)), CanFrame(0x7F0, b"")])
+    for now in range(1, 5):
+        net.receive(frames, now)
+    assert net.unknown == pdo.count == 4
+
+
 def test_frames_of_nobody_are_counted():
     net, _ = network()
     feed(net, 0, "7FF#00", "123#0102")
