@@ -122,9 +122,9 @@ class RobotConfigError(ConfigError):
 class DiskFull(CanopenError):
     """Failed write of a file: no space or a broken disk; `kept` describes what remains of the file."""
 
-    def __init__(self, path: str, reason: str, kept: str) -> None:
-        self.path, self.reason, self.kept = path, reason, kept
-        super().__init__(f"{path}: {reason}; {kept}")
+    def __init__(self, path: str, reason: str, remains: str) -> None:
+        self.path, self.reason, self.kept = path, reason, remains
+        super().__init__(f"{path}: {reason}; {remains}")
 
 
 class BusError(CanopenError):

@@ -82,7 +82,7 @@ class Robot:
         files = find_robot(config, arguments=[f"{key}:={value}" for key, value in (xacro or {}).items()])
         setup = read_robot(files, name=name, can=channels, controllers=controllers, mock=mock)
         if setup.real:
-            setup.require_places(files.asked.real_word)
+            setup.require_places(files.hardware.real_word)
         return cls(setup.name, BackgroundRobot(setup, RunOptions(drives=drives and not (mock or setup.real))))
 
     @classmethod

@@ -430,7 +430,7 @@ if not (index % 2 and self.life.live):
         Change(
             "cia301.guarding",
             "GuardingMaster.receive",
-            "value >> 7 != node.toggle and node.seen",
+            "value >> 7 != node.toggle and node.answered",
             "value >> 7 > 1",
         ),
         (_scenario("guarded", "toggle"),),

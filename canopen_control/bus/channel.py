@@ -33,7 +33,7 @@ _INTERFACE = re.compile(r"[^\s/:\0]{1,15}")  # Linux: IFNAMSIZ without the termi
 NETWORK_CLASS = Path("/sys/class/net")
 _ARPHRD_CAN = "280"  # linux/if_arp.h
 _OPTION = re.compile(r",(?=[A-Za-z_]\w*=)")  # start of a keyword of python-can
-_TAKEN = {"channel": "before the comma", "interface": "before the colon", "bitrate": "after an @"}
+_KEY_PLACES = {"channel": "before the comma", "interface": "before the colon", "bitrate": "after an @"}
 _SOCKETCAND = "socketcand"
 _SERVED = re.compile(r"(?P<host>[^\s:/]+)(?::(?P<port>\d{1,5}))?/(?P<channel>[^\s/]+)")
 _SOCKETCAND_PORT = "29536"
@@ -128,8 +128,8 @@ def _python_can(text: str, interface: str, name: str) -> ChannelSpec:
     options = tuple((key, value) for key, _, value in (word.partition("=") for word in words))
     keys = [key for key, _ in options]
     for key in keys:
-        if key in _TAKEN:
-            raise ConfigError(f"channel {text!r}: {key} is said {_TAKEN[key]}, as in pcan:PCAN_USBBUS1@500000")
+        if key in _KEY_PLACES:
+            raise ConfigError(f"channel {text!r}: {key} is said {_KEY_PLACES[key]}, as in pcan:PCAN_USBBUS1@500000")
         if keys.count(key) > 1:
             raise ConfigError(f"channel {text!r}: {key} is given twice; leave one of them away")
     spec = ChannelSpec(ChannelKind.PYTHON_CAN, channel, interface, int(rate) if rate else None, options)

@@ -134,18 +134,18 @@ class FrameRouter:
         survivors = self.faults.survivors(member.label, records)
         self.dropped += (len(records) - len(survivors)) // RECORD_SIZE
         # never before frames already under way: the frames of one sender stay in order when its delay is reduced
-        due = max(now + self.faults.delay_of(member.label), self._last_due.get(member.number, 0))
+        delivery_ns = max(now + self.faults.delay_of(member.label), self._last_due.get(member.number, 0))
         if not survivors:
             return
-        if due <= now:
+        if delivery_ns <= now:
             self._transmit(member.number, survivors, now)
             return
         if len(self._delayed) >= DELAY_LIMIT:
             self._lose(member, survivors)
             return
-        self._last_due[member.number] = due
+        self._last_due[member.number] = delivery_ns
         self._serial += 1
-        heapq.heappush(self._delayed, (due, self._serial, member.number, survivors))
+        heapq.heappush(self._delayed, (delivery_ns, self._serial, member.number, survivors))
 
     def _transmit(self, sender: int, records: bytes, now: int) -> None:
         if self.wire is None:
@@ -241,22 +241,22 @@ class FrameRouter:
         """Deliver the frames that are due."""
         self._now = now
         while self._delayed and self._delayed[0][0] <= now:
-            due, _serial, sender, records = heapq.heappop(self._delayed)
-            self._transmit(sender, records, due)
+            delivery_ns, _serial, sender, records = heapq.heappop(self._delayed)
+            self._transmit(sender, records, delivery_ns)
         self._advance(now)
 
     def _advance(self, now: int) -> None:
         wire = self.wire
-        while wire is not None and (due := wire.due_ns) is not None and due <= now:
+        while wire is not None and (end_ns := wire.due_ns) is not None and end_ns <= now:
             if (passed := wire.finish()) is not None:
                 _, sender, _, record = passed
-                self._deliver(sender, record, due)
+                self._deliver(sender, record, end_ns)
 
     def next_deadline(self) -> int | None:
         """Return the time of the next delivery."""
-        due = [self._delayed[0][0]] if self._delayed else []
+        deadlines = [self._delayed[0][0]] if self._delayed else []
         wire = self.wire.next_deadline() if self.wire is not None else None
-        return min([*due, wire] if wire is not None else due, default=None)
+        return min([*deadlines, wire] if wire is not None else deadlines, default=None)
 
     def may_read(self, member: RouterPort) -> bool:
         """Whether to read from this member; False while it has too many frames waiting for a paced wire."""

@@ -63,23 +63,23 @@ class Hub:
         self._timer: Timer | None = None
         self._linger: Timer | None = None
         self._control: HubControl | None = None
-        self._asked = listen(socket_path("busctl", name))
-        reactor.add_reader(self._asked, self._serve_control)
+        self._control_listener = listen(socket_path("busctl", name))
+        reactor.add_reader(self._control_listener, self._serve_control)
         self._wait_for_ends()
 
     # -- members
 
     def _serve_control(self) -> None:
         """Serve the control socket from now on; earlier connections waited in the kernel."""
-        if self._control is None and self._asked.fileno() >= 0:
-            self._reactor.remove_reader(self._asked)  # a failed import is not repeated
+        if self._control is None and self._control_listener.fileno() >= 0:
+            self._reactor.remove_reader(self._control_listener)  # a failed import is not repeated
             from canopen_control.rpc.quick_import import import_msgspec
 
             import_msgspec()
             from canopen_control.bus.hubcontrol import HubControl
 
             self._control = HubControl(
-                self.name, self.router, self._reactor, self._asked, started=self._started, after=self._after
+                self.name, self.router, self._reactor, self._control_listener, started=self._started, after=self._after
             )
 
     def _admit(self, sock: socket.socket, hello: Hello) -> None:
@@ -134,9 +134,9 @@ class Hub:
         self._hello_server.close()
         if self._control is not None:
             self._control.close()
-        elif self._asked.fileno() >= 0:
-            self._reactor.remove_reader(self._asked)
-            close_listener(self._asked)
+        elif self._control_listener.fileno() >= 0:
+            self._reactor.remove_reader(self._control_listener)
+            close_listener(self._control_listener)
         for end in list(self._ends.values()):
             self._reactor.remove_reader(end.socket)
             self._reactor.remove_writer(end.socket)

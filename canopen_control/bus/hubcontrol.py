@@ -78,7 +78,7 @@ class HubControl:
         self._does(hub.DropFrames, self._drop)
         self._does(hub.DelayFrames, self._delay)
         self._does(hub.SetBitrate, lambda request: exchange.pace(request.bitrate, self._now()))
-        self._does(hub.ClearFaults, lambda _asked: exchange.clear_faults())
+        self._does(hub.ClearFaults, lambda _request: exchange.clear_faults())
 
     def _does(self, kind: type[R], do: Callable[[R], object]) -> None:
         def handle(call: Call[R]) -> None:
@@ -135,4 +135,4 @@ def _member(member: RouterPort) -> hub.Member:
 
 
 def _drop_state(rule: DropRule) -> hub.DropState:
-    return hub.DropState(rule.label, rule.can_id, rule.every, rule.count, rule.seen, rule.lost)
+    return hub.DropState(rule.label, rule.can_id, rule.every, rule.count, rule.matched, rule.lost)

@@ -71,7 +71,7 @@ class LocalPort:
         self.events = self._events.drain
         """Return what happened since the last call."""
         self._dropping = False
-        self._gone = ""
+        self._closed_reason = ""
         sock.setblocking(False)
         for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
             sock.setsockopt(socket.SOL_SOCKET, option, _BUFFER_SIZE)  # the kernel limits the size
@@ -189,21 +189,21 @@ class LocalPort:
             self.stats.queued = len(self._queue)
 
     def _lose(self) -> NoReturn:
-        if not self._gone:
-            self._gone = _HUB_GONE
+        if not self._closed_reason:
+            self._closed_reason = _HUB_GONE
             self.stats.lost += self._queue.clear()
             self.stats.queued = 0
             self._events.add(BusEventKind.CLOSED, f"bus {self.channel}: {_HUB_GONE}")
-        raise BusClosed(self.channel, self._gone)
+        raise BusClosed(self.channel, self._closed_reason)
 
     def close(self) -> None:
         """Close the port; a second call does nothing. Queued records are sent as far as the socket accepts them."""
-        if self._gone == _CLOSED_HERE:
+        if self._closed_reason == _CLOSED_HERE:
             return
-        if not self._gone:
+        if not self._closed_reason:
             with contextlib.suppress(BusClosed):
                 self.flush()
-        self._gone = _CLOSED_HERE
+        self._closed_reason = _CLOSED_HERE
         self._socket.close()
 
 

@@ -234,7 +234,7 @@ class MemoryPort:
         self._lost = 0
         self._events = BusEventLog()
         self._wake: WakeDescriptor | None = None
-        self._gone = ""
+        self._closed_reason = ""
 
     @property
     def channel(self) -> str:
@@ -246,7 +246,7 @@ class MemoryPort:
         with self.bus.lock:
             if self._wake is None:
                 self._wake = WakeDescriptor()
-                if self._queue or self._gone:
+                if self._queue or self._closed_reason:
                     self._wake.set()
             return self._wake.fileno()
 
@@ -288,7 +288,7 @@ class MemoryPort:
         """Deliver whole records to all other ports; BusClosed after the bus was closed."""
         count = whole_records(records)
         with self.bus.lock:
-            if self._gone:
+            if self._closed_reason:
                 self._check_open()
             self.stats.tx += count
             self.bus.transmit(self, bytes(records))
@@ -302,20 +302,20 @@ class MemoryPort:
 
     def lose(self, reason: str) -> None:
         """Close this port from the bus; its next call raises `BusClosed`."""
-        if not self._gone:
-            self._gone = reason
+        if not self._closed_reason:
+            self._closed_reason = reason
             self._events.add(BusEventKind.CLOSED, f"bus {self.channel}: {reason}")
             self.bus.leave(self)
             if self._wake is not None:
                 self._wake.set()
 
     def _check_open(self) -> None:
-        if self._gone:
-            raise BusClosed(self.channel, self._gone)
+        if self._closed_reason:
+            raise BusClosed(self.channel, self._closed_reason)
 
     def close(self) -> None:
         """Close the port; a second call does nothing."""
-        self._gone = self._gone or "closed on this side"
+        self._closed_reason = self._closed_reason or "closed on this side"
         self.bus.leave(self)
         if self._wake is not None:
             self._wake.close()

@@ -55,11 +55,11 @@ def play(
             continue
         first = recorded.time_ns if first is None else first
         newest = max(newest, recorded.time_ns - first)
-        due = begin + round(newest / speed)
-        late = clock() - due
+        send_at = begin + round(newest / speed)
+        late = clock() - send_at
         if late < 0:
             sleep(-late / _NS)
-            late = clock() - due
+            late = clock() - send_at
         played.late_max = max(played.late_max, late / _NS)
         port.receive()  # received frames are discarded
         port.send(pack_records([recorded.frame]))

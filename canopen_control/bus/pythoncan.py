@@ -100,7 +100,7 @@ class AdapterClock:
         self._monotonic, self._unix = monotonic, UnixOffset(monotonic, unix)
         self._is_unix: bool | None = None
         self._lag = 0.0
-        self._seen: int | None = None
+        self._last_frame_ns: int | None = None
 
     def stamp(self, seconds: float) -> int:
         """Return the time of a frame that is being read now."""
@@ -117,9 +117,9 @@ class AdapterClock:
 
     def _lag_of(self, lag: int, now: int) -> int:
         """Return the minimum recent delay from stamp to reading."""
-        grown = self._lag + (0 if self._seen is None else (now - self._seen) * _DRIFT)
-        begins_anew = self._seen is None or lag - self._lag > _NS
-        self._lag, self._seen = (lag if begins_anew else min(lag, grown)), now
+        grown = self._lag + (0 if self._last_frame_ns is None else (now - self._last_frame_ns) * _DRIFT)
+        begins_anew = self._last_frame_ns is None or lag - self._lag > _NS
+        self._lag, self._last_frame_ns = (lag if begins_anew else min(lag, grown)), now
         return round(self._lag)
 
 

@@ -62,7 +62,7 @@ class SocketCanPort:
         self._dropping = False
         self._down = ""  # reported reason, empty while it works
         self._bus_off = False
-        self._heard: frozenset[int] | None = None
+        self._identifiers: frozenset[int] | None = None
         self._filters = EVERYTHING
         self._rebind_at: int | None = None  # while the interface is removed
         self._unix: UnixOffset | None = None  # set once stamps are requested
@@ -92,9 +92,9 @@ class SocketCanPort:
     def set_filter(self, can_ids: Iterable[int]) -> None:
         """Let the kernel deliver only these identifiers and error frames; if there are too many, all 11-bit ones."""
         identifiers = frozenset(can_ids)
-        if identifiers == self._heard or self._closed:
+        if identifiers == self._identifiers or self._closed:
             return
-        self._heard, self._filters = identifiers, filters_of(identifiers)
+        self._identifiers, self._filters = identifiers, filters_of(identifiers)
         set_filters(self._socket, self._filters)
 
     def receive(self) -> bytes:
@@ -139,7 +139,7 @@ class SocketCanPort:
             pass
         except OSError as error:
             problem = error
-        received = self._taken(b"".join(records)) if records else b""
+        received = self._accept(b"".join(records)) if records else b""
         if problem is not None:
             self._fail(problem)
         return received
@@ -152,7 +152,7 @@ class SocketCanPort:
         lost, self._overflows = (total - self._overflows) & 0xFFFFFFFF, total
         return [pack_records([overrun_frame(lost)])] if lost else []
 
-    def _taken(self, records: bytes) -> bytes:
+    def _accept(self, records: bytes) -> bytes:
         self.stats.rx += len(records) // RECORD_SIZE
         if has_error_frames(records):
             self._follow(note_errors(records, self.stats))

@@ -14,11 +14,11 @@ class DropRule:
     Each `every`-th matching frame is dropped, `count` of them in all (None: no limit).
     """
 
-    __slots__ = ("can_id", "count", "every", "label", "lost", "seen")
+    __slots__ = ("can_id", "count", "every", "label", "lost", "matched")
 
     def __init__(self, label: str = "", can_id: int | None = None, every: int = 1, count: int | None = None) -> None:
         self.label, self.can_id, self.every, self.count = label, can_id, max(1, every), count
-        self.seen = 0
+        self.matched = 0
         self.lost = 0
 
     @property
@@ -30,8 +30,8 @@ class DropRule:
         """Whether the rule drops this frame; counts the frame."""
         if self.spent or self.label not in ("", label) or self.can_id not in (None, can_id):
             return False
-        self.seen += 1
-        lost = self.seen % self.every == 0
+        self.matched += 1
+        lost = self.matched % self.every == 0
         self.lost += lost
         return lost
 

@@ -175,8 +175,8 @@ class BaseLink:
         }
 
         def value(name: str, otherwise: float = math.nan) -> float:
-            given = params.get(name)
-            number = float(given) if isinstance(given, int | float) else math.nan
+            current = params.get(name)
+            number = float(current) if isinstance(current, int | float) else math.nan
             return otherwise if math.isnan(number) else number
 
         if not math.isnan(value("wheel_radius_multiplier")):

@@ -198,5 +198,5 @@ def _written(value: float) -> float:
 
 
 def _millimetres(x: float, y: float) -> str:
-    ahead, left = (round(1e3 * metres, 1) + 0.0 for metres in (x, y))
-    return f"{ahead:+.1f} mm ahead, {left:+.1f} mm to the left"
+    ahead, sideways = (round(1e3 * metres, 1) + 0.0 for metres in (x, y))
+    return f"{ahead:+.1f} mm ahead, {sideways:+.1f} mm to the left"

@@ -129,7 +129,7 @@ class _Checker:
             controllers=self._options.controllers,
             launch=self._options.launch,
             mock=self._options.mock,
-            real=self._options.real or bool(self._files.asked.real),
+            real=self._options.real or bool(self._files.hardware.real),
         )
         self._read_world()
         for name, config in self._whole.items():

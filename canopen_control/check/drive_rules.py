@@ -144,8 +144,8 @@ def _modes_unlisted(robot: CheckedRobot) -> Iterator[Finding]:
         plan, motion = bus.plans.get(name) if bus is not None else None, node.motion
         if bus is None or plan is None or not plan.axes:
             continue
-        given = any(mode is not None for mode in (motion.position_mode, motion.velocity_mode, motion.effort_mode))
-        if not given and bus.dictionaries[name].get(objects.SUPPORTED_DRIVE_MODES, 0) is None:
+        has_mode = any(mode is not None for mode in (motion.position_mode, motion.velocity_mode, motion.effort_mode))
+        if not has_mode and bus.dictionaries[name].get(objects.SUPPORTED_DRIVE_MODES, 0) is None:
             section, file = bus.sections[name], node.identity.dcf
             text = f"{name}: {file} does not list the drive's modes (0x6502): its profile modes are tried (PV, PP, TQ)"
             fix = "give velocity_mode, position_mode or effort_mode"

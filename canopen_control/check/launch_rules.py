@@ -136,7 +136,7 @@ def _python_node(launch: _Launch, node: LaunchNode, outer: str) -> None:
         words = [part.text for part in arguments if part.text]
         names, namespace = _spawned(words, _joined(outer, node.namespace or ""))
         for name in names:
-            _wanted(launch, name, namespace, node.line)
+            _check_spawned(launch, name, namespace, node.line)
         title = f"{title} of {', '.join(names) or 'controllers that are computed'}"
     launch.findings.append(Finding(launch.path, node.line, Severity.NOTE, f"starts {title}"))
 
@@ -148,15 +148,15 @@ def _python_files(launch: _Launch, file: LaunchFile, text: str, line: int) -> No
             continue  # a bare name is part of a path that is joined elsewhere
         absent = file.absent_packages(word)
         for package in absent:
-            said = f"package {package!r} is neither around this file nor in ROS_PACKAGE_PATH nor sourced"
-            launch.findings.append(Finding(launch.path, line, Severity.NOTE, said))
+            problem = f"package {package!r} is neither around this file nor in ROS_PACKAGE_PATH nor sourced"
+            launch.findings.append(Finding(launch.path, line, Severity.NOTE, problem))
         name = None if absent else file.resolved(word)
         if name is not None and not (file.path.parent / name).is_file():
-            said = f"there is no file {name}"
-            launch.findings.append(Finding(launch.path, line, Severity.WARNING, said))
+            problem = f"there is no file {name}"
+            launch.findings.append(Finding(launch.path, line, Severity.WARNING, problem))
 
 
-def _wanted(launch: _Launch, name: str, namespace: str, line: int) -> None:
+def _check_spawned(launch: _Launch, name: str, namespace: str, line: int) -> None:
     """Compare the names of spawned controllers with those of the parameter file."""
     control = launch.robot.control
     if control is not None and name not in control.controllers:
@@ -202,7 +202,7 @@ def _node(launch: _Launch, element: Element, namespace: str) -> None:
 def _spawner(launch: _Launch, element: Element, namespace: str) -> None:
     names, namespace = _spawned(words_of(launch.text(element, "args")), namespace)
     for name in names:
-        _wanted(launch, name, namespace, element.place.line)
+        _check_spawned(launch, name, namespace, element.place.line)
 
 
 def _spawned(words: Sequence[str], namespace: str) -> tuple[list[str], str]:

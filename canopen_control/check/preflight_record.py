@@ -50,11 +50,11 @@ _LAG_S = 0.5  # a joint that is further behind than this at the cap has not foll
 class _Position:
     """Position that follows its command at the speed cap; `last` is the present one, nan before any command."""
 
-    __slots__ = ("_command", "_here", "_last", "_limit", "_wanted")
+    __slots__ = ("_command", "_here", "_last", "_limit", "_target")
 
     def __init__(self, command: CommandInterface, here: StateInterface, limit: float) -> None:
         self._command, self._here, self._limit = command, here, limit
-        self._last = self._wanted = math.nan
+        self._last = self._target = math.nan
 
     def enforce(self, period: float) -> None:
         value, here = self._command.value, self._here.value
@@ -62,10 +62,10 @@ class _Position:
             self._last = math.nan
             return
         if value != self._last:  # else no controller was updated, and the ramp to the last command continues
-            self._wanted = value
+            self._target = value
         followed = abs(self._last - here) <= self._limit * _LAG_S  # False for nan
         start, step = self._last if followed else here, self._limit * period
-        self._command.value = self._last = max(start - step, min(start + step, self._wanted))
+        self._command.value = self._last = max(start - step, min(start + step, self._target))
 
 
 class _Effort:

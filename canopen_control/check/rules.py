@@ -320,7 +320,7 @@ def _unknown_controllers(robot: CheckedRobot) -> Iterator[Finding]:
     control = robot.control
     if control is None:
         return
-    for name in robot.asked:
+    for name in robot.requested_controllers:
         if name not in control.controllers:
             hint = nearest(name, control.controllers)
             text = f"--controller {name}: no controller of this name{hint}"

@@ -180,7 +180,7 @@ def _named(index: int, slope: float) -> str:
 # smaller of the joint's velocity limit and 0x607F. Both are for `stop_times`, which computes.
 
 
-_ASKED: Final = (
+_OBJECTS: Final = (
     o.PROFILE_DECELERATION,
     o.QUICK_STOP_DECELERATION,
     o.ABORT_CONNECTION_OPTION,
@@ -222,7 +222,7 @@ def _facts(
     number, cycle_s = axis_number(joint), setup.cycle_ns / 1e9
     value = _Values(config, node.name)
     objects = {
-        index: number_read for index in _ASKED if (number_read := value(o.axis_index(index, number))) is not None
+        index: number_read for index in _OBJECTS if (number_read := value(o.axis_index(index, number))) is not None
     }
     limits = setup.description.joints[joint.name].limits if joint.name in setup.description.joints else None
     most = math.inf if limits is None else limits.velocity * abs(node.units.of_axis(number)["vel_to_dev"])
@@ -271,4 +271,4 @@ class _Values:
         return entry.value if entry is not None and isinstance(entry.value, int) else None
 
 
-_CODES: Final = tuple(index & 0x7FF for index in _ASKED[2:])
+_CODES: Final = tuple(index & 0x7FF for index in _OBJECTS[2:])

@@ -69,7 +69,7 @@ def sorted_findings(findings: list[Finding]) -> list[Finding]:
 
 @dataclass
 class CheckedRobot:
-    """Files of a robot for the rules; None for unreadable ones. `asked` are the names of --controller.
+    """Files of a robot for the rules; None for unreadable ones. `requested_controllers` are the names of --controller.
 
     With `mock` or `real` the plugins of the description are overruled; `started` are the controllers that a run would
     activate, None: all of the file count. `chosen` means that the user has named these.
@@ -79,7 +79,7 @@ class CheckedRobot:
     bus: BusConfig | None = None
     control: ControllersFile | None = None
     description: UrdfDescription | None = None
-    asked: Sequence[str] = ()
+    requested_controllers: Sequence[str] = ()
     mock: bool = False
     real: bool = False
     started: frozenset[str] | None = None
@@ -135,7 +135,7 @@ def cycle_ns(config: BusConfig, control: ControllersFile | None) -> int:
 
 def _never_in_time(config: BusConfig, period_ns: int) -> Iterator[Finding]:
     """Find RPDO deadlines (0x1400:05) that the cycle cannot keep with margin."""
-    settings = _Found(config, "rpdo.{}.event_deadline"), _Found(config, "rpdo.{}.event_timer")
+    settings = _FindingsByPlace(config, "rpdo.{}.event_deadline"), _FindingsByPlace(config, "rpdo.{}.event_timer")
     for name, plan in config.plans.items():
         node = config.nodes[name]
         for layout in plan.rpdos:
@@ -183,7 +183,7 @@ def _repeated(config: BusConfig, control: ControllersFile | None, axes: list[Cyc
 
 def _on_arrival(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
     """Find set-points that take effect on reception instead of at SYNC."""
-    setting = _Found(config, "rpdo.{}.transmission")
+    setting = _FindingsByPlace(config, "rpdo.{}.transmission")
     for axis in axes:
         for layout in config.plans[axis.node.name].rpdos:
             carries = any(mapped.index == axis.target for mapped in layout.objects)
@@ -200,7 +200,7 @@ def _on_arrival(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
 
 def _held_back(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
     """Find event-driven feedback that may be sent less often than SYNC."""
-    setting, period_us = _Found(config, "tpdo.{}.inhibit_time"), config.master.sync_period
+    setting, period_us = _FindingsByPlace(config, "tpdo.{}.inhibit_time"), config.master.sync_period
     for axis in axes:
         node = axis.node
         for layout in config.plans[node.name].tpdos:
@@ -220,7 +220,7 @@ def _held_back(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
     yield from setting.findings()
 
 
-class _Found:
+class _FindingsByPlace:
     """Findings by place; one caused by `defaults` is listed once for several nodes; `{}` in the key is the PDO."""
 
     def __init__(self, config: BusConfig, key: str) -> None:

@@ -46,7 +46,7 @@ class _Guarded:
     poll_ns: int
     toggle: int = 0
     state: NmtState | None = None
-    seen: bool = False
+    answered: bool = False
     missed: bool = False
     deadline_ns: int = 0
 
@@ -96,7 +96,7 @@ class GuardingMaster:
             node.toggle, node.state = 0, NmtState.INITIALISING
             self._report(GuardingEventKind.BOOT_UP, node_id, node)
         # CiA 301, 7.2.8.3.1: an answer with the toggle bit of the previous one is not valid
-        elif value >> 7 != node.toggle and node.seen:
+        elif value >> 7 != node.toggle and node.answered:
             self._report(GuardingEventKind.TOGGLE_ERROR, node_id, node)
         else:
             self._answered(node_id, node, value >> 7, state_of_byte(value), now)
@@ -137,13 +137,13 @@ class GuardingMaster:
         previous, node.state = node.state, state
         node.toggle = toggle ^ 1
         node.deadline_ns = now + node.life_ns
-        if not node.seen:
+        if not node.answered:
             self._report(GuardingEventKind.STARTED, node_id, node)
         elif node.missed:
             self._report(GuardingEventKind.RESOLVED, node_id, node)
-        if node.seen and previous is not state:
+        if node.answered and previous is not state:
             self._report(GuardingEventKind.CHANGED, node_id, node)
-        node.seen, node.missed = True, False
+        node.answered, node.missed = True, False
 
     def _report(self, kind: GuardingEventKind, node_id: int, node: _Guarded) -> None:
         self._events.put(GuardingEvent(kind, node_id, node.state))

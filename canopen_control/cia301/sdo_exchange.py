@@ -455,7 +455,7 @@ class SdoTransfer:
         request.data = data
         entry = None if self.od is None else self.od.get(request.index, request.subindex)
         if entry is not None:
-            if (value := fitted(data, entry.data_type, told=sized)) is None:
+            if (value := fitted(data, entry.data_type, length_known=sized)) is None:
                 self.finish(request, now, self._length_error(request, entry))
                 return
             request.data = value

@@ -333,7 +333,7 @@ class DriveMachine:
         self._mode_bits = 0
         self._reset = FaultReset(fault_reset_timeout_ns)
         self._deadline = NEVER
-        self.due = _AT_ONCE
+        self.next_update = _AT_ONCE
         """Time at which `update` has something to decide, even if the drive says nothing new."""
 
     # Requests; a repeated one has no effect.
@@ -355,7 +355,9 @@ class DriveMachine:
             return
         # CiA 402-2, table 22: FAULT has only transition 15, the fault reset
         if self.fault:
-            raise DriveError(f"{self.name}: cannot be enabled in a fault{self._seen()}; reset the fault first")
+            raise DriveError(
+                f"{self.name}: cannot be enabled in a fault{self._statusword_text()}; reset the fault first"
+            )
         if self.mode_request.failed:
             raise DriveError(
                 f"{self.name}: cannot be enabled, its mode was not confirmed; set a mode first (`axis mode NODE MODE`)"
@@ -381,19 +383,19 @@ class DriveMachine:
         """Set or clear the halt bit (0x605D) of an enabled drive; it remains until it is cleared."""
         if on is not self.halted:
             self.halted = on
-            self.due = _AT_ONCE
+            self.next_update = _AT_ONCE
 
     def hold_in_switched_on(self, on: bool = True) -> None:
         """Wait before OPERATION_ENABLED, or continue, so that several axes are enabled in one cycle."""
         if on is not self.held_in_switched_on:
             self.held_in_switched_on = on
-            self.due = _AT_ONCE
+            self.next_update = _AT_ONCE
 
     def fault_reset(self) -> None:
         """Reset a fault by one edge of bit 7; without a fault nothing is sent. It never enables the drive."""
         if self.state is None or self.fault:
             self._reset.start()
-            self.due = _AT_ONCE
+            self.next_update = _AT_ONCE
 
     def set_mode(self, mode: int) -> None:
         """Request a mode of operation; OPERATION_ENABLED and every motion wait until 0x6061 shows it.
@@ -403,7 +405,7 @@ class DriveMachine:
         """
         request = self.mode_request
         if request.ask(mode):
-            self.due = _AT_ONCE
+            self.next_update = _AT_ONCE
             self._switches = self._switching_state is not State.OPERATION_ENABLED
         if not self._switches or self._may_switch:
             request.sent = request.mode
@@ -428,7 +430,7 @@ class DriveMachine:
             raise LocalProtocolError(f"{self.name}: 0x{bits:04X} are not bits of a mode (0x{MODE_SPECIFIC_BITS:04X})")
         if bits != self._mode_bits:
             self._mode_bits = bits
-            self.due = _AT_ONCE
+            self.next_update = _AT_ONCE
 
     # What is.
 
@@ -510,14 +512,14 @@ class DriveMachine:
         Call it once per cycle; it never raises. A statusword that becomes None again means that the drive is gone.
         """
         mode = self.mode_request
-        if mode_display == mode.display and now < self.due:
+        if mode_display == mode.display and now < self.next_update:
             last = self.statusword
             if statusword == last:
                 return self.controlword
             if statusword is not None and last is not None and not (statusword ^ last) & _WATCHED:
                 self.statusword = statusword
                 return self.controlword
-        self.due = NEVER
+        self.next_update = NEVER
         self.evaluations += 1
         if statusword is None:
             self._without_statusword(now)
@@ -532,15 +534,15 @@ class DriveMachine:
         self._intent.begin(command, self.state, now)
         self.controlword = self._word(command, now)
         self._deadline = min(step.deadline, mode.deadline, self._reset.deadline)
-        self.due = min(self.due, self._deadline)
+        self.next_update = min(self.next_update, self._deadline)
         return self.controlword
 
     def _fire(self, trigger: EnableTrigger) -> None:
         """Apply the row of a trigger; a new goal takes effect at once."""
         if self._intent.fire(trigger):
-            self.due = _AT_ONCE
+            self.next_update = _AT_ONCE
 
-    def _seen(self) -> str:
+    def _statusword_text(self) -> str:
         return "" if self.statusword is None else f" (statusword 0x{self.statusword:04X})"
 
     def _without_statusword(self, now: int) -> None:
@@ -579,7 +581,7 @@ class DriveMachine:
     def _count_undefined(self, statusword: int, now: int) -> None:
         self.undefined += 1
         self._undefined_run += 1
-        self.due = _AT_ONCE  # the same word again counts again
+        self.next_update = _AT_ONCE  # the same word again counts again
         # CiA 402-2, table 30 defines no state for this pattern; single words of this kind occur at transitions
         if self._undefined_run == self._undefined_limit:
             self._events.append(StatuswordUndefined(now, statusword, self._undefined_run))
@@ -647,7 +649,7 @@ class DriveMachine:
         may_enable = self.mode_request.may_enable and not self.held_in_switched_on
         command = self._intent.choose(self.state, self.statusword, self.standstill, may_enable)
         if self._switches or (self.state is State.QUICK_STOP_ACTIVE and self._intent.waits):
-            self.due = _AT_ONCE  # `standstill` is not an input of update
+            self.next_update = _AT_ONCE  # `standstill` is not an input of update
         return command
 
     def _word(self, command: Command | None, now: int) -> int:
@@ -657,7 +659,7 @@ class DriveMachine:
             if event is not None:
                 self._events.append(event)
             if self._reset.rising:
-                self.due = _AT_ONCE
+                self.next_update = _AT_ONCE
             return self._reset.bit
         enabled = self.enabled
         if not (enabled and self.mode_request.confirmed):

@@ -198,7 +198,7 @@ class ResetPhase(Enum):
     """Phase of a fault reset."""
 
     IDLE = "none was requested"
-    ASKED = "bit 7 is to be sent 0 first"
+    REQUESTED = "bit 7 is to be sent 0 first"
     LOW = "bit 7 was sent 0 and is to be raised"
     HIGH = "bit 7 is 1"
 
@@ -230,7 +230,7 @@ class FaultReset:
     def start(self) -> None:
         """Request a reset; no-op during one."""
         if self.phase is ResetPhase.IDLE:
-            self.phase, self.deadline = ResetPhase.ASKED, NEVER
+            self.phase, self.deadline = ResetPhase.REQUESTED, NEVER
 
     def cancel(self) -> None:
         """End the reset because the fault or the drive's statusword is gone: bit 7 becomes 0."""
@@ -246,7 +246,7 @@ class FaultReset:
             return FaultResetFailed(now, statusword, sent)
         # CiA 402-2, table 22: FAULT REACTION ACTIVE ends by itself (transition 14); only FAULT can be reset
         if state is State.FAULT:
-            self.phase = ResetPhase.LOW if self.phase is ResetPhase.ASKED else ResetPhase.HIGH
+            self.phase = ResetPhase.LOW if self.phase is ResetPhase.REQUESTED else ResetPhase.HIGH
         return None
 
 
@@ -264,7 +264,7 @@ class ModeState(Enum):
     """State of a mode request; the value describes it."""
 
     NONE = "no mode was requested: the drive's own is right"
-    ASKED = "a mode is asked for, and 0x6061 does not show it"
+    REQUESTED = "a mode is asked for, and 0x6061 does not show it"
     UNSHOWN = "the drive shows no mode while it is off: it may be enabled, and has to show the mode then"
     CONFIRMED = "0x6061 shows the mode that was asked for"
     REFUSED = "the mode was not confirmed in time, and there is none to go back to"
@@ -280,14 +280,14 @@ class ModeTrigger(Enum):
     SHOWN = "0x6061 shows the mode"
     NOT_SHOWN = "0x6061 shows another mode, or nothing"
     NONE_SHOWN = "half of the time is over, and 0x6061 of a drive that is off shows 0"
-    GONE = "the drive is gone"
+    DRIVE_LOST = "the drive was lost"
     OVERDUE = "the time is over, and no other mode was confirmed before"
     OVERDUE_RETURN = "the time is over, and another mode was confirmed before"
     OVERDUE_STAYED = "the time is over, and 0x6061 shows the mode that was confirmed before"
 
 
 _S, _ModeTransition = ModeState, ModeTrigger
-_ANEW: Final = {_ModeTransition.ASK: _S.ASKED}
+_ANEW: Final = {_ModeTransition.ASK: _S.REQUESTED}
 _TIMED: Final = {
     _ModeTransition.OVERDUE: _S.REFUSED,
     _ModeTransition.OVERDUE_RETURN: _S.RETURNING,
@@ -297,19 +297,19 @@ _TIMED: Final = {
 MODE_TABLE: Final[Mapping[ModeState, Mapping[ModeTrigger, ModeState]]] = MappingProxyType(
     {
         _S.NONE: _ANEW,
-        _S.ASKED: {**_ANEW, **_TIMED, _ModeTransition.SHOWN: _S.CONFIRMED, _ModeTransition.NONE_SHOWN: _S.UNSHOWN},
+        _S.REQUESTED: {**_ANEW, **_TIMED, _ModeTransition.SHOWN: _S.CONFIRMED, _ModeTransition.NONE_SHOWN: _S.UNSHOWN},
         _S.UNSHOWN: {
             **_ANEW,
             **_TIMED,
             _ModeTransition.SHOWN: _S.CONFIRMED,
             _ModeTransition.NONE_SHOWN: _S.UNSHOWN,
-            _ModeTransition.GONE: _S.ASKED,
+            _ModeTransition.DRIVE_LOST: _S.REQUESTED,
         },
-        _S.CONFIRMED: {**_ANEW, _ModeTransition.NOT_SHOWN: _S.ASKED, _ModeTransition.GONE: _S.ASKED},
+        _S.CONFIRMED: {**_ANEW, _ModeTransition.NOT_SHOWN: _S.REQUESTED, _ModeTransition.DRIVE_LOST: _S.REQUESTED},
         _S.REFUSED: _ANEW,
         _S.RETURNING: {
             **_ANEW,
-            _ModeTransition.ASK_AGAIN: _S.ASKED,
+            _ModeTransition.ASK_AGAIN: _S.REQUESTED,
             _ModeTransition.OVERDUE: _S.REFUSED,
             _ModeTransition.SHOWN: _S.RETURNED,
         },
@@ -317,7 +317,7 @@ MODE_TABLE: Final[Mapping[ModeState, Mapping[ModeTrigger, ModeState]]] = Mapping
             **_ANEW,
             _ModeTransition.ASK_AGAIN: _S.CONFIRMED,
             _ModeTransition.NOT_SHOWN: _S.RETURNING,
-            _ModeTransition.GONE: _S.RETURNING,
+            _ModeTransition.DRIVE_LOST: _S.RETURNING,
         },
     }
 )
@@ -379,7 +379,7 @@ class ModeRequest:
         """Clear the displayed mode of a drive that is gone; the request remains."""
         self.display = None
         self.deadline = NEVER
-        self._fire(ModeTrigger.GONE)
+        self._fire(ModeTrigger.DRIVE_LOST)
 
     def update(self, display: int | None, enabled: bool, now: int) -> DriveEvent | None:
         """Process the newest 0x6061 (None: not received) and return the event, None for none.

@@ -94,7 +94,7 @@ class FaultResetFailed:
 
 @dataclass(frozen=True, slots=True)
 class TransitionTimedOut:
-    """Timeout of a transition: the drive did not go from `state` to `wanted` in time.
+    """Timeout of a transition: the drive did not go from `state` to `target` in time.
 
     `transition` is the number of the transition requested by `command`, or of the one by itself to SWITCH ON DISABLED;
     None if no statusword was received. `gave_up`: enabling was abandoned, the goal is now DISABLED; otherwise the
@@ -103,7 +103,7 @@ class TransitionTimedOut:
 
     time: int
     state: State | None
-    wanted: State
+    target: State
     command: Command | None
     transition: int | None
     statusword: int | None
@@ -119,7 +119,7 @@ class TransitionTimedOut:
         if self.transition == _QUICK_STOP:
             end += "; 0x605A may switch its quick stop off (0, or a value of the manufacturer's): write 2 under `sdo:`"
         return (
-            f"did not leave {_name(self.state)} for {self.wanted.name} in time{cause} ({_word(self.statusword)}){end}"
+            f"did not leave {_name(self.state)} for {self.target.name} in time{cause} ({_word(self.statusword)}){end}"
         )
 
 

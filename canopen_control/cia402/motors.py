@@ -84,7 +84,7 @@ class ObjectPlace:
         """The device's object."""
         return self.index, self.subindex
 
-    def taken(self, data: bytes) -> bytes:
+    def part_of(self, data: bytes) -> bytes:
         """Return the bytes of the part in the bytes of the device's object."""
         return data[self.shift // 8 : (self.shift + self.bits) // 8] if self.bits else data
 

@@ -178,7 +178,7 @@ def _add_faults(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("channel", metavar="CHANNEL", help="local:NAME")
     faults = parser.add_subparsers(dest="fault", metavar="FAULT", required=True)
     for name, text in _ON_ONE.items():
-        faults.add_parser(name, help=text).add_argument("label", metavar="WHO", help=_WHO)
+        faults.add_parser(name, help=text).add_argument("label", metavar="WHO", help=_LABEL_HELP)
     drop = faults.add_parser("drop", help="drop frames of WHO, or of all members")
     drop.add_argument("--id", dest="can_id", type=whole, metavar="COB-ID", help="only this identifier")
     drop.add_argument("--every", type=int, default=1, metavar="N", help="drop only every Nth frame")
@@ -188,13 +188,13 @@ def _add_faults(parser: argparse.ArgumentParser) -> None:
     error = faults.add_parser("error-frame", help="let the CAN controller of WHO, or all, report an error")
     error.add_argument("--kind", choices=get_args(hub.ErrorKind), default="bus-error")
     for fault in (drop, delay, error):
-        fault.add_argument("label", nargs="?", default="", metavar="WHO", help=_WHO)
+        fault.add_argument("label", nargs="?", default="", metavar="WHO", help=_LABEL_HELP)
     rate = faults.add_parser("bitrate", help="simulate a bit rate, with arbitration; off: no bit rate")
     rate.add_argument("bitrate", metavar="BIT/S")
     faults.add_parser("clear", help="clear all faults; the bit rate stays")
 
 
-_WHO = "a node's name, node id or joint; master; or a label that `bus status` shows"
+_LABEL_HELP = "a node's name, node id or joint; master; or a label that `bus status` shows"
 _ON_ONE = {
     "cut": "cut the cable of WHO, in both directions",
     "uncut": "reconnect the cable of WHO",
@@ -292,7 +292,7 @@ def _render_hub(channel: str, status: hub.HubStatus, nodes: Sequence[KnownNode])
         table.add((_named(member.label, nodes), *numbers, state))
     lines += [f"  {line}" for line in table.lines()]
     delays = {_named(label, nodes) or "everybody": delay for label, delay in status.delays_ms.items()}
-    lines += [f"  delay of {who}: {delay:g} ms" for who, delay in delays.items()]
+    lines += [f"  delay of {name}: {delay:g} ms" for name, delay in delays.items()]
     return lines + [f"  drop: {_rule(rule, nodes)}" for rule in status.drops]
 
 
@@ -361,12 +361,12 @@ def _label(spec: ChannelSpec, word: str) -> str:
     present = {*labels, *status.cut, *status.bus_off, *status.delays_ms}  # a disconnected member may have left
     nodes = known_nodes(str(spec))
     node = find_node(word, nodes)
-    meant = [word, _DRIVE.format(word if node is None else node.node_id)]
-    found = next((label for label in meant if label in present), None)
-    if found is None:
+    candidates = [word, _DRIVE.format(word if node is None else node.node_id)]
+    match = next((label for label in candidates if label in present), None)
+    if match is None:
         choices = ", ".join(_named(label, nodes) for label in labels) or "none"
         raise ConfigError(f"no member called {word!r} on {spec}; there are: {choices}")
-    return found
+    return match
 
 
 def _named(label: str, nodes: Sequence[KnownNode]) -> str:

@@ -54,9 +54,9 @@ def run(args: argparse.Namespace) -> int:
     values = [value for _, value in args.values]
     controllers = ask_for_controllers(args.name)
     last = values_at_the_end(controllers, args.controller, values)
-    meant = target_interface(controllers, args.controller)
+    target = target_interface(controllers, args.controller)
     moving, zeros = (
-        CommandController(controller=args.controller, values=row, source="command", dead_man=dead_man, interface=meant)
+        CommandController(controller=args.controller, values=row, source="command", dead_man=dead_man, interface=target)
         for row in (values, last or [])
     )
     return send(args, moving, zeros if last is not None else None)

@@ -195,10 +195,10 @@ def _refuse_robot(channel: str, node_id: int) -> None:
 def _refuse_master(node: CheckedNode) -> None:
     """Refuse a bus with a master: its NMT commands, SDO requests or SYNC are seen; or the node is OPERATIONAL."""
     frames = [frame for _, frame in node.listen(HEARTBEAT_S)]
-    seen = {service_of(frame.can_id): None for frame in frames}
+    services = {service_of(frame.can_id): None for frame in frames}
     signs = [
         _OF_MASTERS[one[0]] + (f" to node {one[1]}" if one[1] else "")
-        for one in seen
+        for one in services
         if one is not None and one[0] in _OF_MASTERS
     ]
     if signs and not (signs == ["SYNC"] and _produces_sync(node)):

@@ -172,12 +172,12 @@ class RobotNetwork:
     def nmt(self, command: NmtCommand, node_id: int) -> None:
         """Send the command through the robot; 204 if the nodes do not confirm it."""
         everybody = node_id == BROADCAST
-        asked = self._target.sessions if everybody else [self._node(node_id)]
+        sessions = self._target.sessions if everybody else [self._node(node_id)]
         timeout = ROBOT_TIMEOUTS.get(command, TIMEOUT_S)
-        if asked and (waiting := command_robot(self._target, command, asked, timeout, everybody=everybody)[0]):
+        if sessions and (waiting := command_robot(self._target, command, sessions, timeout, everybody=everybody)[0]):
             names = ", ".join(map(str, waiting))
-            wanted = EXPECTED_STATE[command].name.replace("_", " ")
-            raise GatewayRefusal(WRONG_NMT_STATE, f"{names}: {wanted} is not shown within {timeout:g} s")
+            expected = EXPECTED_STATE[command].name.replace("_", " ")
+            raise GatewayRefusal(WRONG_NMT_STATE, f"{names}: {expected} is not shown within {timeout:g} s")
 
     def lss(self, ask: Callable[[LssMaster], LssRequest], scan_s: float | None = None) -> LssResult:  # noqa: ARG002 - refused
         """Raise an error: LSS would take nodes away from the robot."""

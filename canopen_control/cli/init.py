@@ -143,7 +143,7 @@ def _report(written: Written) -> InitReport:
         files=list(written.files),
         nodes=[CreatedNode(node.device.node_id, node.name) for node in robot.nodes],
         joints=[joint.name for joint in robot.joints],
-        guessed=list(dict.fromkeys(joint.node for joint in robot.joints if not joint.axis.told)),
+        guessed=list(dict.fromkeys(joint.node for joint in robot.joints if not joint.axis.is_known)),
         warnings=list(written.warnings),
         problems=list(written.problems),
     )
@@ -270,7 +270,7 @@ def _lines(written: Written, channel: str) -> list[str]:
     lines = [f"{written.folder}/ is made: {', '.join(written.files)}"]
     lines += [_node_line(node) for node in robot.nodes]
     lines += [f"check warns: {text}" for text in written.warnings if "is a guess" not in text]
-    guessed = list(dict.fromkeys(joint.node for joint in robot.joints if not joint.axis.told))
+    guessed = list(dict.fromkeys(joint.node for joint in robot.joints if not joint.axis.is_known))
     if guessed:
         lines.append(f"the counts of a turn are a guess for {_some(guessed)} (guesses in bus.yml): measure them")
     name = str(written.folder)

@@ -144,7 +144,7 @@ def _own(args: argparse.Namespace, request: _Request) -> Iterator[tuple[JogDrive
     device = look_at_drive(args, with_fault=args.fault_reset)
     robot = choose_jog(device, request.kind.value, allow_unsupervised=args.allow_unsupervised)
     axis = axis_of(robot, args)
-    scale = JogScale(args.counts or axis.counts, told=args.counts is not None or axis.told)
+    scale = JogScale(args.counts or axis.counts, is_known=args.counts is not None or axis.is_known)
     _, limits = request.limits(scale, job_options(args, JOG))
     with json_alone(args):
         print("\n".join(_lines(robot, axis, scale, limits)), flush=True)
@@ -160,7 +160,7 @@ def _lines(robot: NewRobot, axis: AxisChoice, scale: JogScale, limits: JogLimits
     yield f"node {node.device.node_id}{f', {product}' if product else ''}: {axis.interface} in {axis.mode.name}"
     turn = (
         f"{scale.counts:g} counts a turn"
-        if scale.told
+        if scale.is_known
         else "counts a turn: neither in the EDS nor in the drive (--counts N)"
     )
     yield f"limits: {scale.velocity_words(limits.speed)}, {scale.position_words(limits.travel)} each way,"

@@ -202,9 +202,9 @@ def _find(args: argparse.Namespace, bus: DirectBus) -> int:
     raise RemoteProtocolError(0, _none_answers(args, f"to {tried} within {FIND_S:g} s each"))
 
 
-def _none_answers(args: argparse.Namespace, asked: str) -> str:
+def _none_answers(args: argparse.Namespace, request: str) -> str:
     advice = f"for a slave that has one: canopen-control lss switch configuration --can {args.can}"
-    return f"LSS: no slave without a node id answers on {args.can} {asked}; {advice}"
+    return f"LSS: no slave without a node id answers on {args.can} {request}; {advice}"
 
 
 def _identity(identity: LssIdentity) -> str:

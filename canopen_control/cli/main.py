@@ -69,10 +69,10 @@ def _run(arguments: list[str]) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     except Exception as error:  # noqa: BLE001 - also a fault of ours: a sentence, and the way to its traceback
-        if _signals.came and _replaces_interrupt(error):
+        if _signals.received and _replaces_interrupt(error):
             return INTERRUPTED
         code = _report(error)
-        return INTERRUPTED if _signals.came else code
+        return INTERRUPTED if _signals.received else code
 
 
 def _replaces_interrupt(error: Exception) -> bool:

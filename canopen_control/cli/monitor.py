@@ -76,7 +76,7 @@ def _source(args: argparse.Namespace) -> ScreenSource:
     from canopen_control.monitor.frame_tables import LABEL
     from canopen_control.trace.listen import open_listener
 
-    heard = watched_bus(args, args.can)
-    open_listener(heard.channel, LABEL, owner=heard.owner).close()  # an error appears before the screen opens
-    heard.report_notes()
-    return BusSource(heard.network, owner=heard.owner)
+    watched = watched_bus(args, args.can)
+    open_listener(watched.channel, LABEL, owner=watched.owner).close()  # an error appears before the screen opens
+    watched.report_notes()
+    return BusSource(watched.network, owner=watched.owner)

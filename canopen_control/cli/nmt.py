@@ -107,13 +107,13 @@ def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCo
 
 
 def command_robot(
-    target: RobotTarget, command: NmtCommand, asked: list[NodeSession], timeout: float, *, everybody: bool
+    target: RobotTarget, command: NmtCommand, sessions: list[NodeSession], timeout: float, *, everybody: bool
 ) -> tuple[list[NodeSession], dict[str, NodeReading]]:
     """Command nodes through a robot; return those not confirmed within `timeout` s, and the last readings."""
     begin = time.monotonic()
     name = next(name for name, known in COMMAND_NAMES.items() if known is command)
-    target.robot.ask(NmtRequest(command=name, node=ALL if everybody else str(asked[0].node_id)))
-    waiting, nodes = asked, dict[str, NodeReading]()
+    target.robot.ask(NmtRequest(command=name, node=ALL if everybody else str(sessions[0].node_id)))
+    waiting, nodes = sessions, dict[str, NodeReading]()
     while waiting and time.monotonic() < begin + timeout:
         time.sleep(POLL_S)
         nodes = target.robot.ask(GetStatus()).nodes

@@ -121,8 +121,8 @@ def _known_node(direct: DirectBus, bus: BusConfig, name: str, node_id: int) -> I
     identity = identity_of({(index, sub): answer for (_, index, sub), answer in answers.items()})
     title = f"node {node_id} ({name})"
     wrong = differences(identity, bus.plans[name].identity)
-    who = f"{identity.device_name or 'a node without a name'}, serial number {identity.serial_number or 'none'}"
-    yield PreflightStep("node", not wrong, f"{title}: {'; '.join(wrong) or who}")
+    device = f"{identity.device_name or 'a node without a name'}, serial number {identity.serial_number or 'none'}"
+    yield PreflightStep("node", not wrong, f"{title}: {'; '.join(wrong) or device}")
     candidates, refused = read_known([bus.eds_paths[name]])
     eds, remark = match_eds(identity, candidates)
     if refused or not candidates:

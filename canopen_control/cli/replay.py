@@ -203,10 +203,10 @@ def _refuse_used_bus(recording: Source, channel: str) -> None:
     if (owner := robot_on(channel)) is not None:
         raise ConfigError(f"{channel} is the bus of the running robot {owner[0]}; end it, or take another bus")
     node_ids = node_ids_in(recording)
-    heard, has_master = _listen(channel)
+    active, has_master = _listen(channel)
     if has_master:
         raise ConfigError(f"on {channel} a master is alive: its SYNC or NMT was heard; --force plays all the same")
-    if alive := sorted(heard & node_ids or _answering(channel, node_ids)):
+    if alive := sorted(active & node_ids or _answering(channel, node_ids)):
         names = ", ".join(str(node_id) for node_id in alive)
         raise ConfigError(f"on {channel} node {names} of {recording.path} is alive; --force plays all the same")
 

@@ -122,9 +122,9 @@ def _flights(name: str | None) -> list[Path]:
         state_dir().glob(f"{name or '*'}/flight/*.zip"), key=lambda path: (path.name[:19], path.stat().st_mtime)
     )
     if not paths:
-        whose = f"of {name} " if name else ""
+        of_robot = f"of {name} " if name else ""
         raise ConfigError(
-            f"there is no flight recording {whose}in {state_dir()}: nothing went wrong yet; "
+            f"there is no flight recording {of_robot}in {state_dir()}: nothing went wrong yet; "
             "a robot that runs is watched with --for 10"
         )
     return paths

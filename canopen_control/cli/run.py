@@ -324,7 +324,7 @@ def _prepare(
     """Read the files, and import the modules of the run and its child processes; ConfigError."""
     setup = read_setup(args, files, keep=not args.spawn)
     if motion and setup.reaches_real_drives:
-        channels = setup.files.asked.real_word or ", ".join(setup.channels.values())
+        channels = setup.files.hardware.real_word or ", ".join(setup.channels.values())
         raise ConfigError(f"{channels}: {_NO_DEMO}")
     _require_parts(args, setup)
     from canopen_control.check import checker  # noqa: F401 - for the warnings
@@ -379,7 +379,9 @@ def _require_parts(args: argparse.Namespace, setup: RobotSetup) -> None:
     if args.physics:
         _check_physics(args, setup)
     elif setup.world is not None and PluginKind.SIMULATION not in setup.kinds:
-        raise ConfigError(f"{setup.files.asked.world_word or '--world'} is of a robot with physics; give --physics too")
+        raise ConfigError(
+            f"{setup.files.hardware.world_word or '--world'} is of a robot with physics; give --physics too"
+        )
 
 
 def _check_like(args: argparse.Namespace, setup: RobotSetup) -> None:
@@ -498,15 +500,15 @@ def read_setup(args: argparse.Namespace, files: RobotFiles | None = None, *, kee
             allow_unsupervised=args.allow_unsupervised,
             kernel_sync=getattr(args, "kernel_sync", False),
             physics=getattr(args, "physics", False),
-            drives=bool(args.can or files.asked.channel),
+            drives=bool(args.can or files.hardware.channel),
             simulate=True,
             world=world_of(args, files),
             reader=reader,
         )
     if setup.real:
-        setup.require_places(files.asked.real_word or "--real")
+        setup.require_places(files.hardware.real_word or "--real")
         if args.no_drives:
-            raise ConfigError(f"{files.asked.real_word} starts no virtual drives; leave --no-drives away")
+            raise ConfigError(f"{files.hardware.real_word} starts no virtual drives; leave --no-drives away")
     return setup
 
 
@@ -514,7 +516,7 @@ def world_of(args: argparse.Namespace, files: RobotFiles) -> Path | None:
     """Return the world file of --world or of an argument; ConfigError if the two differ."""
     path = None if getattr(args, "world", None) is None else Path(args.world).resolve()
     if path is not None and files.world not in (None, path):
-        raise ConfigError(f"{files.asked.world_word} contradicts --world {args.world}; leave one of them away")
+        raise ConfigError(f"{files.hardware.world_word} contradicts --world {args.world}; leave one of them away")
     return path or files.world
 
 

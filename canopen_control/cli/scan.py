@@ -130,7 +130,7 @@ def run(args: argparse.Namespace) -> int:
         survey.expected = expected
     match_files(survey, _eds_files(folders))
     _report(survey, as_json=args.json)
-    nodes = [found for node_id, found in survey.found.items() if node_id != survey.master_id]
+    nodes = [device for node_id, device in survey.found.items() if node_id != survey.master_id]
     return 1 if not nodes or any(node.problems for node in nodes) else 0
 
 
@@ -198,7 +198,7 @@ def _ask(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, FoundNode]:
     for node_id in answering:
         data = {(index, subindex): answer for (node, index, subindex), answer in answers.items() if node == node_id}
         nodes[node_id] = FoundNode(node_id, identity_of(data))
-    for node_id, state in bus.heard.items():
+    for node_id, state in bus.states.items():
         entry = nodes.setdefault(node_id, FoundNode(node_id))
         entry.nmt_state = None if state is None else state.name
     return dict(sorted(nodes.items()))

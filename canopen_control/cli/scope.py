@@ -276,7 +276,7 @@ class _ScopeLoop:
         self._scope, self._signals, self._output = scope, scope.signals, output
         self._wait, self._as_json, self._several = args.wait, args.json, several
         self._ended = False
-        self._taken = 0
+        self._captures = 0
         self._shown = 0.0
 
     def run(self) -> int:
@@ -292,9 +292,9 @@ class _ScopeLoop:
         self._wipe()
         if words := self._scope.cycle_words():
             print(words, file=sys.stderr if self._as_json else sys.stdout)
-        if not self._taken:
+        if not self._captures:
             print("canopen-control: no shot was taken: the trigger did not come", file=sys.stderr)
-        return 0 if self._taken else 1
+        return 0 if self._captures else 1
 
     def _end(self) -> None:
         self._ended = True
@@ -302,11 +302,11 @@ class _ScopeLoop:
     def _report(self, shots: Sequence[Shot]) -> None:
         """Print and write the completed captures."""
         for shot in shots:
-            self._taken += 1
+            self._captures += 1
             self._wipe()
             output, written = self._output, None
             if output.path is not None:
-                path = numbered(output.path, self._taken, several=self._several)
+                path = numbered(output.path, self._captures, several=self._several)
                 written = write_shot(path, shot, self._signals, output.overlay, output.cursors)
             if self._as_json:
                 print(json_text(_shot_report(shot, self._signals, output.cursors, written), indent=None), flush=True)

@@ -207,7 +207,9 @@ def _run_one(args: argparse.Namespace) -> int:
 
         setup = _setup(args)
     if setup.world is not None and not args.physics:
-        raise ConfigError(f"{setup.files.asked.world_word or '--world'} is of a robot with physics; give --physics too")
+        raise ConfigError(
+            f"{setup.files.hardware.world_word or '--world'} is of a robot with physics; give --physics too"
+        )
     acts, seed, duration_ns = _schedule(args, setup)
     speed = 1.0 if args.speed is None and bridge is not None else _at_most(args.speed)
     robot = RobotUnderTest(setup, seed, world=setup.world)
@@ -315,8 +317,8 @@ def _run_campaign(args: argparse.Namespace) -> int:
 
     singles = ("--scenario", args.scenario), ("--recording", args.recording), ("--record", args.record)
     served = ("--serve", args.serve), ("--ros", args.ros), ("--like", args.like), ("--quirk", args.quirk)
-    for option, given in (*singles, *served, ("--speed", args.speed), ("--world", args.world)):
-        if given:
+    for option, setting in (*singles, *served, ("--speed", args.speed), ("--world", args.world)):
+        if setting:
             raise ConfigError(f"{option} is for one simulation; --seeds draws schedules, as fast as it can")
     if args.dask is not None and args.jobs is not None:
         raise ConfigError("--jobs is for processes of this computer, --dask for those of a cluster: give one of both")

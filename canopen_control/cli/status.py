@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 _TOGETHER_S = 1.0  # the events of one failure are reported within this time
 _LEVELS = ("info", "warning", "error")
 _STOPPING = re.compile(r"(stopping [^:]+): (.*)", re.DOTALL)
-_WHO = re.compile(r"((?:node \d+ \([^)]*\)|bus \S+ \([^)]*\))): (.*)", re.DOTALL)
+_PLACE = re.compile(r"((?:node \d+ \([^)]*\)|bus \S+ \([^)]*\))): (.*)", re.DOTALL)
 
 
 class _Cause:
@@ -107,7 +107,7 @@ def _cause_of(event: RobotEvent) -> _Cause:
     if (stop := _STOPPING.fullmatch(text)) is not None:
         stopping, text = stop[1], stop[2]
     node = ""
-    if (place := _WHO.fullmatch(text)) is not None:
+    if (place := _PLACE.fullmatch(text)) is not None:
         node, text = place[1], place[2]
     return _Cause(node, event, _clauses(text), stopping)
 
@@ -131,7 +131,7 @@ def _same_cause(first: _Cause, second: _Cause) -> bool:
 def _leave_out(cause: _Cause, current: Mapping[str, str]) -> None:
     """Remove the clauses that are already shown as the node's error."""
     for error in current.values():
-        place = _WHO.fullmatch(error)
+        place = _PLACE.fullmatch(error)
         if place is not None and place[1] == cause.who:
             for head in _clauses(place[2]):
                 cause.clauses.pop(head, None)

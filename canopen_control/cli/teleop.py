@@ -135,8 +135,8 @@ def _drive(keyboard: Keyboard, teleop: Teleop, target: TeleopTarget, screen: Scr
 def _wait(decoder: KeyDecoder, teleop: Teleop) -> float:
     """Return the time until the next action in s."""
     now = time.monotonic_ns()
-    due = [deadline for deadline in (decoder.next_deadline(), teleop.next_deadline()) if deadline is not None]
-    return min(PERIOD_S, max((min(due, default=now + 10**9) - now) / 1e9, 0.0))
+    deadlines = [deadline for deadline in (decoder.next_deadline(), teleop.next_deadline()) if deadline is not None]
+    return min(PERIOD_S, max((min(deadlines, default=now + 10**9) - now) / 1e9, 0.0))
 
 
 def _leave(target: TeleopTarget, screen: Screen) -> None:
@@ -164,8 +164,8 @@ class Sender:
         changed = velocities != self._last
         if changed:
             self._zeros = 0 if velocities.moving else ZEROS
-        due = now - self._sent_ns >= PERIOD_S * 1e9
-        if not changed and not (due and (velocities.moving or self._zeros)):
+        is_due = now - self._sent_ns >= PERIOD_S * 1e9
+        if not changed and not (is_due and (velocities.moving or self._zeros)):
             return True
         self._last, self._sent_ns, self._zeros = velocities, now, max(self._zeros - 1, 0)
         try:

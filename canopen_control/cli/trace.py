@@ -111,11 +111,11 @@ def run(args: argparse.Namespace) -> int:
         return show_file(args, args.file)
     from canopen_control.trace.listen import batches, open_listener
 
-    heard = watched_bus(args, args.can)
-    port = open_listener(heard.channel, LABEL, owner=heard.owner)
-    heard.report_notes()
+    watched = watched_bus(args, args.can)
+    port = open_listener(watched.channel, LABEL, owner=watched.owner)
+    watched.report_notes()
     try:
-        show(args, heard.network, batches(port, args.duration, on_event=partial(_report, as_json=args.json)))
+        show(args, watched.network, batches(port, args.duration, on_event=partial(_report, as_json=args.json)))
     except KeyboardInterrupt:
         pass
     finally:

@@ -224,7 +224,7 @@ def _own(
     period_us = round(args.period * 1e3)
     robot = choose_tuned(device, request.kind, period_us, allow_unsupervised=args.allow_unsupervised)
     axis = axis_of(robot, args)
-    scale = JogScale(args.counts or axis.counts, told=args.counts is not None or axis.told)
+    scale = JogScale(args.counts or axis.counts, is_known=args.counts is not None or axis.is_known)
     plan = TunePlan.of(request, options, scale)
     node = robot.nodes[0]
     lines = [f"node {node.device.node_id}: {axis.interface} in {axis.mode.name}, a sample every {args.period:g} ms"]

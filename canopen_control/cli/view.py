@@ -61,7 +61,7 @@ def _print_addresses(name: str | None) -> int:
 
     addresses = page_addresses(name)
     if not addresses:
-        whose = "a robot" if name is None else f"robot {name}"
-        raise CanopenError(f"no page of {whose} is served; start it: canopen-control view")
+        robot = "a robot" if name is None else f"robot {name}"
+        raise CanopenError(f"no page of {robot} is served; start it: canopen-control view")
     sys.stdout.writelines(f"{url}\n" for url in addresses.values())
     return 0

@@ -93,8 +93,8 @@ def write_trajectory(path: str, joints: Sequence[str], points: Iterable[Trajecto
     lines = [f"joint_names: [{', '.join(joints)}]", "points:"]
     for point in points:
         values = {"positions": point.positions, "velocities": point.velocities, "accelerations": point.accelerations}
-        told = [f"{key}: [{', '.join(map(repr, numbers))}]" for key, numbers in values.items() if numbers]
-        lines.append(f"  - {{{', '.join([*told, f'time_from_start: {point.time_from_start!r}'])}}}")
+        lists = [f"{key}: [{', '.join(map(repr, numbers))}]" for key, numbers in values.items() if numbers]
+        lines.append(f"  - {{{', '.join([*lists, f'time_from_start: {point.time_from_start!r}'])}}}")
     try:
         Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
     except OSError as error:

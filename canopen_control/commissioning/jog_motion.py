@@ -41,8 +41,8 @@ class JogEnd(Enum):
     """Reason for the end of a jog; those other than success are failures."""
 
     NONE = ""
-    ASKED = "ended by a key"
-    GONE = "the terminal is gone"
+    REQUESTED = "ended by a key"
+    TERMINAL_CLOSED = "the terminal is gone"
     OVER = "duration elapsed"
     THERE = "there"
     TRAVEL = "the travel limit is reached"
@@ -151,7 +151,7 @@ class JogMotion:
         if name == "focus-in":
             return
         if not self._held:
-            self.end(JogEnd.ASKED)
+            self.end(JogEnd.REQUESTED)
             return
         self.note = ""
         self._commanded = self._commanded or name in _FORWARD or name in _BACKWARD
@@ -167,7 +167,7 @@ class JogMotion:
         self._bound()
         self.note = self._keys.note
         if self._keys.ended:
-            self.end(JogEnd.ASKED)
+            self.end(JogEnd.REQUESTED)
 
     def tick(self, now: int) -> None:
         """Process time: release a key that is not repeated, complete a motion with an end."""

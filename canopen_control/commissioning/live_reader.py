@@ -91,25 +91,25 @@ class LiveReader:
     ) -> None:
         self._clock, self._sleep = clock, sleep
         self._lock = threading.Lock()
-        self._wanted: dict[str, tuple[NodeObjects, tuple[Entry, ...]]] = {}
+        self._requests: dict[str, tuple[NodeObjects, tuple[Entry, ...]]] = {}
         self._thread: threading.Thread | None = None
-        self._due: dict[tuple[str, Address], float] = {}
+        self._next_reads: dict[tuple[str, Address], float] = {}
 
     def watch(self, screen: str, node: NodeObjects, entries: Collection[Entry]) -> None:
         """Set the objects of a node that a screen shows, none to stop."""
         with self._lock:
             scanned = tuple(entry for entry in entries if is_scanned(entry))
             if scanned:
-                self._wanted[screen] = node, scanned
+                self._requests[screen] = node, scanned
             else:
-                self._wanted.pop(screen, None)
-            if self._wanted and self._thread is None:
+                self._requests.pop(screen, None)
+            if self._requests and self._thread is None:
                 self._thread = threading.Thread(target=self.run, name="live objects", daemon=True)
                 self._thread.start()
 
     def soon(self, node: NodeObjects, entry: Entry) -> None:
         """Read an object next, because it was written."""
-        self._due.pop((node.place.name, entry.address), None)
+        self._next_reads.pop((node.place.name, entry.address), None)
 
     def run(self) -> None:
         """Read until no screen shows objects; the body of the thread."""
@@ -121,7 +121,7 @@ class LiveReader:
             raise
 
     def _read_all(self) -> None:
-        gap, due = 1.0 / READS_PER_S, self._clock()
+        gap, next_read = 1.0 / READS_PER_S, self._clock()
         with contextlib.ExitStack() as sessions:
             opened: dict[str, NodeSession] = {}
             while (request := self._next()) is not None:
@@ -129,20 +129,22 @@ class LiveReader:
                 if entry is None:
                     self._sleep(_IDLE_S)
                     continue
-                if (wait := due - self._clock()) > 0:
+                if (wait := next_read - self._clock()) > 0:
                     self._sleep(wait)
-                due = self._clock() + gap
+                next_read = self._clock() + gap
                 self._read(node, entry, opened, sessions)
 
     def _next(self) -> tuple[NodeObjects, Entry | None] | None:
         """Return the next entry to read, None for the entry while none is due; None at the end."""
         with self._lock:
-            if not self._wanted:
+            if not self._requests:
                 self._thread = None
                 return None
-            choices = [(node, entry) for node, entries in self._wanted.values() for entry in entries]
-        node, entry = min(choices, key=lambda choice: self._due.get((choice[0].place.name, choice[1].address), 0.0))
-        is_due = self._due.get((node.place.name, entry.address), 0.0) <= self._clock()
+            choices = [(node, entry) for node, entries in self._requests.values() for entry in entries]
+        node, entry = min(
+            choices, key=lambda choice: self._next_reads.get((choice[0].place.name, choice[1].address), 0.0)
+        )
+        is_due = self._next_reads.get((node.place.name, entry.address), 0.0) <= self._clock()
         return node, entry if is_due else None
 
     def _read(
@@ -160,13 +162,13 @@ class LiveReader:
             with self._lock:
                 watched = [
                     watched_entry
-                    for other_node, entries in self._wanted.values()
+                    for other_node, entries in self._requests.values()
                     if other_node is node
                     for watched_entry in entries
                 ]
-            self._due |= {(name, entry.address): again for entry in watched}
+            self._next_reads |= {(name, entry.address): again for entry in watched}
             return
         why = refused[0].why if refused else ""
         node.lost = ""
         node.keep(LiveObject(entry, values.get(entry.address), why))
-        self._due[name, entry.address] = self._clock() + (_LATER_S if why else 0.0)
+        self._next_reads[name, entry.address] = self._clock() + (_LATER_S if why else 0.0)

@@ -224,7 +224,7 @@ class RobotTransfers(Transfers):
         self, robot: RobotClient, node_id: int, timeout: float | None = None, source: str | None = None
     ) -> None:
         self._robot, self._node_id, self._source = robot, node_id, source
-        self._timeout = self._given = timeout
+        self._timeout = self._default_timeout = timeout
         self._watching: RobotClient | None = None
 
     def read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
@@ -252,7 +252,7 @@ class RobotTransfers(Transfers):
 
     def be_patient(self, seconds: float | None) -> None:
         """Set the timeout of each answer from now on."""
-        self._timeout = seconds or self._given
+        self._timeout = seconds or self._default_timeout
 
     def command(self, command: NmtCommand) -> None:
         """Raise an error: the robot is the NMT master of its nodes, and must remove the node first."""

@@ -246,13 +246,13 @@ def select_objects(od: ObjectDictionary, words: Iterable[str]) -> list[Entry]:
         return ordered
     addresses = set[tuple[int, int]]()
     for word in patterns:
-        meant = {entry.address for entry in ordered if _means(word, od, entry)}
-        if not meant:
+        matches = {entry.address for entry in ordered if _means(word, od, entry)}
+        if not matches:
             raise ConfigError(
                 f"no object {word!r} in the EDS; write an address such as 0x6081 or 0x1018:01, a pattern such as "
                 "0x60* or *velocity*, or a part of a name"
             )
-        addresses |= meant
+        addresses |= matches
     return [entry for entry in ordered if entry.address in addresses]
 
 

@@ -53,7 +53,7 @@ def run_backup(session: NodeSession, run: JobRun, reached: Reached, name: str = 
 
 def _all_of(session: NodeSession, run: JobRun) -> tuple[ParameterSet, list[str]]:
     run.part(f"reading {session}", "objects")
-    parameters, left_out = read_parameters(session, told=run.at)
+    parameters, left_out = read_parameters(session, progress=run.at)
     return parameters, list(map(str, left_out))
 
 
@@ -120,7 +120,7 @@ def run_restore(session: NodeSession, run: JobRun, file: ParameterSet, options: 
     if not options.any_node:
         refuse_other_drive(file, session)
     run.part(f"writing {session}", "groups")
-    report = guarded_restore(session, file, options, note=run.note, told=run.at)
+    report = guarded_restore(session, file, options, note=run.note, progress=run.at)
     run.document, run.failed = report, bool(report.refused)
     for line in report.refused:
         run.note(f"refused: {line}")

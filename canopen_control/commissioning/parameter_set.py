@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from canopen_control.od.eds import EdsFile
     from canopen_control.od.model import Address, Entry, ObjectDictionary, Value
 
-    Told = Callable[[int, int], None]
+    ProgressCallback = Callable[[int, int], None]
 
 
 # The objects in a backup: which are parameters, which of them belong to one device only, and which follow its node id.
@@ -257,7 +257,7 @@ def _backup_of(file: EdsFile, path: str, node_id: int | None) -> ParameterSet:
             chosen[address] = zero_of(entry.data_type)
     if not chosen:
         raise EdsError(path, 0, "holds no ParameterValue of a parameter, so there is nothing to compare or restore")
-    identity = _told(lines, od) if lines is not None else _identity_of(od)
+    identity = _backup_identity(lines, od) if lines is not None else _identity_of(od)
     date = "" if lines is None else _get(lines, "Date")
     values = without_unused_slots(dict(sorted(chosen.items())))
     foreign = tuple(entry.address for entry in od if entry.address not in chosen and _is_set(entry))
@@ -304,8 +304,8 @@ def lost_in_text(parameters: ParameterSet, text: str) -> list[Address]:
 
 
 def _survives_parsing(entry: Entry | None, value: Value) -> bool:
-    found = None if entry is None else entry.parameter_value
-    return entry is not None and found is not None and same_value(entry, found, value)
+    parsed = None if entry is None else entry.parameter_value
+    return entry is not None and parsed is not None and same_value(entry, parsed, value)
 
 
 def _addresses(lines: Mapping[str, str]) -> list[Address]:
@@ -316,11 +316,11 @@ def _addresses(lines: Mapping[str, str]) -> list[Address]:
         return []
 
 
-def _get(lines: Mapping[str, str], wanted: str) -> str:
-    return next((value for key, value in lines.items() if key.lower() == wanted.lower()), "")
+def _get(lines: Mapping[str, str], name: str) -> str:
+    return next((value for key, value in lines.items() if key.lower() == name.lower()), "")
 
 
-def _told(lines: Mapping[str, str], od: ObjectDictionary) -> DeviceIdentity:
+def _backup_identity(lines: Mapping[str, str], od: ObjectDictionary) -> DeviceIdentity:
     """Return the identity in a [Backup] section; an invalid number is that of the objects."""
     held = _identity_of(od)
 
@@ -439,20 +439,22 @@ def entry_label(entry: Entry) -> str:
 
 
 def read_parameters(
-    session: NodeSession, *, twice: bool = True, told: Told | None = None
+    session: NodeSession, *, twice: bool = True, progress: ProgressCallback | None = None
 ) -> tuple[ParameterSet, list[LeftOut]]:
     """Read identity and parameters; ConfigError without an EDS, RemoteProtocolError if the node does not answer.
 
-    `told(done, of)` is called with the progress.
+    `progress(done, of)` is called with the progress.
     """
     od = session.dictionary
     identity = session.identity()
     entries = parameters_of(od)
     total = len(entries) * (2 if twice else 1)
-    values, left_out = read_values(session, entries, lambda done: told(done, total) if told else None)
+    values, left_out = read_values(session, entries, lambda done: progress(done, total) if progress else None)
     if twice:
         again, _ = read_values(
-            session, [od[value] for value in values], lambda done: told(len(entries) + done, total) if told else None
+            session,
+            [od[value] for value in values],
+            lambda done: progress(len(entries) + done, total) if progress else None,
         )
         for address in [
             address_read for address_read, value in values.items() if not _again(od[address_read], again, value)
@@ -462,14 +464,16 @@ def read_parameters(
     return ParameterSet(od, session.node_id, identity, without_unused_slots(values), str(session)), left_out
 
 
-def read_same(session: NodeSession, file: ParameterSet, told: Told | None = None) -> tuple[ParameterSet, list[LeftOut]]:
+def read_same(
+    session: NodeSession, file: ParameterSet, progress: ProgressCallback | None = None
+) -> tuple[ParameterSet, list[LeftOut]]:
     """Read the parameters of a file from a node, with the types of the file."""
     od = file.od.for_node(session.node_id)
     if session.od is None:
         session.od = od
     entries = [od[address] for address in file.values]
     identity = session.identity()
-    values, left_out = read_values(session, entries, lambda done: told(done, len(entries)) if told else None)
+    values, left_out = read_values(session, entries, lambda done: progress(done, len(entries)) if progress else None)
     return ParameterSet(od, session.node_id, identity, values, str(session)), left_out
 
 
@@ -478,7 +482,7 @@ def _again(entry: Entry, again: Mapping[Address, Value], value: Value) -> bool:
 
 
 def read_values(
-    session: NodeSession, entries: Iterable[Entry], told: Callable[[int], None] | None = None
+    session: NodeSession, entries: Iterable[Entry], progress: Callable[[int], None] | None = None
 ) -> tuple[dict[Address, Value], list[LeftOut]]:
     """Read objects: values by address, and the refused ones."""
     values: dict[Address, Value] = {}
@@ -490,8 +494,8 @@ def read_values(
             if not (isinstance(error, SdoLengthError) or is_abort(error)):
                 raise
             left_out.append(LeftOut(entry, reason_of(error)))
-        if told is not None:
-            told(number)
+        if progress is not None:
+            progress(number)
     return values, left_out
 
 

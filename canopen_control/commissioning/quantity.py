@@ -93,14 +93,14 @@ def parse_quantity(text: str, kind: str) -> Quantity:
 
 
 class JogScale(NamedTuple):
-    """Position counts per revolution of the shaft; `told` is false for a guess.
+    """Position counts per revolution of the shaft; `is_known` is false for a guess.
 
     `of_joint`: the position is that of a joint of a running robot, in rad. Then `counts` are for units only, and the
     resolution is unknown.
     """
 
     counts: float
-    told: bool
+    is_known: bool
     of_joint: bool = False
 
     @property
@@ -112,7 +112,7 @@ class JogScale(NamedTuple):
         """Return rad or rad/s; ConfigError if the counts per revolution are unknown."""
         if quantity.in_counts:
             return quantity.value * math.tau / self.counts
-        if not self.told:
+        if not self.is_known:
             raise ConfigError(
                 f"{quantity}: neither the EDS nor the drive gives the counts per turn (0x608F); give it with "
                 f"--counts N, or use raw units: {' or '.join(COUNTS[quantity.kind])}"
@@ -121,13 +121,13 @@ class JogScale(NamedTuple):
 
     def position_words(self, radians: float) -> str:
         """Return a position as text: degrees if the counts per revolution are known, counts otherwise."""
-        if not self.told:
+        if not self.is_known:
             return f"{radians * self.counts / math.tau:.0f} counts"
         return f"{math.degrees(radians):.1f} deg"
 
     def velocity_words(self, speed: float) -> str:
         """Return a velocity as text: rad/s and rpm if the counts per revolution are known, counts/s otherwise."""
-        if not self.told:
+        if not self.is_known:
             return f"{speed * self.counts / math.tau:.0f} pps"
         return f"{_rounded(speed, 2)} rad/s ({_rounded(speed * 60.0 / math.tau, 1)} rpm)"
 

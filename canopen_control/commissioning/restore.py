@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from canopen_control.commissioning.node_session import NodeSession
     from canopen_control.od.model import Address, Entry, ObjectDictionary, Value
 
-    Told = Callable[[int, int], None]
+    ProgressCallback = Callable[[int, int], None]
 
 
 # In which order parameters are written, so that a device takes them (CiA 301, 7.5.2.35 to 38; CiA 402).
@@ -131,30 +131,30 @@ def _place(address: Address, target: Mapping[Address, Value], current: Mapping[A
 
 
 def _pdo_writes(
-    od: ObjectDictionary, kind: str, number: int, wanted: Mapping[Address, Value], current: Mapping[Address, Value]
+    od: ObjectDictionary, kind: str, number: int, planned: Mapping[Address, Value], current: Mapping[Address, Value]
 ) -> Iterator[Write]:
     """Yield the writes of one PDO: invalid, settings, count 0, entries, count, final COB-ID."""
     communication, mapping = COMMUNICATION[kind] + number - 1, MAPPING[kind] + number - 1
     cob_id = communication, _COB_ID
     present = current.get(cob_id)
-    can_switch = cob_id in wanted and isinstance(present, int)
+    can_switch = cob_id in planned and isinstance(present, int)
 
     def put(address: Address, value: Value) -> Write:
         return Write(address, encode(value, od[address].data_type))
 
     def differs(address: Address) -> bool:
-        return not same_value(od[address], wanted[address], current[address])
+        return not same_value(od[address], planned[address], current[address])
 
     if can_switch and isinstance(present, int) and not present & INVALID_BIT:
         yield put(cob_id, present | INVALID_BIT)
-    for address in sorted(wanted):
+    for address in sorted(planned):
         if address[0] == communication and address[1] > _COB_ID and differs(address):
-            yield put(address, wanted[address])
-    slots = [address for address in sorted(wanted) if address[0] == mapping and address[1]]
-    if any(differs(address) for address in (*slots, (mapping, 0)) if address in wanted):
-        yield from _mapping_writes(od, (mapping, 0), slots, wanted, current)
+            yield put(address, planned[address])
+    slots = [address for address in sorted(planned) if address[0] == mapping and address[1]]
+    if any(differs(address) for address in (*slots, (mapping, 0)) if address in planned):
+        yield from _mapping_writes(od, (mapping, 0), slots, planned, current)
     if can_switch and isinstance(present, int):
-        target = wanted[cob_id]
+        target = planned[cob_id]
         if isinstance(target, int) and not (target & INVALID_BIT and target & ~NO_RTR_BIT == present & ~NO_RTR_BIT):
             yield put(cob_id, target & ~NO_RTR_BIT | present & NO_RTR_BIT)
 
@@ -214,7 +214,7 @@ def refuse_moving(session: NodeSession) -> None:
 
 @dataclass(slots=True)
 class Restore:
-    """One restore of `wanted` into the node of `session`, with the types of `od`.
+    """One restore of `target` into the node of `session`, with the types of `od`.
 
     `keep_held` is called with the present values before the first write, and may refuse. `run` may end with an error
     of the bus or the node in the middle; `step`, `written` and `planned` then show the progress. `verified` has the
@@ -223,8 +223,8 @@ class Restore:
 
     session: NodeSession
     od: ObjectDictionary
-    wanted: Mapping[Address, Value]
-    told: Told | None = None
+    target: Mapping[Address, Value]
+    progress: ProgressCallback | None = None
     keep_held: Callable[[Mapping[Address, Value]], None] | None = None
     step: RestoreStep = RestoreStep.READING
     held: dict[Address, Value] = field(default_factory=dict)
@@ -239,13 +239,13 @@ class Restore:
 
         With `keep` accepted values stay if others were refused.
         """
-        entries = [self.od[address] for address in self.wanted]
+        entries = [self.od[address] for address in self.target]
         self.held, left_out = read_values(self.session, entries)
         self.refused = list(map(str, left_out))
         if self.refused and not keep:
             self.undone, self.step = True, RestoreStep.DONE  # nothing was written yet
             return False
-        groups = restore_groups(self.od, self.wanted, self.held)
+        groups = restore_groups(self.od, self.target, self.held)
         if groups and self.keep_held is not None:
             self.keep_held(self.held)
         self.step = RestoreStep.WRITING
@@ -267,8 +267,8 @@ class Restore:
                     self.written.append(group.name)
                 else:
                     failed.append((group, why))
-                if self.told is not None:
-                    self.told(len(self.written), self.planned)
+                if self.progress is not None:
+                    self.progress(len(self.written), self.planned)
             groups = [group for group, _ in failed]
         return failed
 
@@ -290,7 +290,7 @@ class Restore:
         self.refused += [f"{name}: {why}" for name, why in failed.items()]
         self.refused += map(str, left_out)
         for address, value in values.items():
-            entry, target = self.od[address], self.wanted[address]
+            entry, target = self.od[address], self.target[address]
             if same_value(entry, target, value):
                 self.verified += 1
                 continue
@@ -403,9 +403,9 @@ class RestoreJournal:
 
     def __init__(self, session: NodeSession, identity: DeviceIdentity, reached: Reached) -> None:
         self._session, self._reached = session, reached
-        self._kept = KeptParameters(_FOLDER, session, identity, reached.channel)
-        self.path = self._kept.path
-        self._old = self._kept.parameters
+        self._stored = KeptParameters(_FOLDER, session, identity, reached.channel)
+        self.path = self._stored.path
+        self._old = self._stored.parameters
 
     @property
     def unfinished(self) -> str:
@@ -425,19 +425,19 @@ class RestoreJournal:
     def begin(self, od: ObjectDictionary, current: Mapping[Address, Value]) -> None:
         """Store the previous values before writing; ConfigError, before any write, if they cannot be stored."""
         old = {} if self._old is None else self._old.values
-        self._kept.keep(od, {**current, **old})
+        self._stored.keep(od, {**current, **old})
 
     def end(self, restore: Restore) -> None:
         """Delete the stored values after a verified restore or its undo; those of other restores stay."""
         if restore.refused and restore.undone:
-            kept: Mapping[Address, Value] = {} if self._old is None else self._old.values
+            remaining: Mapping[Address, Value] = {} if self._old is None else self._old.values
         else:
             old = {} if self._old is None else self._old.values
-            kept = {address: value for address, value in old.items() if address not in restore.wanted}
-        if kept:
-            self._kept.keep(restore.od, kept)
+            remaining = {address: value for address, value in old.items() if address not in restore.target}
+        if remaining:
+            self._stored.keep(restore.od, remaining)
         else:
-            self._kept.forget()
+            self._stored.forget()
             self._old = None
 
     def _words(self) -> list[str]:
@@ -561,11 +561,11 @@ def guarded_restore(
     options: RestoreOptions,
     *,
     note: Callable[[str], None],
-    told: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> RestoreReport:
     """Write `source` into the node and verify it.
 
-    `note` gets remarks before the first write, `told(done, of)` the progress. ConfigError and DriveError if it is
+    `note` gets remarks before the first write, `progress(done, of)` the progress. ConfigError and DriveError if it is
     refused; DriveError with the written parameters if it was interrupted.
     """
     identity = session.identity()
@@ -579,7 +579,7 @@ def guarded_restore(
     if journal.unfinished and Path(source.where) != journal.path:
         note(journal.unfinished)
     restore = Restore(
-        session, od, {address: value for address, value in target.items() if address not in reasons}, told
+        session, od, {address: value for address, value in target.items() if address not in reasons}, progress
     )
     restore.keep_held = partial(journal.begin, od)
     stored = False

@@ -198,7 +198,7 @@ class ScopeCapture:
                 f"{before:g} s before the trigger do not fit into {length:g} s; take less before, or more"
             )
         self.state = ScopeState.WAITING
-        self._trigger, self._length, self._before, self._left = trigger, length, before, shots
+        self._trigger, self._length, self._before, self._shots_left = trigger, length, before, shots
         self._rows: deque[Row] = deque(maxlen=MOST)
         self._begin: float | None = None  # of the part behind the trigger
         self._newest = -math.inf
@@ -268,9 +268,9 @@ class ScopeCapture:
         self._shots.append(Shot(tuple(self._rows), self._begin if self._trigger is not None else None))
         self._rows.clear()
         self._begin = None
-        if self._left is not None:
-            self._left -= 1
-        self.state = ScopeState.DONE if self._left == 0 else ScopeState.WAITING
+        if self._shots_left is not None:
+            self._shots_left -= 1
+        self.state = ScopeState.DONE if self._shots_left == 0 else ScopeState.WAITING
 
 
 # A scope's shot as a file: CSV, which is read back too, to lay one shot over another, a picture (PNG), a bag (MCAP).

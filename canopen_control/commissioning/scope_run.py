@@ -129,7 +129,7 @@ class ScopeRun:
         self.texts, self.options = tuple(texts), options
         self.shots: deque[NamedShot] = deque(maxlen=KEPT)
         self.signals: Sequence[Signal] = ()
-        self.taken = 0
+        self.captures = 0
         self.over, self.good = False, True
         self.words = "begins"
         self._desk, self._connect = desk, connect
@@ -165,7 +165,7 @@ class ScopeRun:
         for shots in scope.looks(self._ending.is_set):
             self.words = scope.capture.state.value
             for shot in shots:
-                self.taken += 1
+                self.captures += 1
                 label = time.strftime("%H:%M:%S", time.localtime(shot.zero))
                 self.shots.append(named_shot(shot, self.signals, f"shot of {label}"))
-        self.words = f"{self.taken} {'shot' if self.taken == 1 else 'shots'}; {scope.cycle_words()}"
+        self.words = f"{self.captures} {'capture' if self.captures == 1 else 'captures'}; {scope.cycle_words()}"

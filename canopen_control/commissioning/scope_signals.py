@@ -49,7 +49,7 @@ class PolledSource:
     def __init__(self, values: SignalValues, sessions: Mapping[int, NodeSession], rate: float) -> None:
         self._values, self._sessions = values, sessions
         self._period = 1.0 / rate
-        self._due = time.monotonic()
+        self._next_sample = time.monotonic()
 
     def cycles(self) -> None:
         """Return None: a bare bus has no cycle."""
@@ -57,12 +57,12 @@ class PolledSource:
 
     def samples(self, seconds: float) -> Iterator[tuple[float, tuple[float | None, ...]]]:
         """Read all signals when due."""
-        wait = self._due - time.monotonic()
+        wait = self._next_sample - time.monotonic()
         if wait > 0:
             time.sleep(min(wait, seconds))
             if wait > seconds:
                 return
-        self._due = max(self._due + self._period, time.monotonic() - self._period)
+        self._next_sample = max(self._next_sample + self._period, time.monotonic() - self._period)
         for signal in self._values.objects:
             read_signal(self._values, self._sessions[signal.node_id], signal)
         yield time.time(), self._values.row
@@ -78,7 +78,7 @@ class RobotSource:
         self._ids = {session.name: node_id for node_id, session in sessions.items()}
         self._polled = {signal.key: signal for signal in values.objects}
         self._period = 1.0 / min(rate, READS_PER_S)
-        self._due = time.monotonic() + self._period  # the first message has all that TPDOs carry
+        self._next_sample = time.monotonic() + self._period  # the first message has all that TPDOs carry
         if values.joints:
             joints = client.ask(GetStatus()).joints
             if missing := [joint for joint in values.joints if joint not in joints]:
@@ -97,7 +97,7 @@ class RobotSource:
 
     def samples(self, seconds: float) -> Iterator[tuple[float, tuple[float | None, ...]]]:
         """Yield a sample for each cycle with a change, and for each polled signal."""
-        wait = min(seconds, max(self._due - time.monotonic(), 0.0)) if self._polled else seconds
+        wait = min(seconds, max(self._next_sample - time.monotonic(), 0.0)) if self._polled else seconds
         end = time.monotonic() + wait
         for message in self._client.messages(wait):
             if (isinstance(message, ProcessData) and self._take(message)) or (
@@ -106,7 +106,7 @@ class RobotSource:
                 yield message.time, self._values.row
             if time.monotonic() >= end:
                 break
-        if self._polled and time.monotonic() >= self._due:
+        if self._polled and time.monotonic() >= self._next_sample:
             yield from self._poll()
 
     def _take(self, message: ProcessData) -> bool:
@@ -121,7 +121,7 @@ class RobotSource:
 
     def _poll(self) -> Iterator[tuple[float, tuple[float | None, ...]]]:
         """Read one of the polled signals, in turn."""
-        self._due = time.monotonic() + self._period
+        self._next_sample = time.monotonic() + self._period
         key, signal = next(iter(self._polled.items()))
         self._polled[key] = self._polled.pop(key)
         read_signal(self._values, self._sessions[signal.node_id], signal)

@@ -89,28 +89,28 @@ class KeptGains(Protocol):
         """Delete the stored values."""
 
 
-def set_gains(session: NodeSession, values: Mapping[Address, Value], kept: KeptGains) -> list[GainChange]:
+def set_gains(session: NodeSession, values: Mapping[Address, Value], stored: KeptGains) -> list[GainChange]:
     """Write gains and verify them; DriveError, with the old gains restored, for an enabled drive or a refusal."""
     refuse_moving(session)
     od = session.dictionary
     current, left_out = read_values(session, [od[address] for address in values])
     if left_out:
         raise DriveError(f"{session} does not show its gains, so they could not be taken back: {left_out[0]}")
-    kept.keep(od, {**current, **kept.read()})
+    stored.keep(od, {**current, **stored.read()})
     _write(session, values)
     return _changes(od, current, values)
 
 
-def revert_gains(session: NodeSession, kept: KeptGains) -> list[GainChange]:
+def revert_gains(session: NodeSession, stored: KeptGains) -> list[GainChange]:
     """Restore the gains from before the first `set_gains`; DriveError without stored gains."""
-    target = kept.read()
+    target = stored.read()
     if not target:
         raise DriveError(f"{session}: no gains were set on this drive from here, so there is nothing to take back")
     refuse_moving(session)
     od = session.dictionary
     current, _ = read_values(session, [od[address] for address in target if address in od])
     _write(session, target)
-    kept.forget()
+    stored.forget()
     return _changes(od, current, target)
 
 
@@ -377,15 +377,15 @@ def applied(session: NodeSession, gains: CascadeGains, units_per_rad: float, pla
     """Set gains; yield the changes."""
     objects = settable_gains(session, place.axis, place.named, units_per_rad)
     values = gain_values(session.dictionary, objects, gains, units_per_rad)
-    yield from _change_lines(session, set_gains(session, values, _kept(session, place)), place)
+    yield from _change_lines(session, set_gains(session, values, _stored_gains(session, place)), place)
 
 
 def reverted(session: NodeSession, place: GainPlace) -> Iterator[str]:
     """Revert the gains; yield the changes."""
-    yield from _change_lines(session, revert_gains(session, _kept(session, place)), place)
+    yield from _change_lines(session, revert_gains(session, _stored_gains(session, place)), place)
 
 
-def _kept(session: NodeSession, place: GainPlace) -> KeptParameters:
+def _stored_gains(session: NodeSession, place: GainPlace) -> KeptParameters:
     return KeptParameters("gains", session, session.identity(), place.channel)
 
 

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 GONE_S: Final = 1.0
-SCALE: Final = JogScale(math.tau, told=True, of_joint=True)  # a robot's joints are in rad
+SCALE: Final = JogScale(math.tau, is_known=True, of_joint=True)  # a robot's joints are in rad
 _DECELERATION: Final = 20.0  # rad/s^2
 _HUNDREDTHS: Final = 100
 
@@ -99,7 +99,7 @@ def excite(
     plan: TunePlan,
     scale: JogScale,
     effort_unit: float | None = None,
-    told: Callable[[float], object] = lambda _seconds: None,
+    progress: Callable[[float], object] = lambda _seconds: None,
 ) -> TuneRun:
     """Return the run of a plan at a drive; see `TuneRun`."""
     return TuneRun(
@@ -110,7 +110,7 @@ def excite(
         deceleration=_DECELERATION,
         effort_unit=effort_unit,
         torque_index=torque_index_of(plan.axis),
-        told=told,
+        progress=progress,
     )
 
 
@@ -169,11 +169,11 @@ def tune(session: NodeSession, run: JobRun, client: RobotClient, result: TuneFou
     seconds = request.excitation(SCALE).seconds
     client.ask(PublishEvent(kind="tune", text=f"page: {request.words(SCALE)} of {drive.joint}"))
 
-    def told(elapsed: float) -> None:
+    def report_progress(elapsed: float) -> None:
         presence.check()
         run.at(round(elapsed * _HUNDREDTHS), round(seconds * _HUNDREDTHS))
 
-    record = excite(drive, plan, SCALE, told=told).run()
+    record = excite(drive, plan, SCALE, progress=report_progress).run()
     result.curves = curves_of(record, request)
     result.lines = report(record, request, SCALE, None)
     if request.test is TuneTest.BODE:

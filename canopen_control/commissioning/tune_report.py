@@ -39,13 +39,13 @@ _LEAST: Final = 0.2  # of the step has to arrive, else there is nothing to measu
 
 @dataclass(frozen=True, slots=True)
 class StepMetrics:
-    """Metrics of a step from `before` to `wanted` that settled at `final`; times in s, `settling` None if it did not.
+    """Metrics of a step from `before` to `target` that settled at `final`; times in s, `settling` None if it did not.
 
     `overshoot` is a part of what was reached, `error` what is missing, `ripple` the root mean square around the final
     value and `itae` the integral of time times absolute error; in the unit of the response.
     """
 
-    wanted: float
+    target: float
     final: float
     delay: float
     rise_time: float
@@ -77,7 +77,7 @@ def step_metrics(times: Sequence[float], values: Sequence[float], target: float,
     shares = [(time, (value - base) / height) for time, value in rows]
     rise_begin, rise_end = _crossing(shares, 0.1), _crossing(shares, 0.9)
     return StepMetrics(
-        wanted=target,
+        target=target,
         final=final,
         delay=_crossing(shares, 0.05),
         rise_time=rise_end - rise_begin,

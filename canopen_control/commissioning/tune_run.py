@@ -207,7 +207,7 @@ def torque_index_of(axis: int) -> int:
 class TuneRun:
     """One excitation of a drive; `run` returns the record, or raises DriveError with the reason of its end.
 
-    `told` is called repeatedly with the elapsed seconds; its exception ends the run after the stop.
+    `progress` is called repeatedly with the elapsed seconds; its exception ends the run after the stop.
     `effort_unit` is how many per mille of the rated torque the unit of its effort is, None if unknown: then its
     torque is that of the object `torque_index`, if a TPDO carries it.
     """
@@ -221,7 +221,7 @@ class TuneRun:
         *,
         deceleration: float,
         effort_unit: float | None,
-        told: Callable[[float], object] = lambda _seconds: None,
+        progress: Callable[[float], object] = lambda _seconds: None,
         torque_index: int = TORQUE_ACTUAL,
     ) -> None:
         self._drive, self._kind, self._excitation = drive, kind, excitation
@@ -229,8 +229,8 @@ class TuneRun:
         self._current = DriveCurrent(drive)
         self._sender = AxisCommand(drive, kind.value, _SOURCE)
         self._sample: StateSample | None = None
-        self._gone = self._told = False
-        self._report = told
+        self._page_closed = self._has_torque = False
+        self._report = progress
         self._torque_index = torque_index
         self._torque: float | None = None
 
@@ -253,7 +253,7 @@ class TuneRun:
 
     def leave(self) -> None:
         """End the run at the next sample: the drive is stopped and disabled, without a result."""
-        self._gone = True
+        self._page_closed = True
 
     def _begin(self, client: RobotClient) -> tuple[TuneMotion, TuneRecord]:
         """Choose the mode, enable, and return the motion, which starts now."""
@@ -284,20 +284,20 @@ class TuneRun:
         raise DriveError(f"{self._drive.joint}: its robot reports nothing of its cycles")
 
     def _move(self, client: RobotClient, motion: TuneMotion, record: TuneRecord) -> None:
-        heard = time.monotonic()
+        last_sample = time.monotonic()
         while motion.ended is JogEnd.NONE:
             for message in _newest(client, record.period):
                 if isinstance(message, StateSample):
-                    heard = time.monotonic()
+                    last_sample = time.monotonic()
                     self._take(message, motion, record)
                 elif isinstance(message, ProcessData):
                     self._take_torque(message)
             motion.tick(time.monotonic_ns())
             self._report(motion.elapsed)
-            if time.monotonic() - heard > _SILENCE_S:
+            if time.monotonic() - last_sample > _SILENCE_S:
                 motion.end(JogEnd.STATE)
-            if self._gone:
-                motion.end(JogEnd.ASKED)
+            if self._page_closed:
+                motion.end(JogEnd.REQUESTED)
             self._command(client, motion)
         self._keep_torque(record)
 
@@ -326,11 +326,11 @@ class TuneRun:
         motion.see(joint.position, joint.velocity, self._current.value if torque is None else torque, enabled=enabled)
         cycle = sample.cycle.count + sample.cycle.missed
         record.put(TuneSample(cycle, joint.command or 0.0, joint.position, joint.velocity, effort))
-        self._told = torque is not None
+        self._has_torque = torque is not None
 
     def _command(self, client: RobotClient, motion: TuneMotion) -> None:
         """Send the command, and request the current if samples do not contain it."""
-        if not self._told:
+        if not self._has_torque:
             self._current.ask(client)
         if not self._sender.send(client, motion.command):
             motion.end(JogEnd.STATE)

@@ -93,35 +93,35 @@ def is_of_clause(check: Check, clause: str) -> bool:
 GENERAL_ERROR = 0x08000000  # a device may always abort with it (CiA 301, 7.2.4.3.17)
 
 
-def expect(good: bool, actual: str, due: str) -> None:
+def expect(good: bool, actual: str, expected: str) -> None:
     """Raise CheckFailed unless `good`."""
     if not good:
-        raise CheckFailed(actual, due)
+        raise CheckFailed(actual, expected)
 
 
 def expect_abort(node: CheckedNode, request: bytes, *codes: int) -> None:
     """Send a raw SDO request that must be aborted with one of `codes`, or with the general error."""
     answer = node.ask(request)
-    due = "abort " + " or ".join(f"0x{code:08X}" for code in codes)
+    expected = "abort " + " or ".join(f"0x{code:08X}" for code in codes)
     if answer is None:
-        raise CheckFailed("no answer", due)
+        raise CheckFailed("no answer", expected)
     if answer[0] != ABORT or len(answer) != 8:
         node.ask(bytes((ABORT, *request[1:4], 0, 0, 0, 8)))  # ends a transfer that the request may have started
-        raise CheckFailed(f"answer {answer.hex(' ').upper()}", due)
+        raise CheckFailed(f"answer {answer.hex(' ').upper()}", expected)
     code = int.from_bytes(answer[4:], "little")
-    expect(code in (*codes, GENERAL_ERROR), f"abort 0x{code:08X} ({abort_text(code)})", due)
+    expect(code in (*codes, GENERAL_ERROR), f"abort 0x{code:08X} ({abort_text(code)})", expected)
 
 
 def expect_refused(node: CheckedNode, index: int, subindex: int, data: bytes, *codes: int) -> None:
     """Download a value that must be refused with one of `codes`, or with the general error."""
-    due = "abort " + " or ".join(f"0x{code:08X}" for code in codes)
+    expected = "abort " + " or ".join(f"0x{code:08X}" for code in codes)
     try:
         node.write(index, subindex, data)
     except SdoAbort as error:
         actual = f"abort 0x{error.code:08X} ({abort_text(error.code)})"
-        expect(error.code in (*codes, GENERAL_ERROR), actual, due)
+        expect(error.code in (*codes, GENERAL_ERROR), actual, expected)
     else:
-        raise CheckFailed(f"{data.hex(' ').upper()} was accepted by 0x{index:04X}:{subindex:02X}", due)
+        raise CheckFailed(f"{data.hex(' ').upper()} was accepted by 0x{index:04X}:{subindex:02X}", expected)
 
 
 def mux(index: int, subindex: int = 0) -> bytes:

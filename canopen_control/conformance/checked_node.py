@@ -38,8 +38,8 @@ class CheckFailed(Exception):
     """Violation of a clause by the device: what was received, and what was expected."""
 
     def __init__(self, observed: str, expected: str) -> None:
-        self.came, self.due = observed, expected
-        super().__init__(f"{observed}; due: {expected}")
+        self.observed, self.expected = observed, expected
+        super().__init__(f"{observed}; expected: {expected}")
 
 
 class NotApplicable(Exception):
@@ -75,7 +75,9 @@ class CheckedNode:
         self.notes: list[str] = []  # of the current check
         self.log: deque[str] = deque(maxlen=KEPT)
         self._unbooted = 0  # resets without a boot-up message
-        self.heard: dict[int, int] = {}  # node ids with a boot-up or heartbeat, and the time of the last one in ns
+        self.last_seen_ns: dict[
+            int, int
+        ] = {}  # node ids with a boot-up or heartbeat, and the time of the last one in ns
         self.rates: dict[int, int] = {}  # identifier to the most frames within a second
         self._second, self._counts = 0, Counter[int]()
         self._client = SdoClient(node_id, timeout_ns=round(timeout_s * 1e9))
@@ -221,12 +223,12 @@ class CheckedNode:
         client = self._client
         while not request.done:
             now = self.reactor.now()
-            due = client.next_deadline()
-            if due is not None and due <= now:
+            deadline = client.next_deadline()
+            if deadline is not None and deadline <= now:
                 client.tick(now)
             self._send(client.frames())
-            due = client.next_deadline()
-            wait = None if due is None else max(due - self.reactor.now(), 0)
+            deadline = client.next_deadline()
+            wait = None if deadline is None else max(deadline - self.reactor.now(), 0)
             if not request.done:
                 count = len(self._frames)
                 self.reactor.run_until(partial(self._more_than, count), wait)
@@ -265,7 +267,7 @@ class CheckedNode:
             if frame.can_id == ERROR_CONTROL_COB_ID + self.node_id and frame.data:
                 self.state = state_of_byte(frame.data[0])
             if 0 < frame.can_id - ERROR_CONTROL_COB_ID <= MAX_NODE_ID:
-                self.heard[frame.can_id - ERROR_CONTROL_COB_ID] = now
+                self.last_seen_ns[frame.can_id - ERROR_CONTROL_COB_ID] = now
             self._count(frame.can_id, now)
             self._note("<", frame)
 

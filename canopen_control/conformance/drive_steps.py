@@ -85,7 +85,7 @@ def go(node: CheckedNode, goal: State) -> None:
             reaches(node, SOD)
             continue
         control(node, _word_to(state, goal))
-        _left(node, state)
+        _wait_until_left(node, state)
     reaches(node, goal, 0.1)
 
 
@@ -97,7 +97,7 @@ def _word_to(state: State | None, goal: State) -> int:
     return _UP_WORDS[place] if place < target else _UP_WORDS[target - 1]
 
 
-def _left(node: CheckedNode, state: State | None) -> None:
+def _wait_until_left(node: CheckedNode, state: State | None) -> None:
     for _ in range(round(LIMIT_S / 0.02)):
         if decode_statusword(statusword(node)) is not state:
             return

@@ -136,6 +136,12 @@ def _drive(node: CheckedNode) -> None:
     entry = od.get(0x1000)
     if entry is None or not isinstance(entry.value, int) or entry.value & 0xFFFF != _DRIVES:
         raise NotApplicable("the low word of 0x1000 is not 402: no drive")
-    due = (o.CONTROLWORD, o.STATUSWORD, o.MODES_OF_OPERATION, o.MODES_OF_OPERATION_DISPLAY, o.SUPPORTED_DRIVE_MODES)
-    missing = [f"0x{index:04X}" for index in due if od.get(index) is None]
+    required = (
+        o.CONTROLWORD,
+        o.STATUSWORD,
+        o.MODES_OF_OPERATION,
+        o.MODES_OF_OPERATION_DISPLAY,
+        o.SUPPORTED_DRIVE_MODES,
+    )
+    missing = [f"0x{index:04X}" for index in required if od.get(index) is None]
     expect(not missing, f"{', '.join(missing)} missing", "all of them")

@@ -316,14 +316,14 @@ def _failures(failures: Iterable[CheckResult], does: Mapping[str, str]) -> str:
         )
         parts.append(
             f'<h3 class="{_class(result)}">{escape(result.id)}: {escape(result.title)}</h3>'
-            f"<p>{result.level}, CiA {result.group}, {escape(result.clause)}. Came: {escape(result.came)}."
-            f" Due: {escape(result.due)}.</p>{rows}" + (f"<pre>{frames}</pre>" if frames else "")
+            f"<p>{result.level}, CiA {result.group}, {escape(result.clause)}. Observed: {escape(result.observed)}."
+            f" Expected: {escape(result.expected)}.</p>{rows}" + (f"<pre>{frames}</pre>" if frames else "")
         )
     return _section("Failures", "\n".join(parts))
 
 
 def _untested(results: Iterable[CheckResult]) -> list[str]:
-    return [f"{result.id}, {result.title}: {result.came}" for result in results if result.verdict == SKIPPED]
+    return [f"{result.id}, {result.title}: {result.observed}" for result in results if result.verdict == SKIPPED]
 
 
 def frame_name(line: str) -> str:

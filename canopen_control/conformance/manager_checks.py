@@ -65,7 +65,7 @@ def _concise_files(node: CheckedNode) -> None:
         try:
             decode_concise(data or bytes(4))
         except ValueError as error:
-            expect(good=False, actual=f"0x1F22:{subindex:02X}: {error}", due="a concise DCF")
+            expect(good=False, actual=f"0x1F22:{subindex:02X}: {error}", expected="a concise DCF")
 
 
 @_add("G05", "302-3, objects 0x1F50 and 0x1F51", "0x1F50 and 0x1F51 have as many programs")

@@ -25,14 +25,14 @@ _MUST, _SHOULD = CheckLevel.MUST, CheckLevel.SHOULD
 
 
 class MasterCheck(NamedTuple):
-    """Check of a master: `due` is the expected behaviour, `occasion` the event without which it is not tested."""
+    """Check of a master: `expected` is the expected behaviour, `occasion` the event without which it is not tested."""
 
     id: str
     group: str
     clause: str
     level: CheckLevel
     title: str
-    due: str
+    expected: str
     occasion: str
 
 
@@ -131,7 +131,7 @@ MASTER_CHECKS: tuple[MasterCheck, ...] = (
 class _Finding:
     occasions: int = 0
     failures: int = 0
-    came: str = ""
+    observed: str = ""
     seconds: float = 0.0
     notes: list[str] = field(default_factory=list)
     frames: list[str] = field(default_factory=list)
@@ -159,7 +159,7 @@ class MasterFindings:
             return
         finding.failures += 1
         if finding.failures == 1:
-            finding.came, finding.seconds = observed, (self.now - self.begin) / 1e9
+            finding.observed, finding.seconds = observed, (self.now - self.begin) / 1e9
             finding.frames = list(self.log)
 
     def note(self, check_id: str, text: str) -> None:
@@ -179,9 +179,9 @@ class MasterFindings:
         if not finding.failures:
             return CheckResult(*of_check, PASSED, notes=finding.notes)
         more = f"; {finding.failures} times in all" if finding.failures > 1 else ""
-        observed = f"{finding.came}, at {finding.seconds:.3f} s{more}"
+        observed = f"{finding.observed}, at {finding.seconds:.3f} s{more}"
         return CheckResult(
-            *of_check, FAILED, observed, check.due, finding.seconds, notes=finding.notes, frames=finding.frames
+            *of_check, FAILED, observed, check.expected, finding.seconds, notes=finding.notes, frames=finding.frames
         )
 
 

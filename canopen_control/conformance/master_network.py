@@ -136,8 +136,8 @@ class SyncObserver(MasterObserver):
         if frame.can_id != self.node.sync.cob_id:
             return
         overflow = self.node.store.number(_OVERFLOW)
-        due = 1 if overflow else 0
-        self.findings.expect(len(frame.data) == due, "MY02", f"{len(frame.data)} bytes with {overflow} in 0x1019")
+        length = 1 if overflow else 0
+        self.findings.expect(len(frame.data) == length, "MY02", f"{len(frame.data)} bytes with {overflow} in 0x1019")
         if overflow and len(frame.data) == 1:
             counter, before = frame.data[0], self._counter
             good = 1 <= counter <= overflow if before is None else counter == before % overflow + 1
@@ -186,10 +186,10 @@ class SyncObserver(MasterObserver):
         self.findings.note("MY06", f"SYNC {figure}, as this computer received it")
         self.findings.expect(10 * most <= period, "MY06", figure)
         announced = self.node.store.number(_SYNC_PERIOD) * 1_000
-        for check_id, due in (("MY04", announced), ("MY05", self._cyclic_ns)):
-            if due:
-                text = f"a mean of {mean / MS:.3f} ms, announced as {due / MS:g} ms"
-                self.findings.expect(100 * abs(mean - due) <= due, check_id, text)
+        for check_id, nominal in (("MY04", announced), ("MY05", self._cyclic_ns)):
+            if nominal:
+                text = f"a mean of {mean / MS:.3f} ms, announced as {nominal / MS:g} ms"
+                self.findings.expect(100 * abs(mean - nominal) <= nominal, check_id, text)
 
 
 class PdoObserver(MasterObserver):
@@ -241,8 +241,8 @@ class PdoObserver(MasterObserver):
             expect(operational, "MP01", f"{name} in {self._state.text}")
         if not operational:
             return
-        length, due = len(frame.data), rpdo.codec.length
-        expect(length == due, "MP02", f"{length} bytes in {name}, which is mapped with {due}")
+        length, mapped = len(frame.data), rpdo.codec.length
+        expect(length == mapped, "MP02", f"{length} bytes in {name}, which is mapped with {mapped}")
         parameters = rpdo.consumer.parameters
         if parameters.transmission_type <= 240:
             count = self._since_sync[rpdo.number] = self._since_sync.get(rpdo.number, 0) + 1

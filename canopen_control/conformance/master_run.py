@@ -259,9 +259,9 @@ class MasterRun:
     def _plan(self) -> None:
         """Set the timer to the next deadline of the device, and for the observers to their next step."""
         now = self._reactor.now()
-        due = self.judge.node.next_deadline()
+        deadline = self.judge.node.next_deadline()
         self._timer.cancel()
-        self._timer_at = now + _STEP_NS if due is None else min(now + _STEP_NS, max(due, now))
+        self._timer_at = now + _STEP_NS if deadline is None else min(now + _STEP_NS, max(deadline, now))
         self._timer = self._reactor.call_at(self._timer_at, self._on_timer)
 
     def _on_timer(self) -> None:
@@ -278,8 +278,8 @@ class MasterRun:
                 self._send(now)
             for event in self._port.events():
                 self.judge.node.bus_event(event.kind, now)
-            due = self.judge.node.next_deadline()
-            if due is not None and due < self._timer_at and not self.done:
+            deadline = self.judge.node.next_deadline()
+            if deadline is not None and deadline < self._timer_at and not self.done:
                 self._plan()
         except BusClosed as error:
             self._lost = error

@@ -60,11 +60,11 @@ class TransferListener(Protocol):
 
 @dataclass(slots=True)
 class MasterTransfer:
-    """Active transfer; `asked` is the time of the last request, `answered` whether the device has answered it."""
+    """Active transfer; `requested_at` is the time of the last request, `answered` whether it was answered."""
 
     kind: str
     mux: Mux
-    asked: int
+    requested_at: int
     answered: bool = False
     toggle: int = 0
     size: int | None = None
@@ -129,7 +129,11 @@ class SdoObserver(MasterObserver):
         """Check the number of unanswered requests per second."""
         self._unanswered = [time for time in self._unanswered if now - time < S]
         self._unanswered.append(now)
-        if self._transfer is not None and now - self._transfer.asked > OVERLAP_NS and not self._transfer.answered:
+        if (
+            self._transfer is not None
+            and now - self._transfer.requested_at > OVERLAP_NS
+            and not self._transfer.answered
+        ):
             count = len(self._unanswered)
             self.findings.expect(count <= _MOST_REQUESTS, "MT09", f"{count} requests in a second without an answer")
 
@@ -159,7 +163,7 @@ class SdoObserver(MasterObserver):
 
     def _abandoned(self, transfer: MasterTransfer, mux: Mux, now: int) -> None:
         """Check a transfer that is replaced by another one before its end."""
-        gap, which = now - transfer.asked, f"{transfer.kind} of {name_of(transfer.mux)}"
+        gap, which = now - transfer.requested_at, f"{transfer.kind} of {name_of(transfer.mux)}"
         if not transfer.answered and transfer.stale:
             good = mux == transfer.mux or gap > 2 * S
             self.findings.expect(
@@ -190,15 +194,15 @@ class SdoObserver(MasterObserver):
     def _whole(self, transfer: MasterTransfer, *, sized: bool = True) -> None:
         """Check the size of a complete download, and pass it on."""
         try:
-            due = self.node.store.size_of(*transfer.mux)
+            size = self.node.store.size_of(*transfer.mux)
         except SdoServerAbort:
-            due = None
+            size = None
         length = len(transfer.data)
-        if not sized and due is not None and due <= length:
-            length = due
-            del transfer.data[due:]
+        if not sized and size is not None and size <= length:
+            length = size
+            del transfer.data[size:]
         text = f"{length} bytes for {name_of(transfer.mux)}"
-        self.findings.expect(due in (None, length), "MT04", f"{text}, which has {due}")
+        self.findings.expect(size in (None, length), "MT04", f"{text}, which has {size}")
         if transfer.size is not None:
             self.findings.expect(transfer.size == length, "MT04", f"{text}, announced as {transfer.size}")
         for listener in self.listeners:
@@ -215,7 +219,7 @@ class SdoObserver(MasterObserver):
         expect(transfer.answered, "MT01", f"a segment of {name_of(transfer.mux)} before the answer")
         expect(data[0] & TOGGLE == transfer.toggle, "MT03", f"toggle bit of {data[0]:02X} at {name_of(transfer.mux)}")
         transfer.toggle ^= TOGGLE
-        transfer.asked, transfer.answered = now, False
+        transfer.requested_at, transfer.answered = now, False
         if upload:
             self._zeros(data[:1], 0x0F, data[1:])
             return
@@ -231,7 +235,7 @@ class SdoObserver(MasterObserver):
         if transfer is None or "block" not in transfer.kind:
             self.findings.expect(False, "MT11", f"command specifier {data[0]:02X} without its block transfer")
             return
-        transfer.asked, transfer.answered = now, False
+        transfer.requested_at, transfer.answered = now, False
         if transfer.kind == "block download":  # its end: the unused bytes of the last segment
             unused = data[0] >> 2 & 7
             del transfer.data[len(transfer.data) - unused :]
@@ -242,7 +246,7 @@ class SdoObserver(MasterObserver):
     def _block_segment(self, transfer: MasterTransfer, data: bytes, now: int) -> None:
         transfer.data += data[1:]
         transfer.count += 1
-        transfer.asked, transfer.answered = now, False
+        transfer.requested_at, transfer.answered = now, False
         if data[0] & LAST_FLAG:
             transfer.last, transfer.in_block = True, False
 
@@ -329,7 +333,7 @@ class SdoObserver(MasterObserver):
     def tick(self, now: int) -> None:
         """Check for a master that waits for an answer without a timeout."""
         transfer = self._transfer
-        if transfer is not None and not transfer.answered and now - transfer.asked > _HANG_NS:
+        if transfer is not None and not transfer.answered and now - transfer.requested_at > _HANG_NS:
             text = f"nothing for 10 s after the {transfer.kind} of {name_of(transfer.mux)} that got no answer"
             self.findings.expect(False, "MT08", text)
             self._end(transfer, AbortCode.TIMED_OUT)

@@ -82,10 +82,10 @@ def _furthest(motion: Motion, samples: list[DriveSample]) -> int:
     return max(abs(one.position - motion.start) for one in samples)
 
 
-def _about(seconds: float, due: float) -> None:
+def _about(seconds: float, expected: float) -> None:
     """Expect a time within a fifth plus the time of two samples."""
-    good = abs(seconds - due) <= 0.2 * due + 0.02
-    expect(good, f"{seconds * 1000:.0f} ms", f"{due * 1000:.0f} ms")
+    good = abs(seconds - expected) <= 0.2 * expected + 0.02
+    expect(good, f"{seconds * 1000:.0f} ms", f"{expected * 1000:.0f} ms")
 
 
 # -- the power stage and its first motion
@@ -190,7 +190,9 @@ def _polarity(node: CheckedNode) -> None:
             try:
                 _same_sense(node, motion, motion.velocity)
             except CheckFailed as failure:
-                raise CheckFailed(failure.came, f"{failure.due}, with 0x607E = 0x{polarity ^ 0xC0:02X}") from None
+                raise CheckFailed(
+                    failure.observed, f"{failure.expected}, with 0x607E = 0x{polarity ^ 0xC0:02X}"
+                ) from None
 
 
 @_add(
@@ -383,8 +385,8 @@ def _buffered(node: CheckedNode) -> None:
         node.listen(0.05)
         set_point(node, motion.start)
         furthest = _furthest(motion, watch(node, motion, 2 * _time(motion)))
-        due = f"{abs(motion.distance)}, the first set-point, and then the second"
-        expect(furthest >= abs(motion.distance) - near, f"turned round after {furthest}", due)
+        expected = f"{abs(motion.distance)}, the first set-point, and then the second"
+        expect(furthest >= abs(motion.distance) - near, f"turned round after {furthest}", expected)
         _arrives(node, motion, motion.start)
 
 
@@ -395,8 +397,8 @@ def _immediately(node: CheckedNode) -> None:
         node.listen(RAMP_S)
         set_point(node, motion.start, IMMEDIATELY)
         furthest = _furthest(motion, _arrives(node, motion, motion.start))
-        due = f"less than {abs(motion.distance)}: the second set-point replaces the first"
-        expect(furthest < 0.9 * abs(motion.distance), f"moved by {furthest}", due)
+        expected = f"less than {abs(motion.distance)}: the second set-point replaces the first"
+        expect(furthest < 0.9 * abs(motion.distance), f"moved by {furthest}", expected)
 
 
 @_add("D55r", _PP, "PP: a set-point with bit 6 is relative", touch=_MOTION)
@@ -435,8 +437,8 @@ def _position_limit(node: CheckedNode) -> None:
         with suppress(SdoAbort):  # a drive may refuse the value
             set_point(node, motion.start + motion.distance)
         furthest = _furthest(motion, watch(node, motion, _time(motion)))
-        due = f"at most {abs(motion.distance) // 2}, where 0x607D ends"
-        expect(furthest <= abs(motion.distance) // 2 + 4 * window(node, motion), f"moved by {furthest}", due)
+        expected = f"at most {abs(motion.distance) // 2}, where 0x607D ends"
+        expect(furthest <= abs(motion.distance) // 2 + 4 * window(node, motion), f"moved by {furthest}", expected)
 
 
 @_add("D57b", "402-2, object 0x6041", "bit 11 of 0x6041 shows that 0x607D acts", _SHOULD, _MOTION)
@@ -622,7 +624,7 @@ def _even(node: CheckedNode) -> None:
         for number in range(24):
             stream.send(stream.value + step)
             if number % 2 and number > 12:
-                node.listen((stream.due - node.reactor.now()) / 1e9 + PERIOD_MS / 1000)
+                node.listen((stream.next_sync - node.reactor.now()) / 1e9 + PERIOD_MS / 1000)
                 first = sample(node, motion)
                 stream.sync(late)
                 last = sample(node, motion)

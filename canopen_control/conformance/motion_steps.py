@@ -167,7 +167,7 @@ def sample(node: CheckedNode, motion: Motion) -> DriveSample:
 
 
 def until(
-    node: CheckedNode, motion: Motion, holds: Callable[[DriveSample], bool], seconds: float, due: str
+    node: CheckedNode, motion: Motion, holds: Callable[[DriveSample], bool], seconds: float, expected: str
 ) -> list[DriveSample]:
     """Return the samples up to the first that meets a condition; CheckFailed after the timeout."""
     samples = [sample(node, motion)]
@@ -175,7 +175,7 @@ def until(
         last = samples[-1]
         if last.seconds - samples[0].seconds > seconds:
             observed = f"position {last.position}, velocity {last.velocity}, statusword 0x{last.word:04X}"
-            raise CheckFailed(f"{observed} after {seconds:g} s", due)
+            raise CheckFailed(f"{observed} after {seconds:g} s", expected)
         node.listen(STEP_S)
         samples.append(sample(node, motion))
     return samples
@@ -230,7 +230,7 @@ def set_point(node: CheckedNode, target: int, bits: int = 0) -> None:
 
 
 class Stream:
-    """Set-points of one object in an RPDO, one per SYNC; `due` is the time of the next one in ns."""
+    """Set-points of one object in an RPDO, one per SYNC; `next_sync` is the time of the next one in ns."""
 
     def __init__(self, node: CheckedNode, record: PdoRecord, index: int) -> None:
         self._node, self._record = node, record
@@ -242,7 +242,7 @@ class Stream:
             self._places[mapped] = shift, bits
             shift += bits
         self._index = index
-        self.due = node.reactor.now()
+        self.next_sync = node.reactor.now()
         self.value = 0
         self.fill(o.CONTROLWORD, ENABLE)
 
@@ -261,8 +261,8 @@ class Stream:
 
     def sync(self, late_ms: float = 0.0) -> None:
         """Send SYNC when it is due."""
-        self.due += PERIOD_MS * 1_000_000
-        wait = self.due + round(late_ms * 1e6) - self._node.reactor.now()
+        self.next_sync += PERIOD_MS * 1_000_000
+        wait = self.next_sync + round(late_ms * 1e6) - self._node.reactor.now()
         if wait > 0:
             self._node.listen(wait / 1e9)
         self._node.send(self._sync)

@@ -46,11 +46,11 @@ def nmt_state(node: CheckedNode) -> NmtState | None:
     return node.heartbeat(4 * _PERIOD_MS / 1000)
 
 
-def _expect_state(node: CheckedNode, due: NmtState) -> None:
+def _expect_state(node: CheckedNode, expected: NmtState) -> None:
     state = nmt_state(node)
-    if state is not due:
+    if state is not expected:
         state = nmt_state(node)  # the first heartbeat may be from before the command
-    expect(state is due, "no heartbeat" if state is None else state.text, due.text)
+    expect(state is expected, "no heartbeat" if state is None else state.text, expected.text)
 
 
 def _heartbeats(node: CheckedNode, seconds: float) -> list[tuple[int, CanFrame]]:
@@ -175,7 +175,7 @@ def _stopped(node: CheckedNode) -> None:
 @_add("N05s", "7.3.2.2.4", "STOPPED is left by NMT start, and by enter PRE-OPERATIONAL", touch=_CONFIGURE)
 def _from_stopped(node: CheckedNode) -> None:
     with beating(node):
-        for command, due in (
+        for command, expected in (
             (NmtCommand.START, NmtState.OPERATIONAL),
             (NmtCommand.ENTER_PRE_OPERATIONAL, NmtState.PRE_OPERATIONAL),
         ):
@@ -183,7 +183,7 @@ def _from_stopped(node: CheckedNode) -> None:
             node.listen(0.01)
             node.nmt(command)
             try:
-                _expect_state(node, due)
+                _expect_state(node, expected)
             finally:
                 node.nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
 
@@ -257,8 +257,8 @@ def _heartbeats_after_boot(node: CheckedNode) -> None:
     boot(node)
     count = len(_heartbeats(node, 0.2))
     period = node.number(0x1017)
-    due = 200 // period + 1 if period else 0
-    expect(count <= due, f"{count} heartbeats within 0.2 s", f"at most {due}: 0x1017 = {period}")
+    expected = 200 // period + 1 if period else 0
+    expect(count <= expected, f"{count} heartbeats within 0.2 s", f"at most {expected}: 0x1017 = {period}")
 
 
 def _foreign(node: CheckedNode) -> int:

@@ -286,8 +286,8 @@ def _turns(node: CheckedNode, kind: int, count: int, more: dict[int, int] | None
 @_add("P05", "7.5.2.37", "transmission type 1: one frame at each SYNC", touch=_CONFIGURE)  # T 3.6
 def _every_sync(node: CheckedNode) -> None:
     turns = _turns(node, 1, 5)
-    due = [(number, 1) for number in range(1, 6)]
-    expect(turns == due, f"{len(turns)} of 5 SYNC were followed by a frame", "one frame after each")
+    expected = [(number, 1) for number in range(1, 6)]
+    expect(turns == expected, f"{len(turns)} of 5 SYNC were followed by a frame", "one frame after each")
 
 
 @_add("P06", "7.5.2.37", "transmission type 3: a frame at every third SYNC", touch=_CONFIGURE)  # T 3.6

@@ -22,7 +22,7 @@ def report_lines(report: ConformanceReport) -> Iterator[str]:
     for result in report.results:
         if result.verdict in (FAILED, ERROR):
             yield f"{result.id} {result.verdict} ({result.level}, CiA {result.group} {result.clause}): {result.title}"
-            yield f"    came: {result.came}" + (f"; due: {result.due}" if result.due else "")
+            yield f"    observed: {result.observed}" + (f"; expected: {result.expected}" if result.expected else "")
         for note in result.notes:
             yield f"{result.id}: {note}"
     counts = ", ".join(f"{report.count(verdict)} {verdict}" for verdict in ("passed", FAILED, SKIPPED, ERROR))
@@ -62,12 +62,12 @@ def _case(suite: Xml.Element, suite_name: str, result: CheckResult) -> None:
         "time": f"{result.seconds:.3f}",
     }
     case = Xml.SubElement(suite, "testcase", attributes)
-    text = _legal(f"came: {result.came}; due: {result.due}; CiA {result.group} {result.clause}")
+    text = _legal(f"observed: {result.observed}; expected: {result.expected}; CiA {result.group} {result.clause}")
     frames = _legal("\n".join(result.frames))
     if result.verdict == SKIPPED:
-        Xml.SubElement(case, "skipped", {"message": _legal(result.came)})
+        Xml.SubElement(case, "skipped", {"message": _legal(result.observed)})
     elif result.verdict == ERROR:
-        Xml.SubElement(case, "error", {"message": _legal(result.came), "type": "NotMade"})
+        Xml.SubElement(case, "error", {"message": _legal(result.observed), "type": "NotTested"})
     elif result.verdict == FAILED and result.level == "must":
         Xml.SubElement(case, "failure", {"message": text, "type": "CheckFailed"}).text = frames
     elif result.verdict == FAILED:

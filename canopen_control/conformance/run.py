@@ -60,7 +60,7 @@ _SILENCES = 3  # consecutive checks without an answer, after which the device co
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """Result of one check; `came` (received) and `due` (expected) belong to a failure; `frames` are the last ones."""
+    """Result of one check; `observed` and `expected` belong to a failure; `frames` are the last ones."""
 
     id: str
     group: str
@@ -68,8 +68,8 @@ class CheckResult:
     title: str
     level: str
     verdict: str
-    came: str = ""
-    due: str = ""
+    observed: str = ""
+    expected: str = ""
     seconds: float = 0.0
     notes: list[str] = field(default_factory=list)
     frames: list[str] = field(default_factory=list)
@@ -165,14 +165,14 @@ def _refuse_confusion(node: CheckedNode) -> None:
         return
     for name, subindex in (("vendor", 1), ("product", 2)):
         entry = node.eds.od.get(0x1018, subindex)
-        due = 0 if entry is None or not isinstance(entry.default, int) else entry.default
+        default = 0 if entry is None or not isinstance(entry.default, int) else entry.default
         try:
             shown = int.from_bytes(node.read(0x1018, subindex), "little")
         except RemoteProtocolError:
             continue
-        if due and shown and shown != due:
+        if default and shown and shown != default:
             raise ConfigError(
-                f"{node.eds.path} describes another device: its {name} is 0x{due:08X}, that of node {node.node_id} is "
+                f"{node.eds.path} describes another device: its {name} is 0x{default:08X}, node {node.node_id} has "
                 f"0x{shown:08X}; give the EDS of this device with --eds"
             )
 
@@ -192,7 +192,7 @@ def _reason_of_silence(node: CheckedNode, identity: Mapping[str, str]) -> str:
             return f"the device answers after {seconds:.1f} s, later than {node.timeout_s:g} s; {more}"
         return "the device stopped answering for a time; run it again"
     flood = _floods(node)
-    for other in sorted(set(node.heard) - {node.node_id}):
+    for other in sorted(set(node.last_seen_ns) - {node.node_id}):
         if _identity_of(node, other) == identity:
             return f"the device changed its node id: node {other} has its identity now"
     return f"the device stopped answering; {flood}" if flood else "the device stopped answering"
@@ -239,41 +239,41 @@ def _run(node: CheckedNode, check: Check) -> tuple[CheckResult, bool]:
             break
         result, silent = _run_once(node, check)
     if first.verdict == FAILED and result.verdict == PASSED:
-        result.notes.append(f"failed at first, and passed when it was repeated; at first came: {first.came}")
+        result.notes.append(f"failed at first, and passed when it was repeated; at first: {first.observed}")
     return result, silent
 
 
 def _run_once(node: CheckedNode, check: Check) -> tuple[CheckResult, bool]:
     node.begin()
     begin = node.reactor.now()
-    verdict, actual, due, silent = PASSED, "", "", False
+    verdict, actual, expected, silent = PASSED, "", "", False
     try:
         check.run(node)
     except NotApplicable as reason:
         verdict, actual = SKIPPED, str(reason)
     except CheckFailed as failure:
-        verdict, actual, due = FAILED, failure.came, failure.due
+        verdict, actual, expected = FAILED, failure.observed, failure.expected
     except SdoTimeout as error:
-        verdict, actual, due, silent = FAILED, str(error), "an answer", True
+        verdict, actual, expected, silent = FAILED, str(error), "an answer", True
     except RemoteProtocolError as error:
-        verdict, actual, due = FAILED, str(error), "a transfer without an abort"
+        verdict, actual, expected = FAILED, str(error), "a transfer without an abort"
     seconds = (node.reactor.now() - begin) / 1e9
     frames = list(node.log) if verdict == FAILED else []
-    return _result(check, verdict, actual, due, seconds, list(node.notes), frames), silent
+    return _result(check, verdict, actual, expected, seconds, list(node.notes), frames), silent
 
 
 def _result(
     check: Check,
     verdict: str,
     actual: str = "",
-    due: str = "",
+    expected: str = "",
     seconds: float = 0.0,
     notes: Sequence[str] = (),
     frames: Sequence[str] = (),
 ) -> CheckResult:
     level = check.level.value
     of_check = check.id, check.group, check.clause, check.title, level
-    return CheckResult(*of_check, verdict, actual, due, seconds, list(notes), list(frames))
+    return CheckResult(*of_check, verdict, actual, expected, seconds, list(notes), list(frames))
 
 
 # -- restoring the device

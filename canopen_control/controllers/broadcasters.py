@@ -638,7 +638,7 @@ class _StateBroadcaster(Controller):
         """Create the layout of the published values; ControlError if it is empty."""
         super().on_activate(commands, states, now)
         layout: dict[str, dict[str, StateInterface | None]] = {}
-        for state in filter(self._wanted, states):
+        for state in filter(self._is_selected, states):
             layout.setdefault(state.joint, {})[state.interface] = state
         if not layout:
             kinds = ", ".join(self.params.interfaces or self.chosen) or "any interface"
@@ -646,7 +646,7 @@ class _StateBroadcaster(Controller):
         self._copy, self.joints = StateCopy(layout), tuple(layout)
         self.stamp = now
 
-    def _wanted(self, state: StateInterface) -> bool:
+    def _is_selected(self, state: StateInterface) -> bool:
         joints, interfaces = self.params.joints, self.params.interfaces
         if joints and state.joint not in joints:
             return False

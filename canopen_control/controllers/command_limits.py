@@ -123,7 +123,7 @@ class JointCommands(Limited):
                 limiter.before[at] = math.nan
         self._begin(actual, limiter.before)
         limiter.enforce(actual, desired, period)
-        told: str | None = None
+        sentence: str | None = None
         for at, command in self._commands:
             value, target = desired[at], command.value
             if math.isnan(value):
@@ -131,8 +131,8 @@ class JointCommands(Limited):
             value = self._bounded(at, command, value) if at > VEL else self._changed(at, value, period)
             limiter.before[at] = command.value = value
             if value != target and (text := self._limit_text(at, command, target, value, period, clock)) is not None:
-                told = text if told is None else f"{told}; {text}"
-        return told
+                sentence = text if sentence is None else f"{sentence}; {text}"
+        return sentence
 
     def _begin(self, actual: list[float], before: list[float]) -> None:
         """Start from the last commands, else from the measured state; a joint outside its range starts at its limit."""
@@ -305,13 +305,13 @@ class JointSeveral(Limited):
 
     def enforce(self, period: float, clock: float) -> str | None:
         """See `Limited`."""
-        told: str | None = None
+        sentence: str | None = None
         for part in self._parts:
             if period > 0.0 and part.passes(period):  # once more is not a difference
                 continue
             if (text := part.enforce(period, clock)) is not None:
-                told = text if told is None else f"{told}; {text}"
-        return told
+                sentence = text if sentence is None else f"{sentence}; {text}"
+        return sentence
 
 
 class PlainCommand(Limited):

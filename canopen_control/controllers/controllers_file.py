@@ -195,9 +195,9 @@ def _with_variables(text: str, variables: Mapping[str, str]) -> str:
         return match[0] if replacement is None else replacement.strip("/") if match[2] else replacement
 
     text = _VARIABLE.sub(value, text)
-    for name, given in variables.items():
+    for name, configured in variables.items():
         if not name.isidentifier() and not _VARIABLE.fullmatch(name):
-            text = text.replace(name, given)
+            text = text.replace(name, configured)
     return text
 
 
@@ -421,11 +421,11 @@ class SpawnedControllers:
     def __init__(self, control: ControllersFile) -> None:
         self._control = control
         self._of_file = dict(control.controllers)
-        self.given: dict[str, SpawnerArguments] = {}
+        self.arguments: dict[str, SpawnerArguments] = {}
 
     def set(self, parameters: Sequence[ParameterValue]) -> None:
         """Apply parameters whose names are `CONTROLLER.KEY`: all, or none with a ControlError or RobotConfigError."""
-        arguments_by_name = dict(self.given)
+        arguments_by_name = dict(self.arguments)
         for parameter in parameters:
             name, _, key = parameter.name.rpartition(".")
             arguments_by_name[name] = arguments_by_name.get(name, SpawnerArguments()).changed(
@@ -434,9 +434,9 @@ class SpawnedControllers:
         changed = {
             name: self._config(name, arguments)
             for name, arguments in arguments_by_name.items()
-            if arguments != self.given.get(name)
+            if arguments != self.arguments.get(name)
         }
-        self.given = arguments_by_name
+        self.arguments = arguments_by_name
         self._control.controllers.update(changed)
 
     def _config(self, name: str, arguments: SpawnerArguments) -> ControllerConfig:

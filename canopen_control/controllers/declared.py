@@ -40,7 +40,7 @@ def declared_by(params: object, settable: Iterable[str] = (), **effective: Plain
 
 def _reading(row: _Row, value: object, patterns: Iterable[str]) -> ParameterReading:
     name, metadata = row.name, row.metadata
-    kind, (low, high) = _kind(row.wanted, value), metadata.get("range") or (None, None)
+    kind, (low, high) = _kind(row.value_type, value), metadata.get("range") or (None, None)
     plain = value.value if isinstance(value, enum.Enum) else value
     return ParameterReading(
         name=name,
@@ -96,7 +96,7 @@ class _Row(NamedTuple):
     """One parameter: its full name, annotation, value and help text."""
 
     name: str
-    wanted: Any
+    value_type: Any
     value: Any
     metadata: Mapping[str, Any]
     help: str

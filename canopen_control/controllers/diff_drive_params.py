@@ -143,7 +143,7 @@ def read_params(
         both = settings.wheel_radius_multiplier
         settings = replace(settings, left_wheel_radius_multiplier=both, right_wheel_radius_multiplier=both)
     refuse(params.name, _checks(settings))
-    params.taken = settings
+    params.source = settings
     return settings
 
 

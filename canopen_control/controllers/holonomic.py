@@ -266,7 +266,7 @@ class MecanumDriveController(HolonomicBase):
         for index in range(len(self._reading)):
             self._reading[index] = self.states[index].value
         for index in range(len(self._reference)):
-            self._reference[index] = self.wanted[index]
+            self._reference[index] = self.desired[index]
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
         """Return the last published odometry, speeds and twist."""

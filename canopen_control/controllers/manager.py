@@ -256,9 +256,9 @@ class ControllerManager:
     def parameters(self, name: str) -> Parameters:
         """Return the parameters of a controller, those of the file before configuration; UnknownName."""
         controller, params = self.get(name), self._params[name]
-        if params.taken is None:
+        if params.source is None:
             return given_in(params)
-        return declared_by(params.taken, controller.settable, update_rate=controller.update_rate or self.update_rate)
+        return declared_by(params.source, controller.settable, update_rate=controller.update_rate or self.update_rate)
 
     def set_parameters(self, name: str, parameters: Sequence[ParameterValue]) -> None:
         """Set parameters of a configured controller: all or none. Raises ControlError, ConfigError, UnknownName.

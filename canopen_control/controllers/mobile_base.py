@@ -48,7 +48,7 @@ class LimitedTwist:
     def __init__(self, axes: Sequence[str]) -> None:
         self._axes = tuple(axes)
         count = len(self._axes)
-        self.wanted, self.limited = [math.nan] * count, [0.0] * count
+        self.desired, self.limited = [math.nan] * count, [0.0] * count
         self._actual = [0.0] * count  # where a history without commands begins: at standstill
         self._limiter = RateLimiter(self._actual)
         self._quiet = 0  # consecutive steps with a desired and a limited value of zero
@@ -62,7 +62,7 @@ class LimitedTwist:
     @property
     def known(self) -> bool:
         """Whether there is a twist."""
-        return not math.isnan(sum(self.wanted))
+        return not math.isnan(sum(self.desired))
 
     @property
     def stands(self) -> bool:
@@ -72,22 +72,22 @@ class LimitedTwist:
     @property
     def is_standstill(self) -> bool:
         """Whether standstill is requested, and has lasted for the last two steps."""
-        return self._quiet > _STEPS and not any(self.wanted)
+        return self._quiet > _STEPS and not any(self.desired)
 
     def limit(self, period: float) -> None:
         """Limit the requested twist against the last two steps; `period` in s."""
-        self.limited[:] = self.wanted
+        self.limited[:] = self.desired
         self._limiter.enforce(self._actual, self.limited, period)
 
     def step(self) -> None:
         """Shift the limited twist into the history."""
         self._limiter.step(self._actual, self.limited)
-        self._quiet = 0 if any(self.wanted) or any(self.limited) else self._quiet + 1
+        self._quiet = 0 if any(self.desired) or any(self.limited) else self._quiet + 1
 
     def forget(self) -> None:
         """Reset to no twist and standstill."""
         self._quiet = 0
-        fill(self.wanted, math.nan)
+        fill(self.desired, math.nan)
         self._limiter.reset()
 
 
@@ -120,19 +120,19 @@ class OdometryPublication:
         self._linear = self._lateral = self._angular = 0.0
         self._limited = [0.0] * axes
         self._period = 0
-        self._due = _AT_ONCE
+        self._next = _AT_ONCE
 
     def set_rate(self, rate: float) -> None:
         """Set the publish rate in Hz, 0 for every update."""
         self._period = round(NS / rate) if rate else 0
-        self._due = _AT_ONCE
+        self._next = _AT_ONCE
 
     def is_due(self, now: int) -> bool:
         """Count a due publication and schedule the next on a fixed grid, without a burst."""
-        due, period = self._due, self._period
-        if now <= due:
+        next_time, period = self._next, self._period
+        if now <= next_time:
             return False
-        self._due = (now if due == _AT_ONCE else max(due, now - period)) + period
+        self._next = (now if next_time == _AT_ONCE else max(next_time, now - period)) + period
         self.count += 1
         return True
 
@@ -179,7 +179,7 @@ _REQUIRED: Final = (("compute_commands",), ("velocities",), ("advance", "follow"
 class MobileBase(Controller):
     """Controller of a vehicle by twists; `pose` is integrated from its wheels.
 
-    `publications` counts its publications, the last at `stamp` (ns). `wanted` is the desired twist of this cycle, nan
+    `publications` counts its publications, the last at `stamp` (ns). `desired` is the desired twist of this cycle, nan
     before the first, `limited` the limited one, both in the order of `twist_axes`, in m/s and rad/s;
     `targets` are for its commands.
     """
@@ -202,7 +202,7 @@ class MobileBase(Controller):
         self._require_methods()
         self.pose = pose
         self._twist = LimitedTwist(self.twist_axes)
-        self.wanted, self.limited = self._twist.wanted, self._twist.limited
+        self.desired, self.limited = self._twist.desired, self._twist.limited
         self.targets: list[float] = []
         self.braking = False
         self._publication = OdometryPublication(len(self.twist_axes))
@@ -417,7 +417,7 @@ class MobileBase(Controller):
         for command, target in zip(self.commands, self.targets, strict=True):
             self.refuse_out_of_range([command], target, now)
         for index, value in enumerate(values):
-            self.wanted[index] = float(value)
+            self.desired[index] = float(value)
         self.braking, self._fresh = False, True
         self.life.give(sent)
 
@@ -473,14 +473,14 @@ class MobileBase(Controller):
             return False
         self.braking = False
         for index, reference in enumerate(self._references):
-            self.wanted[index] = reference.value
+            self.desired[index] = reference.value
         if self._writing and not self._twist.known:
             self._brake()  # a base driven by a topic does not continue by itself
         return True
 
     def _brake(self) -> None:
         """Request standstill."""
-        fill(self.wanted, 0.0)
+        fill(self.desired, 0.0)
         self.braking = True
 
     def _rest(self, now: int) -> ReturnType:

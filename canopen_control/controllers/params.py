@@ -32,21 +32,21 @@ T = TypeVar("T")
 class Params:
     """Parameters of one controller: dotted names with their places.
 
-    `Params.of({...})` makes them from Python values, nested or dotted. `taken` is the dataclass that they were read as
+    `Params.of({...})` makes them from Python values, nested or dotted. `source` is the dataclass that they were read as
     last, None before. `shared` are those of a block for all nodes (`/**`), some of which are for other controllers;
     `known` are the names that the controller could have been given.
     """
 
     def __init__(self, flat: Node, name: str = "", shared: Collection[str] = ()) -> None:
         self.flat, self.name, self.shared = flat, name, shared
-        self.taken: object = None
+        self.source: object = None
         self.known: set[str] = set()
 
     @classmethod
     def of(cls, values: Mapping[str, Any], name: str = "parameters") -> Params:
         """Return the parameters of a nested or dotted mapping of Python values."""
         problems = Problems(name, strict=False)
-        return cls(flattened(_made(values, "", problems)), name)
+        return cls(flattened(_plain_node(values, "", problems)), name)
 
     def read(
         self,
@@ -68,7 +68,7 @@ class Params:
             warn_ineffective(self.flat, value)
             for name, text in () if value is None else judge(value):
                 (self.flat.get(name) or self.flat).error(text.removeprefix(f"{name}: "))
-        self.taken, self.known = value, {*keys_of(cls), *(renames or {})}
+        self.source, self.known = value, {*keys_of(cls), *(renames or {})}
         return typing.cast("T", value)
 
     def changed(self, values: Mapping[str, PlainValue]) -> Params:
@@ -137,17 +137,19 @@ def scalar_node(text: str, place: Node) -> Node:
     return Node.scalar(Node("scalar", place.line, place.column, place.where, place.problems), text, text, quoted=False)
 
 
-def _made(value: Any, where: str, problems: Problems) -> Node:  # noqa: ANN401 - plain Python values
+def _plain_node(value: Any, where: str, problems: Problems) -> Node:  # noqa: ANN401 - plain Python values
     """Return a node with a plain value and without a place in a file."""
     if isinstance(value, dict):
         below = f"{where}." if where else ""
         keys = {str(key): (key, element) for key, element in value.items()}
         place = Node("mapping", 0, 0, where, problems)
-        children = {name: _made(element, below + name, problems) for name, (_, element) in keys.items()}
+        children = {name: _plain_node(element, below + name, problems) for name, (_, element) in keys.items()}
         return Node.mapping(place, {name: (scalar_node(name, child), child) for name, child in children.items()})
     if isinstance(value, list | tuple):
         place = Node("sequence", 0, 0, where, problems)
-        return Node.sequence(place, [_made(element, f"{where}[{at}]", problems) for at, element in enumerate(value)])
+        return Node.sequence(
+            place, [_plain_node(element, f"{where}[{at}]", problems) for at, element in enumerate(value)]
+        )
     place = Node("null" if value is None else "scalar", 0, 0, where, problems)
     return Node.scalar(place, str(value), value, quoted=isinstance(value, str))
 

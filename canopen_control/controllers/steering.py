@@ -67,7 +67,7 @@ class SteeringController(MobileBase):
     def on_configure(self, params: Params) -> None:
         """Read the parameters; the pose becomes 0."""
         self.params = settings = self.read(params)
-        self.kinematics = settings.made()
+        self.kinematics = settings.fitted_kinematics()
         self.pose = self.kinematics
         self.joints = (*settings.traction_joints_names, *settings.steering_joints_names)
         count = len(self.joints)

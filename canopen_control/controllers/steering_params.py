@@ -94,7 +94,7 @@ class SteeringParams(BaseParams):
         """Joints with measured steering."""
         return self.steering_joints_state_names or self.steering_joints_names
 
-    def made(self) -> SteeringKinematics:
+    def fitted_kinematics(self) -> SteeringKinematics:
         """Return the kinematics of these sizes, at the origin; speeds are fitted."""
         kinematics = self.kinematics(self.radius, self.wheelbase, *self.tracks, self.velocity_rolling_window_size)
         kinematics.fits = True
@@ -275,7 +275,7 @@ def read_ros1(
     key = params.flat.keys().get("front_steer") or params.flat.keys()[next(key for key in _OWN if params.flat.get(key))]
     key.warning(_ANGLE)
     settings = _completed(params.read(Ros1AckermannParams, _RENAMES), geometry, report).as_bicycle()
-    params.taken = settings
+    params.source = settings
     return settings
 
 

@@ -162,11 +162,11 @@ class _LssConsole:
         if verb == "lss_allnodes":
             return self._all_nodes(*numbers)
         if verb == "_lss_fastscan":
-            found = self._scan(numbers[0] if numbers else 0)
-            if found is None:
+            identity = self._scan(numbers[0] if numbers else 0)
+            if identity is None:
                 raise GatewayRefusal(cia309.TIME_OUT)
             self._configuring = True
-            return [_words(found)]
+            return [_words(identity)]
         return [self._one(verb, numbers)]
 
     def _leave(self) -> list[str]:
@@ -198,18 +198,18 @@ class _LssConsole:
         return "OK"
 
     def _inquired(self, part: str) -> int:
-        found = _checked(cia309.TIME_OUT, lambda: self._network.lss(lambda master: master.inquire(part)))
-        assert isinstance(found, int)
-        return found
+        value = _checked(cia309.TIME_OUT, lambda: self._network.lss(lambda master: master.inquire(part)))
+        assert isinstance(value, int)
+        return value
 
     def _scan(self, step_ms: int = 0, known: tuple[int | None, ...] = (None,) * 4) -> LssIdentity | None:
         parts = dict(zip(LssIdentity._fields, known, strict=True))
         step_s = (step_ms or cia309.DEFAULT_SCAN_MS) / 1e3
-        found = _checked(
+        identity = _checked(
             cia309.TIME_OUT, lambda: self._network.lss(lambda master: master.fast_scan(**parts), scan_s=step_s)
         )
-        assert found is None or isinstance(found, LssIdentity)
-        return found
+        assert identity is None or isinstance(identity, LssIdentity)
+        return identity
 
     def _all_nodes(self, step_ms: int = 0, first: int = 2, store: int = 1, *scan: int) -> list[str]:
         types, values = scan[::2], scan[1::2]
@@ -217,14 +217,14 @@ class _LssConsole:
         known = tuple(value if kind == match else None for kind, value in zip(types, values, strict=True))
         lines: list[str] = []
         for node_id in range(first, MAX_NODE_ID + 1):
-            found = self._scan(step_ms, known or (None,) * 4)
-            if found is None:
+            identity = self._scan(step_ms, known or (None,) * 4)
+            if identity is None:
                 return [*lines, f"# Found {len(lines)} nodes, search finished.", "OK"]
             self._one("lss_set_node", (node_id,))
             if store:
                 self._one("lss_store", ())
             self._leave()
-            lines.append(f"# Node-ID {node_id} assigned to: {_words(found)}")
+            lines.append(f"# Node-ID {node_id} assigned to: {_words(identity)}")
         return [*lines, "# Not all nodes scanned!", "OK"]
 
 

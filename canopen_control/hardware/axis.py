@@ -154,11 +154,11 @@ class StatuswordBySdo:
             return self._value
         return last if now - self._since <= GRACE_NS else None
 
-    def _answered(self, request: SdoRequest, asked: int) -> None:
+    def _answered(self, request: SdoRequest, requested_at: int) -> None:
         self._asking = False
         self.refused = self._since is not None and isinstance(request.error, SdoAbort)
         if request.error is None and self._since is not None:
-            self._value, self._stamp = int.from_bytes(request.data[:2], "little"), asked
+            self._value, self._stamp = int.from_bytes(request.data[:2], "little"), requested_at
 
 
 class ModeBySdo:

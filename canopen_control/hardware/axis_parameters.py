@@ -120,11 +120,11 @@ def choose_mode(axis: AxisProcessData, parameters: AxisParameters, interface: st
     keys = config.motion
     modes = {POSITION: keys.position_mode, VELOCITY: keys.velocity_mode, EFFORT: keys.effort_mode}
     modes[TARGET] = next((mode for mode in modes.values() if mode is not None), None)
-    wanted = modes[interface]
+    choices = modes[interface]
     listed = listed_modes(axis, parameters)
-    if wanted is not None:
-        require_mapped(axis, wanted)
-        return mode_of(wanted)
+    if choices is not None:
+        require_mapped(axis, choices)
+        return mode_of(choices)
     candidates = [mode for mode in _SERVED[interface] if mode in listed or (not listed and mode in _ASSUMED)]
     for mode in candidates:
         if _is_mapped(axis, mode):
@@ -288,7 +288,7 @@ def _joint(joint: ControlJoint, plans: Mapping[str, NodePlan]) -> ControlJoint:
     return replace(joint, command_interfaces={name: InterfaceInfo(name) for name in carried}) if carried else joint
 
 
-_ASKED: Final = (
+_OBJECTS: Final = (
     (objects.SUPPORTED_DRIVE_MODES, (0,)),
     (objects.SOFTWARE_POSITION_LIMIT, (1, 2)),
     (objects.MAX_PROFILE_VELOCITY, (0,)),
@@ -323,7 +323,7 @@ class AxisParameters:
         *,
         profile: bool = False,
     ) -> None:
-        self._asked = _ASKED + _PROFILE if profile else _ASKED
+        self._objects = _OBJECTS + _PROFILE if profile else _OBJECTS
         self.loaded = False
         self.failed: list[str] = []
         self.values: dict[tuple[int, int], int] = {}
@@ -337,7 +337,7 @@ class AxisParameters:
         self.loaded, self.failed = False, []
         self._round += 1
         axis.limits.ramp_unbounded = axis.limits.described < math.inf
-        addresses = [(index, sub) for index, subs in self._asked for sub in subs if axis.has(index, sub)]
+        addresses = [(index, sub) for index, subs in self._objects for sub in subs if axis.has(index, sub)]
         self._open = len(addresses)
         for index, subindex in addresses:
             axis.node.read(axis.index(index), subindex, self._answer(index, subindex, self._round))

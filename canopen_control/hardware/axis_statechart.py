@@ -233,7 +233,7 @@ class AxisStatechart:
             command.enabled = False
 
     @property
-    def wanted(self) -> bool:
+    def enable_requested(self) -> bool:
         """Whether the axis is to be enabled."""
         return self.state in UP
 
@@ -258,7 +258,7 @@ class AxisStatechart:
         if changed:
             self._enter(row.state, now)
         for order in row.orders:
-            _TELL[order](self._machine)
+            _EXECUTE[order](self._machine)
         return changed
 
     def overdue(self, now: int) -> bool:
@@ -288,7 +288,7 @@ def _prepare(machine: DriveMachine) -> None:
     machine.hold_in_switched_on(True)
 
 
-_TELL: Final[Mapping[DriveCommand, Callable[[DriveMachine], None]]] = MappingProxyType(
+_EXECUTE: Final[Mapping[DriveCommand, Callable[[DriveMachine], None]]] = MappingProxyType(
     {
         DriveCommand.PREPARE: _prepare,
         DriveCommand.RELEASE: lambda machine: machine.hold_in_switched_on(False),
@@ -320,7 +320,7 @@ class GroupMember(Protocol):
     base: BaseJoints[Any] | None
 
     @property
-    def wanted(self) -> bool:
+    def enable_requested(self) -> bool:
         """Whether the joint is to follow commands."""
 
     @property
@@ -356,7 +356,7 @@ class StopGroup(Generic[J]):
 
     def stop(self, now: int) -> list[J]:
         """Ramp every joint to zero, then disable; return the joints that were to move."""
-        moving = [joint for joint in self.joints if joint.wanted]
+        moving = [joint for joint in self.joints if joint.enable_requested]
         for joint in self.joints:
             joint.stop(now)
         return moving
@@ -402,7 +402,7 @@ def regroup(joints: Iterable[J], bases: Mapping[str, Collection[str]], now: int)
         joint.base = next((base for base in bases_held if joint in base.joints), None)
         _move(joint, merged.get(joint.stop_group, joint.stop_group))
     for base in bases_held:
-        enabled = [joint for joint in base.joints if joint.wanted]
+        enabled = [joint for joint in base.joints if joint.enable_requested]
         if len(enabled) < len(base.joints):
             for joint in enabled:
                 joint.stop(now)

@@ -148,7 +148,7 @@ _STANDSTILL_NS: Final = 500_000_000  # of an input that only comes when it chang
 class RawInput:
     """Raw number of one object: `value`, valid while `known`."""
 
-    __slots__ = ("_asked", "_began_with", "_input", "_node", "address", "data_type", "known", "read_at", "value")
+    __slots__ = ("_began_with", "_input", "_node", "_polled_at", "address", "data_type", "known", "read_at", "value")
 
     def __init__(self, node: RemoteNode, address: Address, data_type: DataType, mapped: Input | None) -> None:
         self.address, self.data_type = address, data_type
@@ -157,7 +157,7 @@ class RawInput:
         self.read_at = -1  # of the last answer by SDO, -1: none since the boot
         self._node, self._input = node, mapped
         self._began_with = False
-        self._asked = -POLL_NS
+        self._polled_at = -POLL_NS
 
     @property
     def polled(self) -> bool:
@@ -196,9 +196,9 @@ class RawInput:
 
     def poll(self, now: int) -> bool:
         """Read the object by SDO if it is due; return whether it was read."""
-        if self._input is not None or now - self._asked < POLL_NS:
+        if self._input is not None or now - self._polled_at < POLL_NS:
             return False
-        self._asked = now
+        self._polled_at = now
         self._node.read(*self.address, lambda request: self._answered(request, now))
         return True
 
@@ -273,7 +273,7 @@ class InputSignal:
         self._range = 0
         self._turned = 0.0
         self._last: float | None = None
-        self._before, self._came = math.nan, 0  # what was shown last, and when that came
+        self._before, self._stamp = math.nan, 0  # what was shown last, and when that came
         self._jumped = False
 
     def read(self, now: int) -> None:
@@ -312,9 +312,9 @@ class InputSignal:
     def _jumps(self, value: float) -> bool:
         """Whether the value has changed faster than its maximum rate since the node's boot."""
         stamp, signal = self._raw.stamp, self.signal
-        if self._jumped or stamp == self._came:
+        if self._jumped or stamp == self._stamp:
             return self._jumped
-        passed = max(stamp - self._came, _SHORTEST_NS)
+        passed = max(stamp - self._stamp, _SHORTEST_NS)
         if passed > _STANDSTILL_NS and self._raw.comes_by_change:
             passed = _SHORTEST_NS  # it stood until now, and has not had the whole time for its way
         limit = (signal.max_rate or 0.0) * passed / 1e9
@@ -322,7 +322,7 @@ class InputSignal:
             self._jumped = True
             text = f"{self.state.name} jumped from {self._before:g} to {value:g} {signal.unit}".rstrip()
             self._inputs.report_jump(signal.name, f"{text}: it is nan until the node is booted again")
-        self._before, self._came = value, stamp
+        self._before, self._stamp = value, stamp
         return self._jumped
 
     def _unwrapped(self, raw: float) -> float:
@@ -372,11 +372,11 @@ class EncoderVelocity:
             self._state.value = self._last = math.nan
             return
         if raw.stamp != self._at:
-            self._came(position, raw)
+            self._update(position, raw)
         elif now - self._at > max(_STANDING_NS, 2 * self._interval):
             self._state.value = 0.0
 
-    def _came(self, position: float, raw: RawInput) -> None:
+    def _update(self, position: float, raw: RawInput) -> None:
         self._interval = raw.stamp - self._at
         has_period = not math.isnan(self._last) and self._interval > 0
         self._state.value = (position - self._last) * 1e9 / self._interval if has_period else math.nan

@@ -54,7 +54,7 @@ class WorldSensors(ComponentLifecycle):
         ]
         self.state_interfaces: Sequence[StateInterface] = self._states
         self.command_interfaces: Sequence[CommandInterface] = []
-        self._taken = False  # since the last cycle
+        self._updated = False  # since the last cycle
         self._last = 0
         self._known = False
 
@@ -62,7 +62,7 @@ class WorldSensors(ComponentLifecycle):
         """Set measured values by the names of interfaces, such as "imu/orientation.x"."""
         for state in self._states:
             state.value = values.get(state.name, math.nan)
-        self._taken = self._known = True
+        self._updated = self._known = True
 
     def _begin(self) -> None:
         """Do nothing: the world reports without a request."""
@@ -78,8 +78,8 @@ class WorldSensors(ComponentLifecycle):
 
     def read(self, now: int, period: float) -> ReturnType:  # noqa: ARG002 - the verb of every component
         """Discard samples that are too old."""
-        if self._taken:
-            self._last, self._taken = now, False
+        if self._updated:
+            self._last, self._updated = now, False
         elif self._known and now - self._last > _AGE_NS:
             self._known = False
             for state in self._states:

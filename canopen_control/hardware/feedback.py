@@ -97,7 +97,7 @@ STANDSTILL: Final = 0.05  # rad/s (or m/s) and below count as standing
 _STILL_NS: Final = 100_000_000  # without a velocity: how long the position must not change
 _LOOK_NS: Final = 1_000_000_000
 _DERIVED_NS: Final = 19_000_000  # between two positions of which a velocity is made: counts are coarse
-_DOUBTS: Final = 3  # looks one after the other
+_MISMATCHES: Final = 3  # looks one after the other
 MEASURED: Final = {
     POSITION: objects.POSITION_ACTUAL,
     VELOCITY: objects.VELOCITY_ACTUAL,
@@ -144,7 +144,7 @@ class Feedback:
         self._jumps = 0
         self._jump_speed = 0.0  # counts/s that the last jump would have been
         self._sampled = self._sampled_before = 0  # stamps of the last two positions
-        self._looked_at = self._looked_count = self._doubts = 0
+        self._looked_at = self._looked_count = self._mismatches = 0
         self._derived_from, self._derived_at = 0, -_LOOK_NS  # count and stamp
 
     def node_ready(self) -> None:
@@ -267,9 +267,9 @@ class Feedback:
         moved, elapsed = count - self._looked_count, now - self._looked_at
         self._looked_count, self._looked_at = count, now
         steady = 0 < elapsed < _LOOK_NS
-        doubt = self._check_unit(moved * 1e9 / elapsed, self._raw_velocity) if steady else None
-        self._doubts = 0 if doubt is None else self._doubts + 1
-        return doubt if self._doubts == _DOUBTS else None
+        mismatch = self._check_unit(moved * 1e9 / elapsed, self._raw_velocity) if steady else None
+        self._mismatches = 0 if mismatch is None else self._mismatches + 1
+        return mismatch if self._mismatches == _MISMATCHES else None
 
     def _check_unit(self, speed: float, raw: int | None, *, rising: bool = False) -> UnitMismatch | None:
         """Compare a measured speed in counts/s with a velocity of the drive."""

@@ -278,16 +278,16 @@ class InterfaceRegistry:
 
     def state(self, name: str) -> StateInterface:
         """Return a state interface; UnknownInterface with the valid names otherwise."""
-        return _found(name, {**self._states, **self._exported_states})
+        return _lookup(name, {**self._states, **self._exported_states})
 
     def command(self, name: str) -> CommandInterface:
         """Return a command interface; UnknownInterface with the valid names otherwise."""
-        return _found(name, self._commands)
+        return _lookup(name, self._commands)
 
     def component_of(self, name: str) -> HardwareComponent | None:
         """Return the component of an interface, None for a controller's reference; UnknownInterface otherwise."""
         if name not in self._states:
-            _found(name, self._commands)
+            _lookup(name, self._commands)
         exporter = self._exporters.get(name)
         return self._components[exporter] if exporter is not None else None
 
@@ -312,7 +312,7 @@ class InterfaceRegistry:
         return [interface.name for interface in released]
 
 
-def _found(name: str, among: Mapping[str, Interface]) -> Interface:
+def _lookup(name: str, among: Mapping[str, Interface]) -> Interface:
     interface = among.get(name)
     if interface is None:
         raise UnknownInterface(name, tuple(among))

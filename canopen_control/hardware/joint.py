@@ -108,9 +108,9 @@ class JointParts:
         return self.targets.claimed
 
     @property
-    def wanted(self) -> bool:
+    def enable_requested(self) -> bool:
         """Whether the joint is to follow commands."""
-        return self.power.wanted
+        return self.power.enable_requested
 
     @property
     def following(self) -> bool:
@@ -210,12 +210,12 @@ _BOOTING: Final = "; booting it again"  # reports of the node already made
 class FeedbackStatus(enum.Enum):
     """Status of the feedback of an axis; the value describes it."""
 
-    GONE = "its node is not operational"
+    LOST = "its node is not operational"
     STALE = "its node is operational, and a TPDO with its feedback stays away"
     LIVE = "its node is operational, and its feedback comes"
 
 
-_GONE: Final = FeedbackStatus.GONE  # for every cycle, as _FOLLOWING
+_LOST: Final = FeedbackStatus.LOST  # for every cycle, as _FOLLOWING
 _STALE: Final = FeedbackStatus.STALE
 _LIVE: Final = FeedbackStatus.LIVE
 
@@ -246,7 +246,7 @@ class JointDrive(JointParts):
         self._status = AxisStatus(self.axis, self.machine, holds_load=self.power.holds_load)
         self._limits, self._controlword, self._mode = self.axis.limits, self.axis.controlword, self.axis.mode
         self._evaluations = -1
-        self._link: FeedbackStatus = _GONE
+        self._link: FeedbackStatus = _LOST
         self._now = 0
 
     # ------------------------------------------------------------------------------------------- verbs
@@ -312,7 +312,7 @@ class JointDrive(JointParts):
     def home(self, method: int | None) -> None:
         """Start homing; DriveError if the drive lacks the method, or homing."""
         require_mode(OperationMode.HM, listed_modes(self.axis, self.parameters))
-        self.reference.begin(method, was_enabled=self.wanted)
+        self.reference.begin(method, was_enabled=self.enable_requested)
         self._fire(PhaseTrigger.MUST_REST)
 
     # ------------------------------------------------------------------------------------------- cycle
@@ -320,10 +320,10 @@ class JointDrive(JointParts):
     def read(self, now: int) -> None:
         """Latch the newest process data into the state interfaces; nan while the node is absent."""
         node = self.node
-        link = _GONE if not node.ready else _STALE if node.stale else _LIVE
+        link = _LOST if not node.ready else _STALE if node.stale else _LIVE
         if link is not self._link:
             self._change_link(link, now)
-        if link is not _GONE:
+        if link is not _LOST:
             jump = self.feedback.read(now)
             if jump:
                 self.reference.forget()
@@ -349,7 +349,7 @@ class JointDrive(JointParts):
             status.update(now)
             word, display = status.word, status.display
         before = machine.statusword
-        if word == before and display == machine.mode_request.display and now < machine.due:
+        if word == before and display == machine.mode_request.display and now < machine.next_update:
             control = machine.controlword  # as `update`, without the call
             current = self.targets.current
             if current is not None and current.handshakes:
@@ -377,7 +377,7 @@ class JointDrive(JointParts):
             if self.power.following and not machine.may_move:
                 self._fire(PhaseTrigger.MUST_REST)
             if word is not None and word != before:
-                self._events += self._watch.look(word, machine.mode, current, self._stops_at_limits)
+                self._events += self._watch.check(word, machine.mode, current, self._stops_at_limits)
             self._take_events()
         elif current is not None and current.handshakes:
             self._take_events()
@@ -443,7 +443,7 @@ class JointDrive(JointParts):
     def _commands_into_limit(self) -> bool:
         """Whether the command drives the axis further into its active limit switch."""
         target, claimed = self.targets.current, self.targets.claimed
-        if not self.wanted or target is None or claimed is None or not self._stops_at_limits:
+        if not self.enable_requested or target is None or claimed is None or not self._stops_at_limits:
             return False
         command = self.commands[claimed]
         return target.interface == command.quantity and target.commands_into_limit(command.value)
@@ -488,10 +488,10 @@ class JointDrive(JointParts):
 
     def _change_link(self, link: FeedbackStatus, now: int) -> None:
         before, self._link = self._link, link
-        if link is _GONE:
+        if link is _LOST:
             self._node_lost(now)
             return
-        if before is _GONE:
+        if before is _LOST:
             self._node_ready()
         if link is _STALE:
             self._became_stale()
@@ -535,7 +535,7 @@ class JointDrive(JointParts):
             else:
                 self.targets.take_mode(OperationMode.HM)
         ready = self.power.state in _MAY_HOME
-        self.machine.mode_bits = run.step(self.wanted, ready, now)
+        self.machine.mode_bits = run.step(self.enable_requested, ready, now)
         if run.phase is HomingPhase.RUN:
             self._fire(PhaseTrigger.HOMING_RUNS)
         if run.over:
@@ -557,7 +557,7 @@ class JointDrive(JointParts):
             self._events.append(JointEvent("homing_failed", run.result or ""))
         if run.mode_before is not None:
             self.targets.take_mode(mode_of(run.mode_before))
-        if not run.was_enabled and self.wanted:
+        if not run.was_enabled and self.enable_requested:
             self.stop(self._now)
 
     def _is_unserved(self, event: ModeTimedOut) -> bool:

@@ -100,7 +100,7 @@ class StatusWatch:
             axis.output(objects.TARGET_POSITION),
         )
 
-    def look(
+    def check(
         self, word: int, mode: int | None, target: ModeTarget | None, stops_at_limits: bool = False
     ) -> list[JointEvent]:
         """Process a statusword and return the events that begin or end."""
@@ -108,16 +108,16 @@ class StatusWatch:
         if not rose | fell:
             return []
         self._bits = word & _BITS
-        found = []
+        events = []
         if rose & WARNING:
-            found.append(JointEvent("warning", f"warning (statusword 0x{word:04X})"))
+            events.append(JointEvent("warning", f"warning (statusword 0x{word:04X})"))
         if rose & INTERNAL_LIMIT:
-            found += self._limit(target, stops_at_limits)
+            events += self._limit(target, stops_at_limits)
         if rose & _FOLLOWING and mode in _FOLLOWING_MODES and self._action != "ignore":
             text = f"following error (statusword 0x{word:04X})"
             stops = self._action == "stop"
-            found.append(JointEvent("following_error", text, Level.ERROR if stops else Level.WARNING, stops))
-        return found
+            events.append(JointEvent("following_error", text, Level.ERROR if stops else Level.WARNING, stops))
+        return events
 
     def limit_event(self) -> JointEvent:
         """Return the event of a command beyond the limit of an axis in a coordinated motion."""
@@ -324,9 +324,9 @@ class MotionWatch:
         if self._right or self._rest is None:
             return False
         moved = here - self._rest
-        asked = way + moved  # from where the motion began
+        commanded = way + moved  # from where the motion began
         least = _WAY * scale
-        return asked * moved < 0 and abs(asked) > least and abs(moved) > max(least, abs(asked) / 2)
+        return commanded * moved < 0 and abs(commanded) > least and abs(moved) > max(least, abs(commanded) / 2)
 
 
 # One homing of one axis, from the request to the return to the previous mode (CiA 402-2, mode HM).
@@ -396,15 +396,15 @@ class JointHoming:
         if not self.over:
             self._fail(reason)
 
-    def step(self, is_wanted: bool, may_home: bool, now: int) -> int:
+    def step(self, enable_requested: bool, may_home: bool, now: int) -> int:
         """Return the mode's bits of the controlword for this cycle.
 
-        `wanted`: the axis is still to be enabled; `may_home`: its chart permits motion.
+        `enable_requested`: the axis is still to be enabled; `may_home`: its chart permits motion.
         """
         machine = self._machine
         ready = may_home and machine.may_move and machine.mode == OperationMode.HM
         if self.phase is HomingPhase.ENABLE:
-            if not is_wanted:
+            if not enable_requested:
                 self._fail("the drive was not enabled")
             elif ready:
                 self.phase = HomingPhase.RUN

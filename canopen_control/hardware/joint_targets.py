@@ -527,11 +527,11 @@ class PositionTarget(_PositionTarget):
             return True
         here = self._here()
         self._slope = self._slope or stop_slope(self._axis, abs(self._speed))
-        left = max(0.0, abs(self._speed) - self._slope * period)
-        speed = math.copysign(left, self._speed)
+        remaining = max(0.0, abs(self._speed) - self._slope * period)
+        speed = math.copysign(remaining, self._speed)
         self._go(here, here + round(speed * period), period)
         self._speed = speed
-        return left == 0.0
+        return remaining == 0.0
 
     def _here(self) -> int:
         if self._count is None:
@@ -586,11 +586,11 @@ class SetPointTarget(_PositionTarget):
     def __init__(self, axis: AxisProcessData, output: Output, machine: DriveMachine) -> None:
         super().__init__(axis, output, machine)
         self._handshake = SetPointHandshake()
-        self._given: int | None = None
+        self._sent: int | None = None
 
     def hold(self) -> None:
         """Drop the set-point and command the actual position."""
-        self.value, self._given = _NAN, None
+        self.value, self._sent = _NAN, None
         if self._handshake.busy:
             self._handshake.abort("the axis is not enabled")
             self._handshake.update(None, ready=False, now=0)
@@ -604,8 +604,8 @@ class SetPointTarget(_PositionTarget):
             pass
         elif not math.isnan(value):
             self._give(value)
-        elif self._given is not None:
-            self._take_back(self._given)
+        elif self._sent is not None:
+            self._take_back(self._sent)
         if handshake.busy:
             self.bits = handshake.update(
                 machine.statusword, ready=True, now=now, halted=machine.halted, under_way=self._is_moving()
@@ -628,7 +628,7 @@ class SetPointTarget(_PositionTarget):
 
     def ramp_down(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode
         """Stop by the drive's halt option (0x605D)."""
-        self.value, self._given = _NAN, None
+        self.value, self._sent = _NAN, None
         if self._handshake.busy:
             self._handshake.abort("stopped")
             self._handshake.update(self._machine.statusword, ready=False, now=0)
@@ -642,7 +642,7 @@ class SetPointTarget(_PositionTarget):
 
     def _take_back(self, target: int) -> None:
         """Set the target to the end of the drive's own ramp, unless it is already at the target."""
-        self._given = None
+        self._sent = None
         axis, here = self._axis, self._axis.raw_position
         if not self._handshake.busy:
             return
@@ -659,8 +659,8 @@ class SetPointTarget(_PositionTarget):
             return
         count = self._count_of(value, axis.raw_position + axis.unwrap.offset)
         raw = axis.limits.of_position(axis.unwrap.raw_of(count))
-        if raw != self._given:
-            self._given = raw
+        if raw != self._sent:
+            self._sent = raw
             self._handshake.move(raw, immediately=True)
 
 

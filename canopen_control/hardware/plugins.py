@@ -272,7 +272,7 @@ class _Command:
     __slots__ = ("factor", "inner", "offset", "outer")
 
     def __init__(self, inner: CommandInterface, transmission: Transmission) -> None:
-        self.outer, self.inner = _seen(inner), inner
+        self.outer, self.inner = _joint_side(inner), inner
         self.factor, self.offset = _ratio(inner.interface, transmission)
         self.outer.enabled = inner.enabled
         ends = [(limit - self.offset) / self.factor for limit in (inner.minimum, inner.maximum)]
@@ -401,7 +401,7 @@ class TransmittedSystem:
             command.follow()
 
 
-def _seen(inner: CommandInterface) -> CommandInterface:
+def _joint_side(inner: CommandInterface) -> CommandInterface:
     """Return the joint's side of an actuator's command interface, with the joint's bounds."""
     return CommandInterface(inner.joint, inner.interface, inner.value, minimum=inner.minimum, maximum=inner.maximum)
 

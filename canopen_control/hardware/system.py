@@ -52,7 +52,7 @@ def enable_together(joints: Sequence[JointDrive], now: int, report: Callable[[Ev
             refused.append(joint)
             report(Event(now, "not_enabled", joint.node.name, str(error), Level.ERROR))
     for cause in refused:
-        members = [joint for joint in joints if joint.group is cause.group and joint.wanted]
+        members = [joint for joint in joints if joint.group is cause.group and joint.enable_requested]
         for joint in members:
             joint.stop(now)
         if members:

@@ -41,7 +41,7 @@ class FeedForward:
 
     def __init__(self, axis: AxisProcessData, commands: Mapping[str, CommandInterface]) -> None:
         self.fed = False
-        self._foreign, self._told = "", ""
+        self._foreign, self._reported = "", ""
         self._axis, self._commands = axis, commands
         self._outputs = {VELOCITY: axis.velocity_offset, EFFORT: axis.torque_offset}
         self._velocity: CommandInterface | None = None
@@ -54,7 +54,7 @@ class FeedForward:
         self._velocity = self._commands[VELOCITY] if VELOCITY in interfaces else None
         self._effort = self._commands[EFFORT] if EFFORT in interfaces else None
         self.fed = bool(interfaces)
-        self._foreign = self._told = ""
+        self._foreign = self._reported = ""
         self.refresh()
         self.zero()
 
@@ -68,9 +68,9 @@ class FeedForward:
 
     def refused(self) -> str | None:
         """Return once the offset that is ignored because another controller commands it."""
-        if self._foreign == self._told:
+        if self._foreign == self._reported:
             return None
-        self._told = interface = self._foreign
+        self._reported = interface = self._foreign
         position, other_owner = self._commands[POSITION].owner, self._commands[interface].owner
         return (
             f"its {interface} is commanded by {other_owner} and its position by {position}: that is not feed-forward, "

@@ -59,19 +59,19 @@ def write_whole(path: str | Path, data: bytes) -> None:
 
 
 @contextlib.contextmanager
-def telling(path: str | Path, kept: str) -> Iterator[None]:
-    """Convert an OSError of a write to `path`: DiskFull with the text `kept`, else ConfigError."""
+def telling(path: str | Path, remains: str) -> Iterator[None]:
+    """Convert an OSError of a write to `path`: DiskFull with the text `remains`, else ConfigError."""
     try:
         yield
     except OSError as error:
-        raise failed(path, error, kept) from error
+        raise failed(path, error, remains) from error
 
 
-def failed(path: str | Path, error: OSError, kept: str) -> CanopenError:
+def failed(path: str | Path, error: OSError, remains: str) -> CanopenError:
     """Return the error to raise for an OSError during a write to `path`."""
     reason = error.strerror or str(error)
     if error.errno in FULL:
-        return DiskFull(str(path), reason, kept)
+        return DiskFull(str(path), reason, remains)
     return ConfigError(f"{path} cannot be written: {reason}")
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _allowed = False
 _THRESHOLDS: Final = gc.get_threshold()
 _ARG_START, _ENV_END = 48, 51  # fields of proc_pid_stat(5)
-_kept: list[object] = []  # of the parent: freeing it would close descriptors that are the child's now
+_parents_objects: list[object] = []  # of the parent: freeing it would close descriptors that are the child's now
 
 
 #: a module, and the arguments of its `main`
@@ -183,7 +183,7 @@ def _reset_environment(environment: Mapping[str, str]) -> None:
 
 def _reset_streams() -> None:
     """Open the standard streams, unbuffered as with PYTHONUNBUFFERED."""
-    _kept.extend((sys.stdin, sys.stdout, sys.stderr, sys.__stdin__, sys.__stdout__, sys.__stderr__))
+    _parents_objects.extend((sys.stdin, sys.stdout, sys.stderr, sys.__stdin__, sys.__stdout__, sys.__stderr__))
     usual = sys.__stdout__
     encoding, errors = ("utf-8", "strict") if usual is None else (usual.encoding, usual.errors or "strict")
     streams = {

@@ -149,7 +149,7 @@ class LineClient:
         except BlockingIOError:
             return 0
         except OSError as error:
-            raise self._gone() from error
+            raise self._closed_error() from error
 
     def _read(self) -> bytes | None:
         """Return the received bytes, None if there are none."""
@@ -158,19 +158,19 @@ class LineClient:
         except BlockingIOError:
             return None
         except OSError as error:
-            raise self._gone() from error
+            raise self._closed_error() from error
         if not data:
-            raise self._gone()
+            raise self._closed_error()
         return data
 
     def _poll(self, event: int, deadline: float | None) -> bool:
         """Wait for the socket; False after the deadline."""
         if self._socket.fileno() < 0:
-            raise self._gone()
+            raise self._closed_error()
         poll = select.poll()
         poll.register(self._socket, event)
         wait_ms = None if deadline is None else max(deadline - time.monotonic(), 0) * 1000
         return bool(poll.poll(wait_ms))
 
-    def _gone(self) -> RemoteError:
+    def _closed_error(self) -> RemoteError:
         return RemoteError("BusClosed", f"{self.label} has closed the connection; it was shut down or has died")

@@ -65,8 +65,8 @@ class Connection:
         self._output = bytearray()
         self._linger: Timer | None = None
         self._next: bytes | None = None  # line that waits for its turn
-        self._asked = self._unanswered = 0
-        self._came = self._last = server.reactor.now()
+        self._requests = self._unanswered = 0
+        self._connected_at = self._last = server.reactor.now()
 
     @property
     def closed(self) -> bool:
@@ -153,10 +153,10 @@ class Connection:
 
     def eviction_order(self, now: int) -> tuple[int, int] | None:
         """Return the order of disconnection, lowest first: a class and a time; None: not now. Called by the server."""
-        if now - self._came < _GRACE_NS or self.reason:
+        if now - self._connected_at < _GRACE_NS or self.reason:
             return None
-        if not self._asked:
-            return 0, self._came
+        if not self._requests:
+            return 0, self._connected_at
         return (1 if now - self._last >= _GRACE_NS and self._unanswered <= 0 else 2), self._last
 
     def _on_readable(self) -> None:
@@ -178,7 +178,7 @@ class Connection:
         """Request a turn for the next line, if there is one."""
         self._next = None if self.reason else self._input.next_line()
         if self._next is not None:
-            self._server.line_up(self, first=not self._asked)
+            self._server.line_up(self, first=not self._requests)
         elif self._input.overflow and not self.reason:
             self.refuse("RemoteProtocolError", f"a request is longer than {MAX_REQUEST} bytes")
 
@@ -187,7 +187,7 @@ class Connection:
         line, self._next = self._next, None
         if line is None or self.reason:
             return
-        self._asked += 1
+        self._requests += 1
         self._last = self._server.reactor.now()
         try:
             self._server.on_line(self, line)

@@ -268,8 +268,8 @@ class Reactor:
         while True:
             self._turn(0)
             deadline = self._timers.next_deadline()
-            due = deadline is not None and deadline <= self.now()
-            if not (due or self._soon or ((marked is None or marked) and self._poll(0, 1))):
+            expired = deadline is not None and deadline <= self.now()
+            if not (expired or self._soon or ((marked is None or marked) and self._poll(0, 1))):
                 return deadline
 
     def stop(self) -> None:

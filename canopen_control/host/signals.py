@@ -40,14 +40,14 @@ def interrupt() -> None:
 class ProcessSignals:
     """SIGINT and SIGTERM of one process, from the start of its `main` to its end.
 
-    Each raises KeyboardInterrupt on the main thread, and `came` is True from then on: a library in C that calls Python
+    Each raises KeyboardInterrupt on the main thread, and `received` is True from then on: a C library that calls Python
     replaces the exception by one of its own, and it is lost where Python frees an object. During an import it is raised
     afterwards, or by a second signal: a library in C that is imported by half crashes. After `finish` the process ends
     anyway: the first signal is ignored, and a second one ends it at once.
     """
 
     def __init__(self) -> None:
-        self.came = False
+        self.received = False
         self._finished = False
         self._ignored = 0
         self._deferred = 0
@@ -72,7 +72,7 @@ class ProcessSignals:
             if self._ignored > 1:
                 os._exit(INTERRUPTED)
             return
-        first, self.came = not self.came, True
+        first, self.received = not self.received, True
         if _imports(frame) and (first or number == signal.SIGALRM) and self._deferred < _LONGEST_IMPORT_S / _AGAIN_S:
             self._deferred += 1
             self._handle_soon()

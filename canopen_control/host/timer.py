@@ -123,15 +123,15 @@ class TimerQueue:
         heap = self._heap
         if not heap or heap[0][0] > now:
             return []
-        due: list[Timer] = []
+        expired: list[Timer] = []
         while heap and heap[0][0] <= now:
             timer = heapq.heappop(heap)[2]
             timer.queue = None
             if timer.active:
-                due.append(timer)
+                expired.append(timer)
             else:
                 self._dead -= 1
-        return due
+        return expired
 
     def forget_one(self) -> None:
         """Count a cancelled timer; sweep if more than half are cancelled."""

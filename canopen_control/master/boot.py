@@ -148,7 +148,7 @@ def _identify(
         # CiA 302-2, error status C: 0x1000 differs from 0x1F84
         raise _mismatch(plan, "C", "device type 0x1000:00", device_type, expected.device_type)
     numbers = []
-    for subindex, letter, title, wanted in (
+    for subindex, letter, title, required in (
         (1, "D", "vendor id", expected.vendor_id),
         (2, "M", "product code", expected.product_code),
         (3, "N", "revision number", expected.revision_number),
@@ -156,9 +156,9 @@ def _identify(
     ):
         value = yield from _answered(plan, "B", transfers, IDENTITY, subindex)
         numbers.append(-1 if value is None else value)
-        if wanted and value != wanted:
+        if required and value != required:
             # CiA 302-2, error status D, M, N, O: 0x1018 differs from 0x1F85 to 0x1F88
-            raise _mismatch(plan, letter, f"{title} 0x1018:{subindex:02X}", numbers[-1], wanted)
+            raise _mismatch(plan, letter, f"{title} 0x1018:{subindex:02X}", numbers[-1], required)
     if expected.eds_revision and numbers[2] != expected.eds_revision:
         transfers.warnings.append(
             f"revision number 0x{numbers[2] & 0xFFFFFFFF:08X}, the EDS was written for 0x{expected.eds_revision:08X}; "

@@ -391,14 +391,14 @@ def _own(pdo: tuple[str, int], current: Held, transfers: BootTransfers) -> Gener
 
 
 def _enable(
-    plan: NodePlan, wanted: Sequence[PlannedWrite], own: _Own, refusal: str, transfers: BootTransfers
+    plan: NodePlan, writes: Sequence[PlannedWrite], own: _Own, refusal: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, _Own]:
     """Enable the node's own PDO, with the planned COB-ID if the node accepts it."""
-    pdo = wanted[0].pdo or ("", 0)
+    pdo = writes[0].pdo or ("", 0)
     communication = cob_id_of(pdo)
-    planned = next(write.data for write in reversed(wanted) if is_cob_id(write))
+    planned = next(write.data for write in reversed(writes) if is_cob_id(write))
     yield from _try(transfers, communication, 1, (own.cob_id | INVALID_BIT).to_bytes(4, "little"))
-    for write in wanted:
+    for write in writes:
         if write.index == communication and write.subindex > 1:
             yield from _try(transfers, *write.address, write.data)
     for value in (int.from_bytes(planned, "little"), own.cob_id & ~INVALID_BIT):
@@ -407,7 +407,7 @@ def _enable(
         if present is not None and not present & INVALID_BIT:
             kind = yield from transfers.number(communication, 2)
             return replace(own, cob_id=present, transmission_type=own.transmission_type if kind is None else kind)
-    raise boot_error(plan, "J", f"{_name(wanted)}: {refusal}; it cannot be made valid again")
+    raise boot_error(plan, "J", f"{_name(writes)}: {refusal}; it cannot be made valid again")
 
 
 def _try(transfers: BootTransfers, index: int, subindex: int, data: bytes) -> Generator[Request, Answer, None]:
@@ -563,8 +563,8 @@ def _makes(plan: NodePlan, offset: int, values: Mapping[tuple[int, int], int]) -
     """Whether the values of a drive result in the counts per revolution of bus.yml."""
 
     def pair(index: int) -> tuple[int, int] | None:
-        found = values.get((index + offset, 1)), values.get((index + offset, 2))
-        return None if None in found else (found[0] or 0, found[1] or 0)
+        pair_values = values.get((index + offset, 1)), values.get((index + offset, 2))
+        return None if None in pair_values else (pair_values[0] or 0, pair_values[1] or 0)
 
     encoder, gear = pair(POSITION_ENCODER_RESOLUTION), pair(GEAR_RATIO)
     turns, feed = plan.turns.get(offset), pair(FEED_CONSTANT)

@@ -308,8 +308,12 @@ class _Reader:
     def _refuse_unknown_sections(self) -> None:
         for name, place in self._root.keys().items():
             if name not in _SECTIONS and not name.startswith("."):
-                meant = MISNAMED_ROOT.get(name, "")
-                text = f"; write {meant}" if meant else f"{nearest(name, _SECTIONS)}; a node belongs under `nodes:`"
+                suggestion = MISNAMED_ROOT.get(name, "")
+                text = (
+                    f"; write {suggestion}"
+                    if suggestion
+                    else f"{nearest(name, _SECTIONS)}; a node belongs under `nodes:`"
+                )
                 place.error(f"unknown key {name!r}{text}")
 
     def _note_unused(self, node: Node, unused: dict[str, str]) -> None:
@@ -347,10 +351,10 @@ class _Reader:
                 continue
             for kind, layouts in (("rpdo", plan.rpdos), ("tpdo", plan.tpdos)):
                 for layout in layouts:
-                    whose = f"{kind.upper()} {layout.number} of {name}"
-                    if (first := owner.setdefault(layout.cob_id, whose)) != whose:
+                    pdo = f"{kind.upper()} {layout.number} of {name}"
+                    if (first := owner.setdefault(layout.cob_id, pdo)) != pdo:
                         place = _place(nodes[name][1], f"{kind}.{layout.number}.cob_id")
-                        place.error(f"COB-ID 0x{layout.cob_id:03X} of {whose} is already that of {first}")
+                        place.error(f"COB-ID 0x{layout.cob_id:03X} of {pdo} is already that of {first}")
 
     def _check_sync(self, master: MasterConfig, plans: dict[str, NodePlan]) -> None:
         """Report synchronous PDOs on a bus without a SYNC producer (CiA 301, 7.5.2.35 and 7.5.2.37)."""

@@ -61,7 +61,7 @@ class Core(FrameListener, Protocol):
 class DirectBus:
     """Port with protocol cores.
 
-    `heard` are the nodes whose boot-up, heartbeat or guarding answer was received, by node id. `timeout_s` is the time
+    `states` are the nodes whose boot-up, heartbeat or guarding answer was received, by node id. `timeout_s` is the time
     for each SDO answer. `listeners` receive every frame. Every call raises BusError when the bus is
     gone.
     """
@@ -69,7 +69,7 @@ class DirectBus:
     def __init__(self, port: Port, *, timeout_s: float = 0.5, retries: int = 1) -> None:
         self.port = port
         self.timeout_s, self.retries = timeout_s, retries
-        self.heard: dict[int, NmtState | None] = {}
+        self.states: dict[int, NmtState | None] = {}
         self.listeners: list[FrameListener] = []
         self._clients: dict[int, SdoClient] = {}
         self._poll = select.poll()
@@ -160,7 +160,7 @@ class DirectBus:
         error = request.error
         if isinstance(error, SdoTimeout) and self._down:
             return BusError(f"{self._down}; node {error.node_id} could not be asked")
-        if isinstance(error, SdoTimeout) and self.heard.get(error.node_id) is NmtState.STOPPED:
+        if isinstance(error, SdoTimeout) and self.states.get(error.node_id) is NmtState.STOPPED:
             return SdoStopped(error)
         return error
 
@@ -173,11 +173,11 @@ class DirectBus:
                 self.port.send(pack_records(out))
             if request.done:
                 return
-            due = client.next_deadline()
-            if due is not None and due <= now:
+            deadline = client.next_deadline()
+            if deadline is not None and deadline <= now:
                 client.tick(now)  # what it sends, and when the next is due, shows in another round
             else:
-                self._wait(None if due is None else due - now)
+                self._wait(None if deadline is None else deadline - now)
                 now = time.monotonic_ns()
                 self._receive(cores, now)
 
@@ -200,7 +200,7 @@ class DirectBus:
         return sorted(events, key=lambda event: event.node_id)
 
     def listen(self, seconds: float) -> None:
-        """Receive frames for `seconds`, to fill `heard`."""
+        """Receive frames for `seconds`, to fill `states`."""
         self.serve([], lambda: False, seconds)
 
     # -- LSS
@@ -228,14 +228,14 @@ class DirectBus:
         while True:
             deadline = end
             for core in cores:
-                due = core.next_deadline()
-                if due is not None and due <= now:
+                core_deadline = core.next_deadline()
+                if core_deadline is not None and core_deadline <= now:
                     core.tick(now)
-                    due = core.next_deadline()
+                    core_deadline = core.next_deadline()
                 if out := core.frames():
                     self.port.send(pack_records(out))
-                if due is not None and (deadline is None or due < deadline):
-                    deadline = due
+                if core_deadline is not None and (deadline is None or core_deadline < deadline):
+                    deadline = core_deadline
             if done():
                 return True
             if end is not None and now >= end:
@@ -263,7 +263,7 @@ class DirectBus:
             listener.receive(frame, now)
         if _FIRST_HEARTBEAT <= can_id <= _LAST_HEARTBEAT and len(data) == 1:
             node_id = can_id - ERROR_CONTROL_COB_ID
-            self.heard[node_id] = state_of_byte(data[0])
+            self.states[node_id] = state_of_byte(data[0])
             if data == _BOOT_UP and (client := self._clients.get(node_id)) is not None:
                 client.forget()
 

@@ -78,11 +78,11 @@ def _few(event: Event) -> int:
 class _Repeated:
     """Event that may repeat: newest occurrence, its count, reported count, end of its window."""
 
-    __slots__ = ("count", "event", "since", "told", "until", "window_ns")
+    __slots__ = ("count", "event", "reported", "since", "until", "window_ns")
 
     def __init__(self, event: Event) -> None:
         self.event, self.count, self.since = event, event.count, event.time
-        self.told = 0
+        self.reported = 0
         self.window_ns = FIRST_WINDOW_NS
         self.until = event.time + self.window_ns
 
@@ -132,7 +132,7 @@ class EventLog:
             events = []
             repeated.event, repeated.count = event, repeated.count + event.count
         if repeated.count <= _few(event) or repeated.count == event.count:
-            repeated.told = repeated.count
+            repeated.reported = repeated.count
             events.append(event)
         return self._report(events)
 
@@ -147,16 +147,16 @@ class EventLog:
 
     def flush(self) -> list[Event]:
         """Return all pending summaries, at the end."""
-        events = [repeated.sum() for repeated in self._open.values() if repeated.count > repeated.told]
+        events = [repeated.sum() for repeated in self._open.values() if repeated.count > repeated.reported]
         self._open.clear()
         self.due = _NEVER
         return self._report(events)
 
     def _end_window(self, key: tuple[str, str, str], repeated: _Repeated) -> list[Event]:
-        if repeated.count == repeated.told:
+        if repeated.count == repeated.reported:
             del self._open[key]
             return []
-        repeated.told = repeated.count
+        repeated.reported = repeated.count
         repeated.window_ns = min(2 * repeated.window_ns, WIDEST_WINDOW_NS)
         repeated.until += repeated.window_ns
         return [repeated.sum()]
@@ -165,7 +165,7 @@ class EventLog:
         """Close the oldest series to free its entry, and report its summary."""
         key = next(iter(self._open))
         repeated = self._open.pop(key)
-        return [repeated.sum()] if repeated.count > repeated.told else []
+        return [repeated.sum()] if repeated.count > repeated.reported else []
 
     def _report(self, events: list[Event]) -> list[Event]:
         for event in events:

@@ -289,7 +289,7 @@ class SupervisionKeys:
 class BootKeys:
     """Boot options of a node and the objects written during boot."""
 
-    wanted: bool = setting(True, key="boot")
+    enabled: bool = setting(True, key="boot")
     mandatory: bool | None = None
     required: bool | None = None
     reset_communication: bool = True

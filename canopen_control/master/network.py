@@ -55,7 +55,7 @@ class Evidence(enum.IntEnum):
     MASTER = 3
 
 
-class _Seen:
+class _Sighting:
     """Frames with one identifier; `examples` are their contents where they differ."""
 
     __slots__ = ("count", "evidence", "examples", "what")
@@ -75,24 +75,24 @@ class SecondMasterDetector:
         self.deadline: int | None = None
         """When `tick` has something to tell."""
         self._name, self._report, self._wake = name, report, wake
-        self._seen: dict[int, _Seen] = {}
-        self._told = 0
+        self._sightings: dict[int, _Sighting] = {}
+        self._reported = 0
         self._sync_since = self._syncs = 0
         self._last = -_FORGET_NS
 
     def saw(self, can_id: int, evidence: Evidence, title: str, now: int, example: str = "") -> None:
         """Process a frame that this master did not send."""
         if now - self._last >= _FORGET_NS:
-            self._told = 0
-            self._seen.clear()
+            self._reported = 0
+            self._sightings.clear()
         self._last = now
-        seen = self._seen.get(can_id)
-        if seen is None:
-            seen = self._seen[can_id] = _Seen(evidence, title)
-        seen.count += 1
-        if example and example not in seen.examples and len(seen.examples) < _EXAMPLES:
-            seen.examples.append(example)
-        if evidence > self._told and self.deadline is None:
+        sighting = self._sightings.get(can_id)
+        if sighting is None:
+            sighting = self._sightings[can_id] = _Sighting(evidence, title)
+        sighting.count += 1
+        if example and example not in sighting.examples and len(sighting.examples) < _EXAMPLES:
+            sighting.examples.append(example)
+        if evidence > self._reported and self.deadline is None:
             self.deadline = now + _GATHER_NS
             self._wake()
 
@@ -101,11 +101,11 @@ class SecondMasterDetector:
         if self.deadline is None or now < self.deadline:
             return
         self.deadline = None
-        clearest = max(identifiers.evidence for identifiers in self._seen.values())
-        self._told = clearest
-        identifiers = ", ".join(str(self._seen[can_id]) for can_id in sorted(self._seen))
+        clearest = max(identifiers.evidence for identifiers in self._sightings.values())
+        self._reported = clearest
+        identifiers = ", ".join(str(self._sightings[can_id]) for can_id in sorted(self._sightings))
         kind, level, text = _TELLING[clearest]
-        details = FaultEvent(identifiers=tuple(f"0x{can_id:03X}" for can_id in sorted(self._seen)))
+        details = FaultEvent(identifiers=tuple(f"0x{can_id:03X}" for can_id in sorted(self._sightings)))
         self._report(Event(now, kind, "", text.format(bus=self._name, seen=identifiers), level, details))
 
     def handlers(
@@ -116,8 +116,8 @@ class SecondMasterDetector:
         yield sync, self._handler(sync, Evidence.MASTER, f"SYNC 0x{sync:03X}")
         for node_id in {own_id, *_CUSTOMARY} - nodes.keys():
             can_id = cob_id(Service.HEARTBEAT, node_id)
-            whose = "this master's own node id" if node_id == own_id else f"node {node_id}"
-            yield can_id, self._handler(can_id, Evidence.MASTER, f"heartbeat 0x{can_id:03X} of {whose}")
+            owner = "this master's own node id" if node_id == own_id else f"node {node_id}"
+            yield can_id, self._handler(can_id, Evidence.MASTER, f"heartbeat 0x{can_id:03X} of {owner}")
         for node in nodes.values():
             can_id = cob_id(Service.SDO_CLIENT, node.node_id)
             yield can_id, self._on_sdo(can_id, node)
@@ -225,7 +225,7 @@ class Network:
         self._producer.state = NmtState.OPERATIONAL
         self.outgoing.extend(self._producer.frames())
         for node in self.nodes.values():
-            if node.config.boot.wanted:
+            if node.config.boot.enabled:
                 node.begin_boot(now)
         self._collect()
 
@@ -336,11 +336,11 @@ class Network:
         self._sync_elsewhere = True
         can_id, period = self.sync.cob_id, self.config.master.sync_period * 1000
 
-        def heard(_data: bytes, _length: int, now: int) -> None:
+        def receive(_data: bytes, _length: int, now: int) -> None:
             on_sync(now)
             self._foreign.on_expected_sync(can_id, period, now, self._since is not None)
 
-        self._handlers[can_id] = heard
+        self._handlers[can_id] = receive
 
     def bus_failed(self, text: str, now: int) -> None:
         """Mark every node as lost because the bus failed; `bus_back` boots them again."""

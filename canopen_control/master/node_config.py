@@ -47,8 +47,8 @@ def tolerated(
         if key in keys or key in unused:
             continue
         tolerated_keys.add(key)
-        if meant := _meant(key, section, keys, misnamed):
-            place.error(f"unknown key {key!r}; write {meant}")
+        if suggestion := _suggestion(key, section, keys, misnamed):
+            place.error(f"unknown key {key!r}; write {suggestion}")
         elif node_id_below(section, key) is not None:
             place.error(f"unknown key {key!r}: a node belongs at the margin or under `nodes:`; it is indented too far")
         elif driver:
@@ -74,23 +74,23 @@ _MODES: Final = {1: "position", 7: "position", 8: "position", 2: "velocity", 3: 
 }
 
 
-def _meant(key: str, section: Node, keys: Collection[str], misnamed: Mapping[str, str]) -> str:
+def _suggestion(key: str, section: Node, keys: Collection[str], misnamed: Mapping[str, str]) -> str:
     """Return the correct spelling of a key, "" if it is unknown."""
     if (pdo := _PDO_KEY.fullmatch(key)) and pdo[1].lower() in keys:
         return f"`{pdo[2]}:` under `{pdo[1].lower()}:`"
-    meant, place = misnamed.get(key, ""), section.get(key)
+    suggestion, place = misnamed.get(key, ""), section.get(key)
     number = place.value if place is not None else None
-    if "velocity_mode" in meant and type(number) is int and number in _MODES:
+    if "velocity_mode" in suggestion and type(number) is int and number in _MODES:
         return f"`{_MODES[number]}_mode: {number}` ({OperationMode(number).name})"
-    return meant
+    return suggestion
 
 
 def _respelled(section: Node) -> Node:
     """Return the section with misnamed keys replaced, so that one error is not reported twice."""
     pairs = {key.text: (key, value) for key, value in section.pairs()}
     for key, pair in list(pairs.items()):
-        if (meant := _SPELLING.fullmatch(MISNAMED_NODE.get(key, ""))) and meant[1] not in pairs:
-            pairs[meant[1]] = pair
+        if (spelling := _SPELLING.fullmatch(MISNAMED_NODE.get(key, ""))) and spelling[1] not in pairs:
+            pairs[spelling[1]] = pair
     for kind in ("rpdo", "tpdo"):
         if kind not in pairs and (numbered := _numbered_pdos(pairs, kind)):
             place = next(iter(numbered.values()))[0]
@@ -262,10 +262,10 @@ def _required(keys: BootKeys, node: Node) -> bool:
     place = node.get("required") or node
     if None not in (keys.required, keys.mandatory) and keys.required != keys.mandatory:
         place.error("`required` and `mandatory` mean the same and differ; keep one")
-    if not keys.wanted and (keys.required or keys.mandatory):
+    if not keys.enabled and (keys.required or keys.mandatory):
         place.error("a node with `boot: false` is never started, so nothing can wait for it")
     mandatory = keys.mandatory if keys.required is None else keys.required
-    return keys.wanted if mandatory is None else mandatory
+    return keys.enabled if mandatory is None else mandatory
 
 
 def _effort_mode(keys: MotionKeys, node: Node) -> int | None:

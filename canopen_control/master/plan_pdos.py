@@ -174,7 +174,7 @@ def _plan_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
     outputs = [safe_output for safe_output in safe_outputs(signals, builder.od) if safe_output.output in live]
     keeping = [output for output in outputs if not _plan_safe(builder, output)]
     if keeping:
-        places = ", ".join(f"0x{kept.output[0]:04X}:{kept.output[1]:02X}" for kept in keeping)
+        places = ", ".join(f"0x{safe.output[0]:04X}:{safe.output[1]:02X}" for safe in keeping)
         builder.warn("dcf", f"the outputs {places} keep their values when the master dies: nothing switches them off")
 
 
@@ -265,7 +265,7 @@ _EVENT_TIMER = _SETTINGS.index(5)
 
 
 @dataclass(frozen=True, slots=True)
-class _Wanted:
+class _Requested:
     """Planned configuration of one PDO."""
 
     kind: str
@@ -443,7 +443,7 @@ def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig, reas
         return
     off = not pdo.is_on and (builder.default(index, 1) or 0) & INVALID_BIT
     settings = _settings(builder, kind, number, pdo)
-    planned = _Wanted(kind, number, key, _cob_id(builder, kind, number, pdo), settings, reason)
+    planned = _Requested(kind, number, key, _cob_id(builder, kind, number, pdo), settings, reason)
     if not builder.is_fixed_cob_id(index, 1, planned.cob_id) or not pdo.is_on:
         _check_fixed(builder, planned, pdo)
         _write(builder, planned, 1, planned.cob_id | INVALID_BIT, STORED if off else reason)
@@ -462,7 +462,7 @@ def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig, reas
     builder.layouts[kind].append(PlannedPdo(number, planned.cob_id & 0x7FF, _or_255(transmission), objects, timer))
 
 
-def _check_fixed(builder: PlanBuilder, planned: _Wanted, pdo: PdoConfig) -> None:
+def _check_fixed(builder: PlanBuilder, planned: _Requested, pdo: PdoConfig) -> None:
     """Warn of a COB-ID that differs and is read-only in the EDS.
 
     It is tried anyway: EDS files declare `ro` or `const` for COB-IDs that can be written.
@@ -481,7 +481,7 @@ def _check_fixed(builder: PlanBuilder, planned: _Wanted, pdo: PdoConfig) -> None
         builder.warn(f"{planned.key}.cob_id", f"{text}; give `cob_id: 0x{default & 0x7FF:03X}`")
 
 
-def _check_fixed_mapping(builder: PlanBuilder, planned: _Wanted, objects: tuple[MappedObject, ...]) -> None:
+def _check_fixed_mapping(builder: PlanBuilder, planned: _Requested, objects: tuple[MappedObject, ...]) -> None:
     """Warn of a mapping or transmission type that differs and is read-only in the EDS."""
     mapping = {0: len(objects), **{slot: mapping_entry(entry) for slot, entry in enumerate(objects, 1)}}
     differs = any(builder.default(planned.mapping, subindex) != value for subindex, value in mapping.items())
@@ -502,7 +502,7 @@ def _check_fixed_mapping(builder: PlanBuilder, planned: _Wanted, objects: tuple[
 
 
 def _plan_live(
-    builder: PlanBuilder, planned: _Wanted, objects: tuple[MappedObject, ...], *, stored_mapping: bool
+    builder: PlanBuilder, planned: _Requested, objects: tuple[MappedObject, ...], *, stored_mapping: bool
 ) -> None:
     for subindex, value in planned.settings:
         default = builder.default(planned.communication, subindex)
@@ -523,7 +523,7 @@ def _plan_live(
 
 
 def _write(
-    builder: PlanBuilder, planned: _Wanted, subindex: int, value: int, reason: str = "", *, optional: bool = False
+    builder: PlanBuilder, planned: _Requested, subindex: int, value: int, reason: str = "", *, optional: bool = False
 ) -> None:
     pdo = planned.kind, planned.number
     builder.write(planned.communication, subindex, value, planned.key, reason, optional=optional, pdo=pdo)
@@ -592,8 +592,8 @@ def _mapped(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig | None)
         mapping = [(entry.index, entry.sub_index, 0) for entry in pdo.mapping]
         for slot, entry in enumerate(pdo.mapping):
             _check_bits(builder, f"{key}[{slot}].bits", entry)
-    found = [_map_one(builder, kind, f"{key}[{slot}]", *fields) for slot, fields in enumerate(mapping)]
-    objects = tuple(mapped for mapped in found if mapped is not None)
+    addresses = [_map_one(builder, kind, f"{key}[{slot}]", *fields) for slot, fields in enumerate(mapping)]
+    objects = tuple(mapped for mapped in addresses if mapped is not None)
     if (bits := sum(mapped.bits for mapped in objects)) > MAX_BITS:
         builder.complain(key, f"{bits} bits, a PDO holds {MAX_BITS}")
     slots = sum((MAPPING[kind] + number - 1, slot) in builder.od for slot in range(1, 65))

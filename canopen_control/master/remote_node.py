@@ -99,8 +99,8 @@ class NodeLog:
             if is_passed:
                 active = ", ".join(f"0x{code:04X}" for code in self.errors.active)
                 also = f"; still active: {active}" if active else ""
-                gone = f"an error is gone (EMCY 0x{code:04X}){also}"
-                self.report(now, "emcy_reset", gone, details=fault)
+                cleared = f"an error is gone (EMCY 0x{code:04X}){also}"
+                self.report(now, "emcy_reset", cleared, details=fault)
             return None
         text = f"EMCY {fault.code_text}"
         if is_passed:
@@ -636,7 +636,7 @@ def _taking(place: ObjectPlace, done: Callable[[SdoRequest], None]) -> Callable[
     """Return what calls `done` with the part of an answer that belongs to one motor."""
 
     def take(request: SdoRequest) -> None:
-        request.data = place.taken(request.data)
+        request.data = place.part_of(request.data)
         done(request)
 
     return take

@@ -133,8 +133,8 @@ class BootTransfers:
         self.reads += 1
         place = self._places.get((index, subindex))
         data = yield Read(index, subindex) if place is None else Read(place.index, place.subindex)
-        found = data if isinstance(data, bytes) else b""
-        return found if place is None else place.taken(found)
+        content = data if isinstance(data, bytes) else b""
+        return content if place is None else place.part_of(content)
 
     def try_read(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes | None]:
         """Upload an optional object: None if the node refuses.

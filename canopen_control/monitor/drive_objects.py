@@ -257,7 +257,7 @@ class DriveObjects:
             self._show(od, node.place.node_id, [live for _, live in values])
         return self._cells
 
-    def look(self, addresses: Iterable[str]) -> None:
+    def watch(self, addresses: Iterable[str]) -> None:
         """Read only these rows from now on."""
         if self._node is not None:
             entries = [self._entries[address] for address in addresses if address in self._entries]

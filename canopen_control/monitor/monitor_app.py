@@ -122,9 +122,9 @@ class LiveTable(DataTable[Text]):
 
     def show(self, rows: Mapping[str, tuple[Cell, ...]]) -> None:
         """Show these rows; new rows are added in their order."""
-        for gone in [key for key in self._shown if key not in rows]:
-            self.remove_row(gone)
-            del self._shown[gone]
+        for removed in [key for key in self._shown if key not in rows]:
+            self.remove_row(removed)
+            del self._shown[removed]
         for key, cells in rows.items():
             before = self._shown.get(key)
             if before is None:
@@ -200,7 +200,7 @@ class DrivePane(Vertical):
     def __init__(self) -> None:
         super().__init__()
         self.title, self.objects = Static(id="drive-title"), LiveTable(OBJECT_COLUMNS, id="drive-table")
-        self.choice, self.told = WorkChoice(), RichLog(max_lines=_KEPT_LINES, wrap=True, id="work")
+        self.choice, self.output = WorkChoice(), RichLog(max_lines=_KEPT_LINES, wrap=True, id="work")
         self._run: WorkRun | None = None
         self._ended = False
 
@@ -209,7 +209,7 @@ class DrivePane(Vertical):
         yield self.title
         yield self.objects
         yield self.choice
-        yield self.told
+        yield self.output
 
     def show(self, looking: DriveObjects | None) -> None:
         """Show the objects of the selected drive, and read the visible ones."""
@@ -218,7 +218,7 @@ class DrivePane(Vertical):
             self.title.update(Text(title))
         if looking is not None:
             self.objects.show(looking.rows())
-            looking.look(self.objects.in_sight)
+            looking.watch(self.objects.in_sight)
 
     def choose(self) -> None:
         """Open the choice of actions."""
@@ -236,7 +236,7 @@ class DrivePane(Vertical):
     def follow(self, run: WorkRun) -> None:
         """Show the output of a verb from now on."""
         self._run, self._ended = run, False
-        self.told.add_class("shown")
+        self.output.add_class("shown")
         self._report(run.title, Tone.IDLE)
 
     def end(self) -> None:
@@ -262,7 +262,7 @@ class DrivePane(Vertical):
             self._report("done" if code == 0 else f"ended with {code}", Tone.GOOD if code == 0 else Tone.BAD)
 
     def _report(self, line: str, tone: Tone) -> None:
-        self.told.write(Text(line, style=TONE_STYLES[tone]))
+        self.output.write(Text(line, style=TONE_STYLES[tone]))
 
 
 PERIOD_S: Final = 0.2
@@ -327,7 +327,7 @@ class MonitorApp(App[None]):
         self._logs = {
             name: RichLog(max_lines=KEPT_LINES, wrap=name != "trace", id=name) for name in _TABS if name not in _TABLES
         }
-        self._told: deque[tuple[str, SeverityLevel]] = deque()  # messages of threads, until they are shown
+        self._messages: deque[tuple[str, SeverityLevel]] = deque()  # messages of threads, until they are shown
         self._watched: list[BusTap] = []
         self._drawn = 0.0
         self._lines: LineWriter | None = None
@@ -379,8 +379,8 @@ class MonitorApp(App[None]):
         self._drawn = time.monotonic()
         self.source.listen(self.query_one("#tabs", TabbedContent).active in _FRAME_TABS)
         self.source.tick()
-        while self._told:
-            text, severity = self._told.popleft()
+        while self._messages:
+            text, severity = self._messages.popleft()
             self.notify(text, severity=severity, markup=False)
         self._watch(self.source.taps)
         content = self.source.content()
@@ -589,9 +589,9 @@ class MonitorApp(App[None]):
 
         def run() -> None:
             try:
-                self._told.append((f"{title}: {work()}", "information"))
+                self._messages.append((f"{title}: {work()}", "information"))
             except CanopenError as error:
-                self._told.append((f"{title}: {error}", "error"))
+                self._messages.append((f"{title}: {error}", "error"))
 
         # Not one of textual's workers: those are few, and a STOP may not wait for the others.
         threading.Thread(target=run, name=title, daemon=True).start()

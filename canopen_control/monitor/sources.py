@@ -116,7 +116,7 @@ class BusTable:
         if decoded.node_id is None or decoded.service not in _OWN:
             return
         if self._from_node(decoded):
-            node = self._heard(decoded.node_id, decoded.time)
+            node = self._update_node(decoded.node_id, decoded.time)
         else:
             node = self._nodes.get(decoded.node_id) or _Node(decoded.time)  # of one never heard nothing is kept
         self._take(node, decoded)
@@ -150,7 +150,7 @@ class BusTable:
         """Whether the node sent the frame; frames to the node do not show that it exists."""
         return not decoded.subject.startswith(("RPDO", "SDO request")) and "request" not in decoded.text
 
-    def _heard(self, node_id: int, time: int) -> _Node:
+    def _update_node(self, node_id: int, time: int) -> _Node:
         node = self._nodes.get(node_id)
         if node is None:
             node = self._nodes[node_id] = _Node(time)
@@ -273,8 +273,8 @@ class RobotLink:
         self.places: Mapping[str, NodePlace] = {}
         self.state: StateSample | None = None
         self._events: deque[RobotEvent] = deque(maxlen=_KEPT_EVENTS)
-        self._told: deque[RobotEvent] = deque(maxlen=_REPEATED)
-        self._heard = 0.0
+        self._recent: deque[RobotEvent] = deque(maxlen=_REPEATED)
+        self._last_message = 0.0
         self._connection: RobotClient | None = None  # open, also while the first requests are on their way
         self._robot: RobotClient | None = None
         self._closed = threading.Event()
@@ -297,7 +297,7 @@ class RobotLink:
     @property
     def connected(self) -> bool:
         """Whether the state is up to date."""
-        return self.state is not None and time.monotonic() - self._heard < _SILENCE_S
+        return self.state is not None and time.monotonic() - self._last_message < _SILENCE_S
 
     def events(self) -> list[RobotEvent]:
         """Return the events since the last call."""
@@ -342,14 +342,14 @@ class RobotLink:
                 if isinstance(message, RobotEvent):
                     self._keep(message)
                 elif isinstance(message, StateSample):
-                    self.state, self._heard, self.why = message, time.monotonic(), ""
+                    self.state, self._last_message, self.why = message, time.monotonic(), ""
                     on_sample()
             self.why = f"robot {self.name} has been silent for more than {_SILENCE_S:g} s; does it hang?"
 
     def _keep(self, event: RobotEvent) -> None:
         """Store an event unless it is known: the stream repeats the events of the status."""
-        if event not in self._told:
-            self._told.append(event)
+        if event not in self._recent:
+            self._recent.append(event)
             self._events.append(event)
 
 

@@ -117,12 +117,12 @@ def decode(data: bytes, data_type: DataType) -> Value:
     return int.from_bytes(data, "little", signed=data_type.signed)
 
 
-def fitted(data: bytes, data_type: DataType, *, told: bool = True) -> bytes | None:
+def fitted(data: bytes, data_type: DataType, *, length_known: bool = True) -> bytes | None:
     """Return the data of an upload as the bytes of its type; None if they are not a value of this type.
 
     Missing bytes are never added. Excess bytes are cut if they carry no information: zeros after a number (0xFF after a
     negative one), as from devices that always answer with four bytes, or any bytes if the server did not announce the
-    length (`told` False).
+    length (`length_known` False).
     """
     if (bits := data_type.bits) is None:
         return data
@@ -130,7 +130,7 @@ def fitted(data: bytes, data_type: DataType, *, told: bool = True) -> bytes | No
     if len(data) <= size:
         return data if len(data) == size else None
     filling = 0xFF if data_type.signed and data[size - 1] & 0x80 else 0
-    if not told or (data_type.is_integer and all(byte == filling for byte in data[size:])):
+    if not length_known or (data_type.is_integer and all(byte == filling for byte in data[size:])):
         return data[:size]
     return None
 

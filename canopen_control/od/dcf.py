@@ -231,8 +231,8 @@ def _compact_companions(od: ObjectDictionary) -> set[str]:
     return {f"{index:04x}{suffix}" for index in compact for suffix in ("name", "value")}
 
 
-def _get(texts: Mapping[str, str], wanted: str) -> str:
-    return next((value for key, value in texts.items() if key.lower() == wanted), "")
+def _get(texts: Mapping[str, str], name: str) -> str:
+    return next((value for key, value in texts.items() if key.lower() == name), "")
 
 
 def _section(title: str, texts: Mapping[str, str]) -> Section:

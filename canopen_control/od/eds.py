@@ -418,19 +418,19 @@ class EdsFile:
 
 
 _State: TypeAlias = tuple[int, ...]  # of a file, by which a changed one is recognized
-_kept: dict[str, tuple[_State, EdsFile]] | None = None
+_cache: dict[str, tuple[_State, EdsFile]] | None = None
 
 
 def keep_files() -> None:
     """Parse each file once from now on, while it is unchanged: for this process and its forks."""
-    global _kept
-    _kept = {} if _kept is None else _kept
+    global _cache
+    _cache = {} if _cache is None else _cache
 
 
 def forget_files() -> None:
     """Undo `keep_files`."""
-    global _kept
-    _kept = None
+    global _cache
+    _cache = None
 
 
 def read_eds(path: str | Path, node_id: int | None = None) -> EdsFile:
@@ -438,17 +438,17 @@ def read_eds(path: str | Path, node_id: int | None = None) -> EdsFile:
 
     Raises EdsError if the file cannot be read or is not a CANopen EDS.
     """
-    if _kept is None:
+    if _cache is None:
         return _read_file(path, node_id)
     try:
         status = Path(path).stat()
     except (OSError, ValueError):
         return _read_file(path, node_id)
     state = status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
-    kept = _kept.get(str(path))
-    if kept is None or kept[0] != state:
-        kept = _kept[str(path)] = state, _read_file(path, None)
-    file = kept[1]
+    cached = _cache.get(str(path))
+    if cached is None or cached[0] != state:
+        cached = _cache[str(path)] = state, _read_file(path, None)
+    file = cached[1]
     od = file.od
     if node_id is None:
         od = replace(od, entries=od.entries.copy(), objects=od.objects.copy(), sections=od.sections.copy())

@@ -356,7 +356,7 @@ class EntryReader:
 
     node_id: int | None
     report: Report
-    kept: dict[tuple[str | int | None, ...], _Traits] = field(default_factory=dict)
+    traits: dict[tuple[str | int | None, ...], _Traits] = field(default_factory=dict)
     ranges: dict[int, RangeType] = field(default_factory=dict)
 
     def read(self, section: Section, index: int, subindex: int, name: str, code: int) -> Entry:
@@ -419,7 +419,7 @@ class EntryReader:
             text("highlimit"),
             text("objflags"),
         )
-        traits = self.kept.get(remark)
+        traits = self.traits.get(remark)
         if traits is not None:
             return traits
         issues = len(self.report.issues)
@@ -430,7 +430,7 @@ class EntryReader:
         obj_flags = read_number(section, "objflags", 0, self.report)
         traits = _Traits(data_type, is_known, access, pdo_mappable, low, high, obj_flags, {})
         if len(self.report.issues) == issues:
-            self.kept[remark] = traits
+            self.traits[remark] = traits
         return traits
 
     def _data_type(self, section: Section, code: int, address: Address) -> tuple[DataType, bool]:

@@ -61,7 +61,7 @@ class Disturbances:
         self._grip = self._floor
         self._before = {name: getattr(self._model, name).copy() for name in _CHANGED}
         self.blocker: JointBlocker | None = None
-        self._due: list[tuple[int, int, WorldAct | _EndOfPush, str]] = []
+        self._pending: list[tuple[int, int, WorldAct | _EndOfPush, str]] = []
         self._count = 0
         self._timeline, self._steps = world.timeline(), world.steps
         names = {str(self._model.body(number).name): number for number in range(1, self._model.nbody)}
@@ -94,7 +94,7 @@ class Disturbances:
             getattr(self._model, name)[:] = before
         mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
         self._grip = self._floor
-        self._due.clear()
+        self._pending.clear()
         self.begin(self._data)
 
     @property
@@ -112,13 +112,13 @@ class Disturbances:
 
     def next_ns(self) -> int | None:
         """Return the time of the next disturbance, None if there is none."""
-        return self._due[0][0] if self._due else None
+        return self._pending[0][0] if self._pending else None
 
     def advance(self, now: int) -> bool:
         """Apply the disturbances that are due; return whether there were any."""
         happened = False
-        while self._due and self._due[0][0] <= now:
-            at_ns, _, world_act, robot = heapq.heappop(self._due)
+        while self._pending and self._pending[0][0] <= now:
+            at_ns, _, world_act, robot = heapq.heappop(self._pending)
             if isinstance(world_act, _EndOfPush):
                 self._data.xfrc_applied[world_act.link, :3] -= world_act.force
             else:
@@ -160,7 +160,7 @@ class Disturbances:
 
     def _plan(self, at_ns: int, world_act: WorldAct | _EndOfPush, robot: str = "") -> None:
         self._count += 1
-        heapq.heappush(self._due, (at_ns, self._count, world_act, robot))
+        heapq.heappush(self._pending, (at_ns, self._count, world_act, robot))
 
     # -- payload
 

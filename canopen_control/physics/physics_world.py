@@ -118,7 +118,7 @@ def _rounded(values: Any) -> list[float]:  # noqa: ANN401 - numpy's
 _NS: Final = 1e-9
 _AWAKE_NS, _ASLEEP_NS = 20_000_000, 200_000_000  # interval of advancing the axes to the present
 _SHAFT_NS: Final = 5_000_000  # interval of publishing encoder positions
-_LOOK: Final = 16  # steps between two checks for rest, and of the heading
+_CHECK_STEPS: Final = 16  # steps between two checks for rest, and of the heading
 _REST_S: Final = 0.5
 _AT_REST: Final = 1e-3  # rad/s, m/s
 
@@ -224,11 +224,11 @@ class PhysicsWorld:
     def _serve_others(self, now: int) -> None:
         """Serve the timers of the other axes, in order, up to `now`."""
         while (event := self._next(now)) is not None:
-            due, plant = event
+            event_ns, plant = event
             plant.busy = True
             try:
                 if plant.owner is not None:
-                    plant.owner.advance(max(due, self._shown))
+                    plant.owner.advance(max(event_ns, self._shown))
             finally:
                 plant.busy = False
 
@@ -237,9 +237,9 @@ class PhysicsWorld:
         for plant in self._plants.values():
             if plant.owner is None or plant.busy:
                 continue
-            due = plant.owner.next_event()
-            if due is not None and due <= now and (nearest is None or due < nearest[0]):
-                nearest = due, plant
+            event_ns = plant.owner.next_event()
+            if event_ns is not None and event_ns <= now and (nearest is None or event_ns < nearest[0]):
+                nearest = event_ns, plant
         return nearest
 
     def _advance(self, now: int) -> None:
@@ -259,7 +259,7 @@ class PhysicsWorld:
                 continue
             self._step(self._point * self.step_ns, plants)
             self._point += 1
-            if not self._point % _LOOK:
+            if not self._point % _CHECK_STEPS:
                 self._check_sleep(plants)
         self._shown = now
         beyond = (now - self._point * self.step_ns) * _NS
@@ -272,8 +272,8 @@ class PhysicsWorld:
 
     def _sleep_until(self, last: int) -> int:
         """Return the grid point before which nothing can happen."""
-        due = self._disturbances.next_ns()
-        return last if due is None else min(last, (self._began or 0) - (-due // self.step_ns))
+        event_ns = self._disturbances.next_ns()
+        return last if event_ns is None else min(last, (self._began or 0) - (-event_ns // self.step_ns))
 
     def act(self, world_act: WorldAct, robot: str | None = None) -> None:
         """Apply a disturbance at the present time of the world."""
@@ -308,7 +308,7 @@ class PhysicsWorld:
             self._orders, self._quiet = orders, 0
             return
         self._quiet += 1
-        if self._quiet * _LOOK * self.period >= _REST_S:
+        if self._quiet * _CHECK_STEPS * self.period >= _REST_S:
             self._asleep = True
             self.speeds[:] = 0.0
 

@@ -190,7 +190,7 @@ class LidarScanner:
         angles = settings.min_angle + settings.increment * np.arange(settings.count)
         self._rays = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(settings.count)])
         self._hit = np.zeros(settings.count, dtype=np.int32)
-        self._found = np.zeros(settings.count)
+        self._distances = np.zeros(settings.count)
         self.begin()
 
     def begin(self) -> None:
@@ -203,7 +203,18 @@ class LidarScanner:
         rays = (self._rays @ self._turn.reshape(3, 3).T).flatten()
         place, count, cutoff = self._place.copy(), settings.count, settings.range_max
         mujoco.mj_multiRay(
-            self._model, self._data, place, rays, None, True, self._body, self._hit, self._found, None, count, cutoff
+            self._model,
+            self._data,
+            place,
+            rays,
+            None,
+            True,
+            self._body,
+            self._hit,
+            self._distances,
+            None,
+            count,
+            cutoff,
         )
         return LaserScanReading(
             name=settings.name,
@@ -218,7 +229,7 @@ class LidarScanner:
             scan_time=1.0 / settings.rate,
             ranges=[
                 self._reading(float(distance), hit)
-                for distance, hit in zip(self._found, self._hit.tolist(), strict=True)
+                for distance, hit in zip(self._distances, self._hit.tolist(), strict=True)
             ],
         )
 
@@ -384,7 +395,7 @@ class DriverlessRobot:
         }
         self._sensors = list(sensors)
         self._reader = SensorReader(self.model, self.data, self._sensors)
-        self._seen: dict[str, float] = {}
+        self._measured: dict[str, float] = {}
         self.lidars: list[LidarScanner] = []
         settle(self.model, self.data)
         self.data.qvel[:] = 0.0
@@ -409,7 +420,7 @@ class DriverlessRobot:
 
     def sensed(self, interface: str) -> Callable[[], float] | None:
         """Return a reader for a sensor's state interface, such as "imu/orientation.x", None if it is not measured."""
-        return (lambda: self._seen[interface]) if interface in self._seen else None
+        return (lambda: self._measured[interface]) if interface in self._measured else None
 
     def step(self, seconds: float) -> None:
         """Advance by whole steps; the remaining time is added to the next cycle."""
@@ -467,7 +478,9 @@ class DriverlessRobot:
     def _read_states(self) -> None:
         for name, numbers in self._reader.read().items():
             kind = next(sensor.kind for sensor in self._sensors if sensor.name == name)
-            self._seen.update({f"{name}/{part}": value for part, value in zip(INTERFACES[kind], numbers, strict=True)})
+            self._measured.update(
+                {f"{name}/{part}": value for part, value in zip(INTERFACES[kind], numbers, strict=True)}
+            )
 
 
 def make_simulated(
@@ -482,14 +495,14 @@ def make_simulated(
     `loops` replace the servos, by joint and commanded interface; objects of a `world` are added.
     """
     lidars = tag_lidars(tag, description.model.root, description.path)
-    robot = _made(description, tag, scene, loops or {}, WorldDescription() if world is None else world)
+    robot = _build(description, tag, scene, loops or {}, WorldDescription() if world is None else world)
     model = robot.model
     robot.notes += tuple(camera_notes(tag.sensors, [model.cam(number).name for number in range(model.ncam)]))
     robot.lidars = [LidarScanner(model, robot.data, lidar) for lidar in lidars]
     return robot
 
 
-def _made(
+def _build(
     description: UrdfDescription,
     tag: Ros2ControlSystem,
     scene: Path | None,

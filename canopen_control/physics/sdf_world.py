@@ -289,9 +289,9 @@ class _Reader:
             self.mistake(scope.path, pose or element, f"the pose of {base!r} depends on itself; give one in the model")
             return own
         scope.open.add(base)
-        found = self._inside(scope, target).then(own)
+        placed = self._inside(scope, target).then(own)
         scope.open.discard(base)
-        return found
+        return placed
 
     def _pose(self, path: Path, element: Element) -> Pose:
         words, quat = element.text.split(), element.attributes.get("rotation_format") == "quat_xyzw"

@@ -79,7 +79,7 @@ def profile_of(od: ObjectDictionary) -> Profile:
         return Profile(number) if is_known else Profile.NONE
     for objects, profile in _SIGNATURES:
         if all(
-            (found := od.get(index, subindex)) is not None and found.data_type is kind
+            (declared := od.get(index, subindex)) is not None and declared.data_type is kind
             for index, subindex, kind in objects
         ):
             return Profile.CHARGER if profile is Profile.BATTERY and _is_told_the_charge(od) else profile

@@ -49,7 +49,7 @@ _rclpy = importlib.import_module("rclpy.action.server")
 _ActionServer: Any = _rclpy.ActionServer
 _ACCEPTED: Final = 1  # action_msgs/msg/GoalStatus
 _ABORTED: Final = 6
-_KEPT: Final = 64
+_MAX_RESULTS: Final = 64
 """How many refusals are kept, for who asks."""
 
 
@@ -78,7 +78,7 @@ class ActionServerWithGoals(_ActionServer):  # type: ignore[misc] # rclpy's, wit
         on_lost: Callable[[bytes], object],
     ) -> None:
         self._on_goal, self._on_lost = on_goal, on_lost
-        self._taken: dict[bytes, Any] = {}
+        self._accepted: dict[bytes, Any] = {}
         self._accepts = False
         self._refused: OrderedDict[bytes, RosMessage] = OrderedDict()
 
@@ -102,13 +102,13 @@ class ActionServerWithGoals(_ActionServer):  # type: ignore[misc] # rclpy's, wit
 
     def answer(self, uuid: bytes, refusal: RosMessage | None) -> None:
         """Accept a goal, or refuse it with a result that contains the reason."""
-        waiting = self._taken.pop(uuid, None)
+        waiting = self._accepted.pop(uuid, None)
         if waiting is None:
             return
         self._accepts = refusal is None
         if refusal is not None:
             self._refused[uuid] = refusal
-            while len(self._refused) > _KEPT:
+            while len(self._refused) > _MAX_RESULTS:
                 self._refused.popitem(last=False)
         with contextlib.suppress(StopIteration):
             super()._execute_goal_request(waiting).send(None)  # it waits for nothing: its callbacks are not coroutines
@@ -143,12 +143,12 @@ class ActionServerWithGoals(_ActionServer):  # type: ignore[misc] # rclpy's, wit
     async def _execute_goal_request(self, received: Any) -> None:  # noqa: ANN401 - rclpy's
         header, request = received
         uuid = bytes(request.goal_id.uuid)
-        if uuid in self._taken:
+        if uuid in self._accepted:
             return  # the same request once more, and it is being judged
         if uuid in self._goal_handles:
             await super()._execute_goal_request(received)  # refused without its callback
             return
-        self._taken[uuid] = received
+        self._accepted[uuid] = received
         self._on_goal(GoalRequest(uuid, request.goal, client_of(header)))
 
     async def _execute_get_result_request(self, received: Any) -> None:  # noqa: ANN401 - rclpy's
@@ -289,7 +289,7 @@ class FollowedGoal(Generic[V]):
         self.verdict: V | None = None
         self.is_to_end = False
         self.cancelled = False
-        self.told = -math.inf
+        self.last_feedback = -math.inf
         self._clients = clients
         self._was_present = False
         self._ran_here = self.client is not None and clients.runs_here(self.client)
@@ -305,9 +305,9 @@ class FollowedGoal(Generic[V]):
     def wants_feedback(self, time: float) -> bool:
         """Return whether feedback is due; `time` in s."""
         rate = self.verdict.feedback_rate if self.verdict is not None else math.inf
-        if self.told <= time < self.told + 1.0 / rate:
+        if self.last_feedback <= time < self.last_feedback + 1.0 / rate:
             return False
-        self.told = time
+        self.last_feedback = time
         return True
 
 

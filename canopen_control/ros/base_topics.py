@@ -175,8 +175,8 @@ def send_twist(ros: Ros, controller: ControllerReading, message: Twist | TwistSt
     """Send a twist to a base controller, with its stamp if it has one; non-finite values are dropped."""
     twist, stamp = message, None
     if isinstance(message, TwistStamped):
-        made = message.header.stamp
-        twist, stamp = message.twist, ros.unix(seconds_of(made.sec, made.nanosec))
+        sent_at = message.header.stamp
+        twist, stamp = message.twist, ros.unix(seconds_of(sent_at.sec, sent_at.nanosec))
     name, lateral = controller.name, twist.linear.y if controller.drives_sideways else 0.0
     fields = {"linear.x": twist.linear.x, "linear.y": lateral, "angular.z": twist.angular.z}
     key = f"{name}/{controller.topic}"

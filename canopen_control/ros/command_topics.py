@@ -122,7 +122,7 @@ def outputs_of(message: RosMessage, controller: ControllerReading) -> dict[str, 
     groups, inner = list(message.interface_groups), list(message.interface_values)
     if len(groups) != len(inner):
         raise ValueError(f"{len(groups)} interface_groups with {len(inner)} interface_values; give as many")
-    known, found = controller.required_command_interfaces, dict[str, float]()
+    known, outputs = controller.required_command_interfaces, dict[str, float]()
     for group, group_values in zip(groups, inner, strict=True):
         names, values = list(group_values.interface_names), list(group_values.values)
         if len(names) != len(values):
@@ -130,12 +130,12 @@ def outputs_of(message: RosMessage, controller: ControllerReading) -> dict[str, 
         for name, value in zip((f"{group}/{name}" for name in names), values, strict=True):
             if name not in known:
                 raise ValueError(f"{name!r} is not an output; there are: {', '.join(known) or 'none'}")
-            if name in found:
+            if name in outputs:
                 raise ValueError(f"{name} is named twice")
             if not math.isfinite(value):
                 raise ValueError(f"{name} is {value}; give finite numbers")
-            found[name] = float(value)
-    return found
+            outputs[name] = float(value)
+    return outputs
 
 
 # The topics of a PID controller: `~/reference`, `~/controller_state`, and the service `~/set_feedforward_control`.

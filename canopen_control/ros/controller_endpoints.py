@@ -174,7 +174,7 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
     def request(self, goal: RosMessage) -> SendGripper:
         """Return the request of a goal; ValueError with the reason if it is invalid."""
         command = goal.command
-        return self._wanted(command.position, command.max_effort)
+        return self._request_for(command.position, command.max_effort)
 
     def result(self, sample: GripperResult | GripperSample, into: RosMessage) -> RosMessage:
         """Fill a result or a feedback with the state of the gripper."""
@@ -219,7 +219,7 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
             self._ros.warn(self._topic, f"{self._topic}: {result.text}")
         return self.result(result, self._action.Result())
 
-    def _wanted(self, position: float, effort: float, velocity: float = 0.0) -> SendGripper:
+    def _request_for(self, position: float, effort: float, velocity: float = 0.0) -> SendGripper:
         for field, value in (("position", position), ("max_effort", effort), ("max_velocity", velocity)):
             if value - value != 0.0:  # nan, infinite
                 raise ValueError(f"its {field} is {value}; give finite numbers")
@@ -244,7 +244,7 @@ class ParallelGripperAction(GripperAction):
         if len(command.position) != 1:
             raise ValueError(f"it has {len(command.position)} positions; give one")
         effort, velocity = (next(iter(numbers), 0.0) for numbers in (command.effort, command.velocity))
-        return self._wanted(float(command.position[0]), float(effort), float(velocity))
+        return self._request_for(float(command.position[0]), float(effort), float(velocity))
 
     def result(self, sample: GripperResult | GripperSample, into: RosMessage) -> RosMessage:
         """Fill a result with the state of the gripper."""
@@ -302,10 +302,10 @@ def endpoints_for(ros: Ros, controller: ControllerReading) -> list[Endpoint]:
     own = (*commands, *BY_SAMPLE.get(controller.tells, ()))
     offers = [BY_OFFER[offer] for offer in controller.offers if offer in BY_OFFER]
     factories: list[Factory] = [*own, *offers, *(partial(SamplePublisher, row=row) for row in rows)]
-    return [endpoint for make in factories for endpoint in _made(make, ros, controller)]
+    return [endpoint for make in factories for endpoint in _create(make, ros, controller)]
 
 
-def _made(make: Factory, ros: Ros, controller: ControllerReading) -> Iterator[Endpoint]:
+def _create(make: Factory, ros: Ros, controller: ControllerReading) -> Iterator[Endpoint]:
     """Yield an endpoint; nothing if this ROS lacks its interface, without effect on the controller's others."""
     try:
         yield make(ros, controller)

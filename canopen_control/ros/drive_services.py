@@ -70,18 +70,18 @@ class DriveTargets:
     """Last targets of a controller's drives through `target`; shared by all drives of a robot."""
 
     def __init__(self) -> None:
-        self._told: dict[tuple[str, str], tuple[float, float]] = {}
+        self._last_targets: dict[tuple[str, str], tuple[float, float]] = {}
 
     def command(
         self, controller: ControllerReading, joint: str, target: float, joints: Mapping[str, JointReading]
     ) -> list[float]:
         """Return the command with one joint's target; other joints keep theirs."""
         now = time.monotonic()
-        self._told[controller.name, joint] = (now, target)
+        self._last_targets[controller.name, joint] = (now, target)
         return [self._value(controller, name, joints.get(name), now) for name in controller.joints]
 
     def _value(self, controller: ControllerReading, joint: str, state: JointReading | None, now: float) -> float:
-        at, target = self._told.get((controller.name, joint), (-math.inf, 0.0))
+        at, target = self._last_targets.get((controller.name, joint), (-math.inf, 0.0))
         return target if now - at < _RECENT_S else _held(state, controller.interface)
 
 

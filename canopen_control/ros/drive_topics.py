@@ -54,7 +54,7 @@ class DriveTopics(Endpoint):
         self._emcy = make(DiagnosticArray, node.path("emcy"), EVENTS)
         self._rpdo = make(self._object, node.path("rpdo"), EVENTS)
         self._tpdo = ros.subscribe(self._object, node.path("tpdo"), self._on_tpdo, EVENTS)
-        self._told: str | None = None
+        self._published: str | None = None
         self._listeners = 0
         self._objects: dict[tuple[int, int], int] = {}
 
@@ -103,8 +103,8 @@ class DriveTopics(Endpoint):
 
     def _publish_nmt(self, node: NodeReading) -> None:
         nmt_state = NMT_STATES.get(node.nmt_state, "ERROR")
-        if nmt_state != self._told:
-            self._told = nmt_state
+        if nmt_state != self._published:
+            self._published = nmt_state
             self._nmt.publish(String(data=nmt_state))
 
     def _joints(self, state: StateSample, joints: list[str]) -> JointState:
@@ -166,13 +166,13 @@ class ProxyNode(Endpoint):
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller
         self._parts: list[Endpoint] = []
-        self._asked = self._closed = False
+        self._requested = self._closed = False
 
     def on_controller(self, controller: ControllerReading) -> None:
         """Find the node of its joint once the controller is configured."""
         self._controller = controller
-        if controller.joints and not self._asked:
-            self._asked = True
+        if controller.joints and not self._requested:
+            self._requested = True
             self._ask()
 
     def on_state(self, state: StateSample) -> None:

@@ -148,7 +148,7 @@ class Answer:
         return self._send(response, self._header)
 
 
-class _Taken(NamedTuple):
+class _TakenRequest(NamedTuple):
     request: RosMessage
     response: RosMessage
 
@@ -160,10 +160,10 @@ def serve(node: Node, kind: type, name: str, handler: Handler) -> RosMessage:
     when its callback returns, and its EventsExecutor takes no coroutine. So the callback here only collects the
     request, and what the executor then sends through the service's `send_response` starts the work.
     """
-    service = node.create_service(kind, name, _Taken)
+    service = node.create_service(kind, name, _TakenRequest)
     send = service.send_response
 
-    def start(request: _Taken, header: object) -> None:
+    def start(request: _TakenRequest, header: object) -> None:
         handler(request.request, request.response, Answer(send, header))
 
     service.send_response = start

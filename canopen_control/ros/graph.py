@@ -57,11 +57,11 @@ def fill(message: Any, data: object, class_of: ClassOf, place: str = "") -> Any:
         path = f"{place}.{name}" if place else str(name)
         if name not in types:
             raise ConfigError(f"{path}: there is no such field; there are: {', '.join(types)}")
-        setattr(message, name, _made(value, types[name], class_of, path))
+        setattr(message, name, _field_value(value, types[name], class_of, path))
     return message
 
 
-def _made(value: object, kind: str, class_of: ClassOf, path: str) -> Any:  # noqa: ANN401 - what the field holds
+def _field_value(value: object, kind: str, class_of: ClassOf, path: str) -> Any:  # noqa: ANN401 - what the field holds
     match = _SEQUENCE.fullmatch(kind)
     if match is None:
         return _scalar(value, kind, class_of, path)

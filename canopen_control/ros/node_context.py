@@ -110,11 +110,11 @@ class NodeContext:
                 self.warn(name, f"{name}: {type(error).__name__}: {error}")
                 reply(response)
 
-        def taken(request: object, response: object, reply: Reply) -> None:
+        def on_request(request: object, response: object, reply: Reply) -> None:
             self.hand_over(lambda: guarded(request, response, reply))
 
         try:
-            return make_service(self.node, interface(kind), name, taken)
+            return make_service(self.node, interface(kind), name, on_request)
         except MissingInterface as error:
             self.leave_out(error.name)
             return None

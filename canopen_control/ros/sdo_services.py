@@ -174,16 +174,16 @@ class NodeSdo:
         response.results = [make() for _ in request.parameters]
 
         def one(number: int, parameter: RosMessage, done: Callable[[], None]) -> None:
-            def told(error: str | None) -> None:
+            def answer(error: str | None) -> None:
                 response.results[number].successful, response.results[number].reason = error is None, error or ""
                 done()
 
             try:
                 address, value = parse_address(parameter.name), _value_of(parameter.value)
             except ValueError as error:
-                told(str(error))
+                answer(str(error))
                 return
-            write_object(self._ros, self._name, address, lambda length: encode(value, address.kind, length), told)
+            write_object(self._ros, self._name, address, lambda length: encode(value, address.kind, length), answer)
 
         _one_by_one(list(request.parameters), one, lambda: reply(response))
 
@@ -283,13 +283,13 @@ def _read_request(node: str, address: Address) -> SdoRead:
 def _responder(ros: Ros, node: str, response: RosMessage, reply: Reply) -> Callable[[str | None], None]:
     """Return a callback that sets `success` of a response and sends it; a reason is logged."""
 
-    def told(error: str | None) -> None:
+    def answer(error: str | None) -> None:
         if error is not None:
             ros.warn(f"{node}/sdo", error)
         response.success = error is None
         reply(response)
 
-    return told
+    return answer
 
 
 def _one_by_one(

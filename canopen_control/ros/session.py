@@ -90,25 +90,27 @@ class Activity(Endpoint):
         self._state = interface("lifecycle_msgs/msg/State")
         self._publisher = ros.node.create_publisher(self._message, "controller_manager/activity", LATCHED)
         self._controllers: States = {}
-        self._told: tuple[States, States] | None = None
-        self._asking, self._due = False, True
+        self._published: tuple[States, States] | None = None
+        self._asking, self._changed = False, True
         self._next = self._time = 0.0
 
     def on_event(self, event: RobotEvent) -> None:
         """Request the hardware states with the next sample, because they may have changed."""
         del event
-        self._due = True
+        self._changed = True
 
     def on_state(self, state: StateSample) -> None:
         """Request the hardware states if they may have changed."""
         self._time = state.time
         controllers = dict(state.controllers)
         # a clock that was set back does not silence it
-        idle = controllers == self._controllers and not self._due and self._time < self._next <= self._time + _PERIOD_S
+        idle = (
+            controllers == self._controllers and not self._changed and self._time < self._next <= self._time + _PERIOD_S
+        )
         if self._asking or idle:
             return
         self._controllers, self._next = controllers, self._time + _PERIOD_S
-        self._asking, self._due = True, False
+        self._asking, self._changed = True, False
         self._ros.ask(ListHardware(), self._on_hardware)
 
     def _on_hardware(self, answer: list[HardwareReading] | None, error: str | None) -> None:
@@ -116,9 +118,9 @@ class Activity(Endpoint):
         hardware = {component.name: component.state for component in answer or ()}
         if error is not None:
             self._ros.warn("activity", f"controller_manager/activity: {error}")
-        elif (self._controllers, hardware) != self._told:
-            self._told = (self._controllers, hardware)
-            self._publish(*self._told)
+        elif (self._controllers, hardware) != self._published:
+            self._published = (self._controllers, hardware)
+            self._publish(*self._published)
 
     def _publish(self, controllers: States, hardware: States) -> None:
         message = self._message(
@@ -168,13 +170,13 @@ class Mailbox(Generic[T]):
     def take(self, now: int) -> tuple[dict[str, T], int | None]:
         """Return the values due now, and the time of the next (ns; None: when woken)."""
         with self._lock:
-            due = {name: value for name, value in self._waiting.items() if self._due_at(name) <= now}
-            for name in due:
+            ready = {name: value for name, value in self._waiting.items() if self._due_at(name) <= now}
+            for name in ready:
                 del self._waiting[name]
                 self._sent[name] = now
             later = min(map(self._due_at, self._waiting), default=None)
             self._woken = later is not None
-            return due, later
+            return ready, later
 
     def forget(self, name: str) -> None:
         """Drop the value of a name."""
@@ -336,7 +338,7 @@ class RosSession:
         self.controllers: dict[str, ControllerReading] = {}
         self._endpoints: dict[str, list[Endpoint]] = {}
         self._common: list[Endpoint] = []
-        self._told: dict[str, str] = {}
+        self._published: dict[str, str] = {}
         self._lacking: dict[str, bool] = {}  # interfaces that this ROS does not have, and whether that was reported
         self._throttle = Throttle()
         self._rate = options.rate
@@ -547,7 +549,7 @@ class RosSession:
 
     def _follow(self, states: dict[str, str]) -> None:
         """Create and remove topics after controllers were loaded, switched or unloaded."""
-        if states == self._told:
+        if states == self._published:
             return
         controllers = {controller.name: controller for controller in self._client.ask(ListControllers())}
         for name in [name for name in self._endpoints if name not in controllers]:
@@ -558,11 +560,14 @@ class RosSession:
             if before is not None and _topics(before) != _topics(controller):
                 self._forget(name)
             if name not in self._endpoints:
-                self._endpoints[name] = self._made(controller)
+                self._endpoints[name] = self._endpoints_of(controller)
             for endpoint in self._endpoints[name]:
                 endpoint.on_controller(controller)
         # the answer is newer than the sample that caused the request: controllers may have been switched in between
-        self.controllers, self._told = controllers, {name: controller.state for name, controller in controllers.items()}
+        self.controllers, self._published = (
+            controllers,
+            {name: controller.state for name, controller in controllers.items()},
+        )
         self._report_outpaced()
 
     def _report_outpaced(self) -> None:
@@ -572,7 +577,7 @@ class RosSession:
             self.ask(PublishEvent(kind="ros_rate", text=f"ROS: {text}"), lambda _done, _error: None)
         self._outpaced = text
 
-    def _made(self, controller: ControllerReading) -> list[Endpoint]:
+    def _endpoints_of(self, controller: ControllerReading) -> list[Endpoint]:
         try:
             return endpoints_for(self._nodes.of(controller.name, controller.node_options), controller)
         except Exception as error:  # noqa: BLE001 - a name of ros2_controllers.yaml that ROS refuses

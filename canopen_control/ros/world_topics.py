@@ -113,14 +113,14 @@ class LaserScans(Endpoint):
         self._ros = ros
         self._publishers: dict[str, Any] = {}  # rclpy has no types
         self._asking = self._none = False
-        self._due = 0.0  # simulated seconds of the next scan
+        self._next_scan = 0.0  # simulated seconds of the next scan
 
     def on_state(self, state: StateSample) -> None:
         """Request a scan if one is due."""
         seconds = state.sim_time
         if seconds is None or state.sim_epoch is None or self._asking or self._none:
             return
-        if seconds < self._due - _CLOSE_S:
+        if seconds < self._next_scan - _CLOSE_S:
             return
         self._asking = True
         offset = state.time - seconds  # of ROS's time from the simulation's
@@ -131,10 +131,10 @@ class LaserScans(Endpoint):
                 self._publish(scan, offset)
             if scans:
                 period = min(scan.scan_time for scan in scans)
-                due = self._due + period  # on its grid, unless it has fallen behind
-                self._due = due if due > seconds else seconds + period
+                next_scan = self._next_scan + period  # on its grid, unless it has fallen behind
+                self._next_scan = next_scan if next_scan > seconds else seconds + period
             else:
-                self._due = seconds + 1.0
+                self._next_scan = seconds + 1.0
 
         self._ros.ask(GetLaserScans(), answer)
 

@@ -33,7 +33,7 @@ A = TypeVar("A")
 H = TypeVar("H")
 P = TypeVar("P")
 Line = dict[str, wire.Raw]
-_KEPT: Final = 10_000  # of what came unasked and was not fetched
+_MAX_PUSHED: Final = 10_000  # of what came unasked and was not fetched
 
 
 def read_error(raw: wire.Raw) -> RemoteError:
@@ -183,12 +183,12 @@ class Client(Generic[H, P]):
                     raise RemoteError(self._failure.kind, str(self._failure))  # one for each thread that learns it
                 if last_look:
                     return False
-                left = None if deadline is None else max(deadline - time.monotonic(), 0)
-                last_look = left == 0
+                remaining = None if deadline is None else max(deadline - time.monotonic(), 0)
+                last_look = remaining == 0
                 if self._reading:
-                    self._changed.wait(left)
+                    self._changed.wait(remaining)
                 else:
-                    self._read(left)
+                    self._read(remaining)
         return True
 
     def _read(self, timeout: float | None) -> None:
@@ -217,7 +217,7 @@ class Client(Generic[H, P]):
             self._failure = read_error(line["error"])  # the other side ends the connection after this
         else:
             self._pushed.append(line)
-            if len(self._pushed) > _KEPT:
+            if len(self._pushed) > _MAX_PUSHED:
                 self._pushed.popleft()
                 self.dropped += 1
 
@@ -249,7 +249,7 @@ class ReactorClient:
         self._stream = LineClient(path, label=label)
         self._number = 0
         self._waiting: dict[int, tuple[Any, Callable[[Any, str | None], object], Timer | None]] = {}
-        self._gone: str | None = None
+        self._closed_reason: str | None = None
         self._saying: Timer | None = None
         reactor.add_reader(self._stream.fileno(), self._on_readable)
 
@@ -260,8 +260,8 @@ class ReactorClient:
         timeout_ns: int | None = None,
     ) -> None:
         """Send a request; `answer(result, None)` or `answer(None, reason)` is called once, within `timeout_ns`."""
-        if self._gone is not None:
-            answer(None, self._gone)
+        if self._closed_reason is not None:
+            answer(None, self._closed_reason)
             return
         self._number += 1
         number, method = self._number, self._api.of(type(request))
@@ -275,7 +275,7 @@ class ReactorClient:
 
     def keep_saying(self, request: Request[Any], every_ns: int) -> None:
         """Repeat a request without an answer until the connection is closed."""
-        if self._gone is not None:
+        if self._closed_reason is not None:
             return
         self._saying = self._reactor.call_later(every_ns, lambda: self.keep_saying(request, every_ns))
         try:
@@ -296,7 +296,7 @@ class ReactorClient:
 
     def _on_readable(self) -> None:
         try:
-            while self._gone is None and (line := self._stream.receive(0)) is not None:
+            while self._closed_reason is None and (line := self._stream.receive(0)) is not None:
                 self._on_line(wire.read_line(line))
         except (RemoteError, ValueError) as error:
             self._leave(str(error))
@@ -323,8 +323,8 @@ class ReactorClient:
         answer(read, error)
 
     def _leave(self, why: str) -> None:
-        if self._gone is None:
-            self._gone = why
+        if self._closed_reason is None:
+            self._closed_reason = why
             if self._saying is not None:
                 self._saying.cancel()
             self._reactor.remove_reader(self._stream.fileno())

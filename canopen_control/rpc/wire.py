@@ -82,11 +82,11 @@ _NOT_FINITE: Final = "NaN or an infinite number (null in JSON) where a finite on
 
 def request_line(number: int | None, method: str, request: object) -> bytes:
     """Return the line of a request; a request without a number is not answered."""
-    message = {"method": method, "params": request} if number is None else _asked(number, method, request)
+    message = {"method": method, "params": request} if number is None else _request(number, method, request)
     return _encode(message) + b"\n"
 
 
-def _asked(number: int, method: str, request: object) -> dict[str, object]:
+def _request(number: int, method: str, request: object) -> dict[str, object]:
     return {"id": number, "method": method, "params": request}
 
 

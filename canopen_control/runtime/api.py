@@ -210,9 +210,9 @@ class ParameterMethods:
             for key, texts in (("fallback_controllers", config.fallbacks), ("node_options_args", config.node_options)):
                 if texts:
                     yield ParameterReading(name=f"{name}.{key}", kind="string_array", value=plain_value(texts))
-        for name, given in self._spawned.given.items():
-            if given.params_file:
-                value = plain_value(given.params_file)
+        for name, arguments in self._spawned.arguments.items():
+            if arguments.params_file:
+                value = plain_value(arguments.params_file)
                 yield ParameterReading(name=f"{name}.params_file", kind="string_array", value=value)
 
 
@@ -359,7 +359,7 @@ class _Subscription:
 class RequestObserver(Protocol):
     """Observer of the requests of a robot's clients."""
 
-    def requested(self, asked: messages.RequestSeen) -> None:
+    def requested(self, message: messages.RequestSeen) -> None:
         """Record a request, with its time of arrival in s."""
 
 

@@ -217,19 +217,19 @@ class ObjectMethods:
         call.reply(Done())
 
     def _read(self, call: Call[SdoRead]) -> None:
-        wanted, node = call.request, self._robot.node(str(call.request.node))
+        upload, node = call.request, self._robot.node(str(call.request.node))
         request = node.sdo.read(
-            wanted.index, wanted.subindex, block=wanted.block, timeout_ns=_nanoseconds(wanted.timeout)
+            upload.index, upload.subindex, block=upload.block, timeout_ns=_nanoseconds(upload.timeout)
         )
         request.context = lambda ended: _answer_read(call, ended)
         self._robot.bus_of(node).send_waiting()
 
     def _write(self, call: Call[SdoWrite]) -> None:
-        wanted = call.request
-        data = bytes(self._pieces.pop(call.connection, b"")) + wanted.data
-        node = self._robot.node(str(wanted.node))
-        self._robot.latch.check_write(wanted.index)
-        request = node.sdo.write(wanted.index, wanted.subindex, data, timeout_ns=_nanoseconds(wanted.timeout))
+        download = call.request
+        data = bytes(self._pieces.pop(call.connection, b"")) + download.data
+        node = self._robot.node(str(download.node))
+        self._robot.latch.check_write(download.index)
+        request = node.sdo.write(download.index, download.subindex, data, timeout_ns=_nanoseconds(download.timeout))
         request.context = lambda ended: self._answer_write(call, node, data, ended)
         self._robot.bus_of(node).send_waiting()
 

@@ -135,7 +135,7 @@ class TrajectoryMethods(RobotObserver):
     def _heartbeat(self, call: Call[TrajectoryHeartbeat]) -> None:
         promise = self._promised.get(call.connection)
         if promise is not None:
-            promise.heard = self._robot.reactor.now()
+            promise.last_heartbeat = self._robot.reactor.now()
         call.reply(Done())
 
     def after_cycle(self, now: int) -> None:
@@ -214,19 +214,19 @@ class TrajectoryMethods(RobotObserver):
 
 
 class _Promise:
-    """Required heartbeat of a connection, with its period in ns; `heard` is the time of the last.
+    """Required heartbeat of a connection, with its period in ns; `last_heartbeat` is the time of the last.
 
     It applies to the command whose `life` belongs to the connection.
     """
 
-    __slots__ = ("heard", "life", "within_ns")
+    __slots__ = ("last_heartbeat", "life", "within_ns")
 
-    def __init__(self, life: CommandTimeout, within_ns: int, heard: int) -> None:
-        self.life, self.within_ns, self.heard = life, within_ns, heard
+    def __init__(self, life: CommandTimeout, within_ns: int, last_heartbeat: int) -> None:
+        self.life, self.within_ns, self.last_heartbeat = life, within_ns, last_heartbeat
 
     def is_broken(self, now: int) -> bool:
         """Whether the heartbeat was missed."""
-        return now - self.heard > self.within_ns
+        return now - self.last_heartbeat > self.within_ns
 
 
 class SentGoal(Generic[R]):

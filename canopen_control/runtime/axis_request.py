@@ -58,7 +58,9 @@ _REACHED: Final[Mapping[Action, Callable[[JointDrive], bool]]] = MappingProxyTyp
             joint.targets.pending is None
             and joint.machine.mode_request.may_enable
             and not joint.machine.mode_request.failed
-            and (joint.machine.enabled or not joint.wanted)  # with `switching_state` it left operation for the mode
+            and (
+                joint.machine.enabled or not joint.enable_requested
+            )  # with `switching_state` it left operation for the mode
         ),
     }
 )
@@ -90,11 +92,11 @@ def axes_of(
         axes = tuple(joint for joint in joints if joint.node is node)
         if not axes:
             raise ControlError(f"{node.who} drives no joint: it has no axis that could be used")
-    meant = tuple(joint for joint in axes if only is None or joint.joint == only)
-    if only is not None and not meant:
+    selected = tuple(joint for joint in axes if only is None or joint.joint == only)
+    if only is not None and not selected:
         names = ", ".join(joint.joint for joint in axes) or "none"
         raise UnknownName(f"{name} has no joint {only!r}; there are: {names}")
-    return meant
+    return selected
 
 
 def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[JointDrive, ...], str]:
@@ -150,7 +152,7 @@ class PendingAxisRequest:
     def _refused(self, joint: JointDrive) -> bool:
         """Whether the request can no longer succeed."""
         if self._action is Action.ENABLE:
-            return not joint.wanted
+            return not joint.enable_requested
         if self._action is Action.HOME:
             return joint.homing is None
         if self._action is Action.MODE:

@@ -334,7 +334,7 @@ class RobotCore:
         if self.failure is not None:
             return  # a bus was lost again, which has been reported
         now = self.reactor.now()
-        for kind, level, text in self.setup.told:
+        for kind, level, text in self.setup.notices:
             self.report(Event(now, kind, "", text, level))
         for bus in self.buses.values():
             bus.network.start(now)
@@ -515,7 +515,7 @@ class RobotCore:
             self._report_clock_step(moved)
         if self._requests:
             self._requests = [request for request in self._requests if not request.settle(now)]
-        if pacer.missed != pacer.told and (missed := pacer.newly_missed(now)):
+        if pacer.missed != pacer.reported and (missed := pacer.newly_missed(now)):
             text = f"a cycle was missed, {self.pacer.late_max / 1e6:.0f} ms late at worst; is the machine busy?"
             text += cost_of_skipping(self.joints.values())
             self.report(Event(now, "cycle_missed", "", text, Level.WARNING, count=missed))

@@ -40,12 +40,12 @@ _RESET: Final = "canopen-control axis fault-reset all"
 
 def is_off(joint: JointDrive) -> bool:
     """Return whether a drive is off, halted, or being enabled."""
-    return not joint.machine.enabled or not joint.wanted or joint.machine.halted
+    return not joint.machine.enabled or not joint.enable_requested or joint.machine.halted
 
 
 def is_rising(joint: JointDrive) -> bool:
     """Return whether a joint will follow commands after a delay: it is being enabled, or homed."""
-    return joint.wanted and joint.node.ready and not joint.machine.halted
+    return joint.enable_requested and joint.node.ready and not joint.machine.halted
 
 
 def claimed_off(joints: Iterable[JointDrive]) -> list[JointDrive]:
@@ -97,7 +97,7 @@ class DriveEnableStatus(EnableStatus):
                 name for name, drive in drives.items() if drive.state is None or drive.axis.statusword.pdo.overdue
             ],
             "in fault": [name for name, drive in drives.items() if drive.machine.fault],
-            "halted": [name for name, drive in drives.items() if drive.machine.halted and drive.wanted],
+            "halted": [name for name, drive in drives.items() if drive.machine.halted and drive.enable_requested],
             "not enabled": list(drives),
         }
         for cause, names in causes.items():
@@ -132,7 +132,7 @@ def startup_complete(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) 
     claimed = _claimed(drives)
     # one that is not there and need not be, and with it all that move together
     waits = any(not joint.node.ready and not joint.node.config.required for joint in claimed)
-    return waits or in_fault(nodes, drives) or all(joint.enabled or not joint.wanted for joint in claimed)
+    return waits or in_fault(nodes, drives) or all(joint.enabled or not joint.enable_requested for joint in claimed)
 
 
 def why_not_started(buses: Collection[RobotBus], missing: Iterable[tuple[RobotBus, RemoteNode]]) -> str:
@@ -182,13 +182,13 @@ def _are(joints: Sequence[JointDrive]) -> str:
 
 
 def _what(joints: Sequence[JointDrive]) -> str:
-    return "halted" if all(joint.machine.halted and joint.wanted for joint in joints) else "not enabled"
+    return "halted" if all(joint.machine.halted and joint.enable_requested for joint in joints) else "not enabled"
 
 
 def _remedy(joints: Sequence[JointDrive]) -> str:
     absent = [joint for joint in joints if not joint.node.ready]
     if absent:
-        later = f"then {_ENABLE}" if any(not joint.wanted for joint in joints) else "they are enabled then"
+        later = f"then {_ENABLE}" if any(not joint.enable_requested for joint in joints) else "they are enabled then"
         return f"{return_hint([joint.node for joint in absent])}, {later}"
     faulty = any(joint.machine.fault for joint in joints)
     return f"{_RESET}, then {_ENABLE}" if faulty else _ENABLE
@@ -235,7 +235,7 @@ class MandatoryNodes(RobotObserver):
         report: Callable[[Event], None],
         observers: list[RobotObserver],
     ) -> None:
-        self._made, self._latch, self._forget, self._report = assembly, latch, forget, report
+        self._assembly, self._latch, self._forget, self._report = assembly, latch, forget, report
         moving = {joint.node.name for joint in assembly.joints.values()}
         self._nodes = [node for name, node in assembly.nodes.items() if name not in moving and node.config.boot.insists]
         self._ready = dict.fromkeys(self._nodes, False)
@@ -285,10 +285,10 @@ class MandatoryNodes(RobotObserver):
         return ", ".join(f"{node.who} ({node.error or 'it has not booted yet'})" for node in self._absent)
 
     def _stop(self, node: RemoteNode, now: int) -> None:
-        moving = [joint for joint in self._made.joints.values() if joint.wanted]
+        moving = [joint for joint in self._assembly.joints.values() if joint.enable_requested]
         why = f"{node.who}, which bus.yml requires, was lost"
         self._forget(now, why)
-        for system in self._made.systems:
+        for system in self._assembly.systems:
             system.stop(now)
         for joint in moving:
             joint.stopped_by = f"stopped since {why}"

@@ -91,7 +91,7 @@ class TruePoseQuery:
     ) -> None:
         self._sense, self._period_ns = sense, period_ns
         self._names, self._reactor, self._take = tuple(drives), reactor, take
-        self._found = False
+        self._answers = False
         self._client: ReactorClient | None = None
         self._drives: Iterator[str] = iter(())
         self._closed = False
@@ -106,7 +106,7 @@ class TruePoseQuery:
         self._leave()
         name = next(self._drives, None)
         if name is None:
-            if self._found:  # a drive that was lost may have returned
+            if self._answers:  # a drive that was lost may have returned
                 self._reactor.call_later(_RETRY_NS, self.start)
             return
         try:
@@ -125,7 +125,7 @@ class TruePoseQuery:
         if world is None or (world.base is None and not sensed):
             self._reactor.call_soon(self._try_next)
             return
-        self._found = True
+        self._answers = True
         if world.base is not None:
             self._take(world.base)
         if sensed and self._sense is not None:

@@ -58,7 +58,7 @@ class LaunchFile:
     path: Path
     arguments: dict[str, str | None]
     texts: tuple[LaunchText, ...] = ()
-    given: Mapping[str, str] = field(default_factory=dict)
+    values: Mapping[str, str] = field(default_factory=dict)
     computed: tuple[tuple[int, str], ...] = ()
     nodes: tuple[LaunchNode, ...] = ()
     includes: tuple[LaunchInclude, ...] = ()
@@ -88,7 +88,7 @@ class LaunchFile:
         names, new = set[str](), set(_VARIABLE.findall(text))
         while new:
             names |= new
-            values = [self.given.get(name) or self.arguments.get(name) or "" for name in new]
+            values = [self.values.get(name) or self.arguments.get(name) or "" for name in new]
             new = {name for value in values for name in _VARIABLE.findall(value)} - names
         return names
 
@@ -97,7 +97,7 @@ class LaunchFile:
         return [name for name in _PACKAGE.findall(text) if next(package_folders(name, self.path), None) is None]
 
     def _value(self, match: re.Match[str]) -> str:
-        value = self.given.get(match[1], self.arguments.get(match[1]))
+        value = self.values.get(match[1], self.arguments.get(match[1]))
         return match[0] if value is None else value
 
 
@@ -134,13 +134,13 @@ class Launched:
     """Robot described by a launch file: xacro arguments, and files by `bus`, `controllers`, `description`.
 
     `spawned` are the controllers that its spawners activate, in their order, `variables` the values of the arguments of
-    the file that names these. `doubts` is why there may be less than the
+    the file that names these. `uncertainties` is why there may be less than the
     file means; `known` are its own arguments, `idle` those NAME:=VALUE of the user that are in no text which is read.
     """
 
     arguments: dict[str, str] = field(default_factory=dict)
     files: dict[str, Path] = field(default_factory=dict)
-    doubts: tuple[str, ...] = ()
+    uncertainties: tuple[str, ...] = ()
     known: tuple[str, ...] = ()
     idle: tuple[str, ...] = ()
     spawned: tuple[str, ...] = ()
@@ -159,13 +159,13 @@ def launched_robot(path: Path, words: Mapping[str, str], obeyed: Collection[str]
     reading = _Reading(path)
     used = reading.take(path, own, 0)
     launched = reading.launched
-    if not launched.files and not reading.doubts:
-        reading.doubts.append(f"{path}: no file of a robot is named in it")
+    if not launched.files and not reading.uncertainties:
+        reading.uncertainties.append(f"{path}: no file of a robot is named in it")
     launched.arguments |= further
     launched.known = tuple(own_arguments)
     launched.idle = tuple(f"{name}:={value}" for name, value in own.items() if name not in used | set(obeyed))
     launched.spawned = tuple(dict.fromkeys(launched.spawned))
-    launched.doubts = tuple(dict.fromkeys(reading.doubts))
+    launched.uncertainties = tuple(dict.fromkeys(reading.uncertainties))
     return launched
 
 
@@ -175,13 +175,13 @@ class _Reading:
 
     path: Path
     launched: Launched = field(default_factory=Launched)
-    doubts: list[str] = field(default_factory=list)
+    uncertainties: list[str] = field(default_factory=list)
 
-    def take(self, path: Path, given: Mapping[str, str], depth: int) -> set[str]:
+    def take(self, path: Path, passed: Mapping[str, str], depth: int) -> set[str]:
         """Read a file; return the names of its used arguments."""
-        launch = replace(read_launch(path), given=dict(given))
+        launch = replace(read_launch(path), values=dict(passed))
         used = self._take_nodes(launch)
-        values = {name: launch.resolved(f"$(var {name})") for name in (*launch.arguments, *given)}
+        values = {name: launch.resolved(f"$(var {name})") for name in (*launch.arguments, *passed)}
         values |= {text: launch.resolved(value) for text, value in launch.replaced.items()}
         self.launched.variables |= {name: _unquoted(value) for name, value in values.items() if value is not None}
         for text in launch.texts:
@@ -203,15 +203,17 @@ class _Reading:
             return set()  # a program of another package, such as a simulator's; what lacks because of it is named
         if path is None or not path.is_file():
             problem = include.file if name is None else f"there is no {path}"
-            self.doubts.append(f"{place}: an included launch file is not read: {problem or 'its name is computed'}")
+            self.uncertainties.append(
+                f"{place}: an included launch file is not read: {problem or 'its name is computed'}"
+            )
             return set()
         texts = {key: launch.resolved(value) for key, value in include.arguments.items()}
-        scope = {key: value for key, value in launch.arguments.items() if value is not None} | dict(launch.given)
+        scope = {key: value for key, value in launch.arguments.items() if value is not None} | dict(launch.values)
         arguments = scope | {key: value for key, value in texts.items() if value is not None}
         try:
             inner = self.take(path, arguments, depth + 1)
         except RobotConfigError as error:
-            self.doubts.append(f"{place}: {error}")
+            self.uncertainties.append(f"{place}: {error}")
             return set()
         passed = {name for value in include.arguments.values() for name in launch.arguments_in(value)}
         return (inner & launch.arguments.keys()) | passed
@@ -244,7 +246,7 @@ class _Reading:
         """Store the first parameter file; a second one is reported and ignored."""
         first = self.launched.files.setdefault("controllers", path)
         if first.resolve() != path.resolve():
-            self.doubts.append(
+            self.uncertainties.append(
                 f"{place}: {path.name} is not read beside {first.name}; put its parameters into that file"
             )
 
@@ -254,9 +256,11 @@ class _Reading:
         absent = [package for word in named for package in launch.absent_packages(word)]
         computed = [(line, expression) for line, expression in launch.computed if _concerns_robot(expression)]
         for line, expression in computed:
-            self.doubts.append(f"{launch.path}:{line}: {expression} is computed, which only running it would show")
+            self.uncertainties.append(
+                f"{launch.path}:{line}: {expression} is computed, which only running it would show"
+            )
         for name in dict.fromkeys(absent):
-            self.doubts.append(
+            self.uncertainties.append(
                 f"{launch.path}: package {name!r} is nowhere to be found; source its workspace, or add the folder that "
                 "holds it to ROS_PACKAGE_PATH"
             )
@@ -264,8 +268,8 @@ class _Reading:
 
 def _concerns_robot(what: str) -> bool:
     """Whether a computed value may be a file of the robot, or an argument of its description."""
-    if found := _COMPUTED_ENDING.search(what):
-        return bool(_kind(found[1])) or found[1] in (".yaml", ".yml")
+    if match := _COMPUTED_ENDING.search(what):
+        return bool(_kind(match[1])) or match[1] in (".yaml", ".yml")
     # the program master.bin is for the master of ros2_canopen alone
     return ("command" in what or "file" in what) and "master_bin" not in what
 
@@ -374,9 +378,9 @@ def _read_xml(root: Element, path: Path) -> LaunchFile:
         elif element.tag == "node":
             nodes.append(_xml_node(element))
         elif element.tag == "include":
-            given = {child.attributes.get("name", ""): child.attributes.get("value", "") for child in element.children}
+            values = {child.attributes.get("name", ""): child.attributes.get("value", "") for child in element.children}
             condition = _xml_condition(element)
-            includes.append(LaunchInclude(attributes.get("file"), given, element.place.line, condition))
+            includes.append(LaunchInclude(attributes.get("file"), values, element.place.line, condition))
         for name, value in attributes.items():
             command = _COMMAND.search(value)
             if name == "command" and "xacro" in value:

@@ -85,7 +85,7 @@ class _ReadNode:
         self, node: RemoteNode, bus: str, joints: Sequence[JointDrive], devices: Sequence[DeviceParts]
     ) -> None:
         self._node, self._bus, self._joints, self._devices = node, bus, joints, devices
-        self._seen: tuple[object, ...] = ()
+        self._values: tuple[object, ...] = ()
         self._nmt_state: str | None = None
         self._sdo = SdoCounts()
         self._axes: tuple[AxisReading, ...] = ()
@@ -94,8 +94,8 @@ class _ReadNode:
     def at(self, now: int) -> NodeReading:
         node = self._node
         values = self._inputs()
-        if values != self._seen:
-            self._seen = values
+        if values != self._values:
+            self._values = values
             self._gather()
         age = node.age_ns(now)
         return NodeReading(

@@ -45,9 +45,9 @@ class SyncPhase:
     __slots__ = (
         "_count",
         "_first",
-        "_left",
         "_longer",
         "_off",
+        "_phase_left",
         "_second",
         "_strange",
         "behind_ns",
@@ -58,7 +58,7 @@ class SyncPhase:
     def __init__(self, period_ns: int, behind_ns: int) -> None:
         self.period_ns, self.behind_ns = period_ns, behind_ns
         self.locked = False
-        self._left = self._longer = self._off = self._strange = self._count = 0
+        self._phase_left = self._longer = self._off = self._strange = self._count = 0
         self._first = self._second = _NONE
 
     def receive_sync(self, tick: int, edge: int) -> int:
@@ -66,7 +66,7 @@ class SyncPhase:
         period = self.period_ns
         if not self.locked:
             self.locked = True
-            self._left = self._longer = self._off = self._strange = 0
+            self._phase_left = self._longer = self._off = self._strange = 0
             self._begin()
             return (tick + self.behind_ns - edge) % period
         half = period // 2
@@ -88,20 +88,20 @@ class SyncPhase:
 
     def step(self) -> int:
         """Return the correction of the period before the edge after the next one; negative for a shorter period."""
-        left, longer = self._left, self._longer
-        if not left:
+        phase_left, longer = self._phase_left, self._longer
+        if not phase_left:
             return longer
         most = self.period_ns // _SLOWEST
-        step = max(-most - longer, min(most - longer, left))
-        self._left = left - step
+        step = max(-most - longer, min(most - longer, phase_left))
+        self._phase_left = phase_left - step
         self._first -= step  # what was measured against the edges before
         self._second -= step
         return longer + step
 
     def _correct_rate(self, off: int) -> None:
         """Correct the estimated difference of periods by the error of a window of SYNCs."""
-        before, put_right = self._off, not self._left
-        self._off = self._left = off
+        before, put_right = self._off, not self._phase_left
+        self._off = self._phase_left = off
         again = min(abs(before), abs(off)) if before * off > 0 and put_right else 0
         most = self.period_ns // _SLOWEST
         longer = again // _LEARNS if off > 0 else -(again // _LEARNS)
@@ -120,7 +120,7 @@ class Pacer:
 
     Meanwhile `edge` is the edge that the cycle is of, the newest one, and `skipped` how many before it were missed.
     `phase` is the requested offset of the edges from another clock's ticks, half a period by default.
-    `told` is how many of the `missed` edges were reported. `late_max` is the worst lateness, `work_max` the longest
+    `reported` is how many of the `missed` edges were reported. `late_max` is the worst lateness, `work_max` the longest
     duration of a cycle, `work` that of the newest one.
     `late_counts[i]` counts the cycles that came at most `LATE_EDGES_NS[i]` late, and later than the edge before it; the
     last one counts the rest.
@@ -134,7 +134,7 @@ class Pacer:
         self.edge = self.skipped = 0
         self.phase = SyncPhase(period_ns, period_ns // 2)
         self.on_edge, self._reactor = on_edge, reactor
-        self._edge = self.told = self._tell_at = 0
+        self._edge = self.reported = self._tell_at = 0
         self._timer: Timer | None = None
 
     @property
@@ -144,10 +144,10 @@ class Pacer:
 
     def newly_missed(self, now: int) -> int:
         """Return the number of missed edges not yet reported, at most once a second; 0 for none."""
-        missed = self.missed - self.told
+        missed = self.missed - self.reported
         if not missed or now < self._tell_at:
             return 0
-        self.told, self._tell_at = self.missed, now + 1_000_000_000
+        self.reported, self._tell_at = self.missed, now + 1_000_000_000
         return missed
 
     def start(self) -> None:

@@ -75,7 +75,7 @@ class SensedValues:
         self._names = {name: _interfaces_of(name, sensor) for name, sensor in sensors.items()}
 
     @property
-    def wanted(self) -> bool:
+    def needed(self) -> bool:
         """Whether any component has sensors."""
         return bool(self._components)
 
@@ -220,7 +220,7 @@ def _rollers(setup: RobotSetup) -> dict[str, float]:
     That is the usual way to mount them, and the one of which the kinematics of the controller holds.
     """
     configs = ((roller_wheels(config.type), config.params.flat) for config in setup.controllers.controllers.values())
-    keys, params = next((found for found in configs if found[0]), ((), None))
+    keys, params = next((candidate for candidate in configs if candidate[0]), ((), None))
     if params is None:
         return {}
     geometry, places = WheelGeometry(setup.description.model), {}

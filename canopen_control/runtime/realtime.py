@@ -135,11 +135,11 @@ def keep_garbage_small(undo: contextlib.ExitStack, observers: list[RobotObserver
 class _Collector(RobotObserver):
     """Occasional garbage collection between two cycles."""
 
-    _due = 0
+    _next_collection = 0
 
     def after_cycle(self, now: int) -> None:
-        if now >= self._due:
-            self._due = now + _COLLECT_NS
+        if now >= self._next_collection:
+            self._next_collection = now + _COLLECT_NS
             gc.collect()
 
 

@@ -71,7 +71,7 @@ class _Excess:
     several blocks counts, since a pause of the machine delays all SYNCs after it.
     """
 
-    __slots__ = ("_before", "_count", "_due", "_least", "_longer", "_period_ns")
+    __slots__ = ("_before", "_count", "_least", "_longer", "_next_check", "_period_ns")
 
     def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
@@ -79,17 +79,17 @@ class _Excess:
 
     def restart(self) -> None:
         """Clear the measurements."""
-        self._count = self._due = self._least = 0
+        self._count = self._next_check = self._least = 0
         self._before: int | None = None
         self._longer: list[int] = []
 
     def receive_sync(self, now: int) -> int | None:
         """Process a SYNC; return the excess of its period in ns once it is known, else None."""
         if not self._count:
-            self._due = self._least = now
+            self._next_check = self._least = now
         self._count += 1
-        self._least = min(self._least, now - self._due) if self._count % _BLOCK != 1 else now - self._due
-        self._due += self._period_ns
+        self._least = min(self._least, now - self._next_check) if self._count % _BLOCK != 1 else now - self._next_check
+        self._next_check += self._period_ns
         if self._count % _BLOCK:
             return None
         before, self._before = self._before, self._least
@@ -273,8 +273,8 @@ class RobotBus:
         """Return the number of external SYNCs since the last call without new RPDOs."""
         if self._followed is None:
             return 0
-        heard, self._syncs = self._followed.count - self._syncs, self._followed.count
-        return max(0, heard - 1)
+        syncs, self._syncs = self._followed.count - self._syncs, self._followed.count
+        return max(0, syncs - 1)
 
     @property
     def sync_words(self) -> str:

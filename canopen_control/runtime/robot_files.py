@@ -132,7 +132,7 @@ def _requests_real(name: str, value: str) -> bool | None:
 class RobotFiles:
     """Three files of a robot and its name; `bus` may be absent; `more_buses` are its bus_NAME.yml by NAME.
 
-    `arguments` are those of its xacro, `asked` are the hardware settings in the user's arguments, `idle` are arguments
+    `arguments` are those of its xacro, `hardware` are the settings in the user's arguments, `idle` are arguments
     without effect on this robot. `spawned` are the controllers that its launch file starts, `variables` the values of
     that file's arguments, `world` the file of what stands around the robot that an argument names. Of a bus without
     controllers the other two files are its bus.yml, which is where their mistakes stand.
@@ -144,7 +144,7 @@ class RobotFiles:
     description: Path
     more_buses: dict[str, Path] = field(default_factory=dict)
     arguments: dict[str, str] = field(default_factory=dict)
-    asked: AskedHardware = AskedHardware()
+    hardware: AskedHardware = AskedHardware()
     idle: tuple[str, ...] = ()
     spawned: tuple[str, ...] = ()
     variables: dict[str, str] = field(default_factory=dict)
@@ -152,7 +152,7 @@ class RobotFiles:
 
     def refuse_hardware(self, why: str) -> None:
         """Raise RobotConfigError for an argument that requests an impossible channel or real drives."""
-        word = self.asked.channel_word or (self.asked.real_word if self.asked.real else "")
+        word = self.hardware.channel_word or (self.hardware.real_word if self.hardware.real else "")
         if word:
             raise RobotConfigError(f"{word}: {why}; leave the argument away")
 
@@ -254,10 +254,10 @@ def _world(hardware: AskedHardware, launch: str | None, missing: list[str]) -> P
     path = Path(hardware.world).expanduser()
     package = None if launch is None else find_launch(launch).resolve().parent.parent
     places = [path] if package is None else [path, package / path, package / "worlds" / path]
-    found = next((place for place in places if place.is_file()), None)
-    if found is None:
+    file = next((place for place in places if place.is_file()), None)
+    if file is None:
         missing.append(f"{hardware.world_word}: there is no file {path}")
-    return None if found is None else found.resolve()
+    return None if file is None else file.resolve()
 
 
 def _heeded(
@@ -282,7 +282,7 @@ def _refuse_missing(
     lacks = [*(no_bus if needed else ()), *missing]
     if launched is not None and launch is not None:
         lacks = list(_not_launched(launch, launched.files, no_bus, missing))
-    raise RobotConfigError("; ".join([*lacks, *(launched.doubts if launched is not None else ())]))
+    raise RobotConfigError("; ".join([*lacks, *(launched.uncertainties if launched is not None else ())]))
 
 
 def _not_launched(
@@ -393,11 +393,13 @@ def _one(
     return file
 
 
-def _own(given: str | None, folder: Path | None, names: str | Sequence[str], option: str, missing: list[str]) -> Path:
-    if given is not None:
-        path = Path(given).expanduser()
+def _own(
+    argument: str | None, folder: Path | None, names: str | Sequence[str], option: str, missing: list[str]
+) -> Path:
+    if argument is not None:
+        path = Path(argument).expanduser()
         if not path.exists():
-            missing.append(f"{option}: no file {given}")
+            missing.append(f"{option}: no file {argument}")
         return path
     if folder is None:
         missing.append(f"give a robot folder or {option}")
@@ -418,7 +420,7 @@ def _own(given: str | None, folder: Path | None, names: str | Sequence[str], opt
 
 def _is_default(controllers: str | None, description: str | None, launched: Launched | None) -> bool:
     """Whether neither the user nor a launch file may select controllers or a description."""
-    if launched is not None and (launched.doubts or launched.files.keys() - {"bus"}):
+    if launched is not None and (launched.uncertainties or launched.files.keys() - {"bus"}):
         return False
     return controllers is None and description is None
 

@@ -125,16 +125,16 @@ class ProgramErrors:
 
     def __init__(self, now: Callable[[], int], report: Callable[[Event], None]) -> None:
         self._now, self._report = now, report
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
 
     def __call__(self, error: BaseException) -> None:
         """Report an exception once per place in the code."""
         if os.environ.get("CANOPEN_CONTROL_DEBUG"):
             traceback.print_exception(error, file=sys.stderr)
         place = _place_of(error)
-        if place in self._told or len(self._told) >= _MOST_PLACES:
+        if place in self._reported or len(self._reported) >= _MOST_PLACES:
             return
-        self._told.add(place)
+        self._reported.add(place)
         text = (
             f"a fault of this program at {place}: {type(error).__name__}: {error}; the robot goes on, please report it"
         )
@@ -224,8 +224,8 @@ class RunSession(RobotObserver):
             drives,
             self.reactor,
             self._take_true_pose,
-            sensed.take if sensed.wanted else None,
-            setup.cycle_ns if sensed.wanted else PERIOD_NS,
+            sensed.take if sensed.needed else None,
+            setup.cycle_ns if sensed.needed else PERIOD_NS,
         )
         cleanup.callback(self._true_pose.close)
         self.robot.observers.append(self)

@@ -102,15 +102,15 @@ class RobotSetup:
             )
 
     @property
-    def doubts(self) -> tuple[str, ...]:
+    def uncertainties(self) -> tuple[str, ...]:
         """Warnings about drives of a bus without controllers, with the change in bus.yml."""
         return tuple(default_warnings(self.buses)) if self.files.bus_alone else ()
 
     @property
-    def told(self) -> Iterator[tuple[str, Level, str]]:
+    def notices(self) -> Iterator[tuple[str, Level, str]]:
         """Events about the files at start-up: kind, level and text."""
         yield from (("note", Level.INFO, text) for text in self.notes)
-        yield from (("doubt", Level.WARNING, text) for text in self.doubts)
+        yield from (("doubt", Level.WARNING, text) for text in self.uncertainties)
         yield from (("argument", Level.WARNING, f"{word} {_IDLE}") for word in self.files.idle)
         yield from (("sync", Level.INFO, text) for text in self.sync_notes)
 
@@ -199,18 +199,18 @@ def read_robot(
     `allow_unsupervised` accepts drives that nothing stops when the master is lost; `kernel_sync` leaves SYNC to the
     kernel; with `physics` virtual drives move the robot in a world, with `drives` drives replace simulation plugins;
     `simulate` lets plugins move it in a `world`. A `reader` has begun to read the description already. The hardware
-    settings in the user's NAME:=VALUE arguments (`files.asked`) count as `can` and `real`.
+    settings in the user's NAME:=VALUE arguments (`files.hardware`) count as `can` and `real`.
     """
     name = name or files.name
-    real = files.asked.is_real(option=real)
+    real = files.hardware.is_real(option=real)
     if real and mock:
-        raise RobotConfigError(f"{files.asked.real_word} contradicts --mock; leave one of them away")
+        raise RobotConfigError(f"{files.hardware.real_word} contradicts --mock; leave one of them away")
     on_drives = real or physics or drives
     read = partial(_buses, files, peer_merge, allow_unsupervised)
     buses, description, control, buses_expected = _contents(
         files, name, read, reader, controllers, mock=mock, strict=strict, real=on_drives
     )
-    can = files.asked.channels(can, buses)
+    can = files.hardware.channels(can, buses)
     channels = _channels(name, buses, can)
     sync = _choose_sync(buses, channels, description, kernel_sync=kernel_sync, mock=mock)
     notes = tuple(_told_by_files(buses, control, description, mock=mock, real=on_drives))
@@ -332,8 +332,10 @@ def plans_of(buses: Mapping[str, BusConfig]) -> list[NodePlan]:
 def _sim_time(control: ControllersFile, kinds: Sequence[PluginKind]) -> list[str]:
     """Return a warning if `use_sim_time` is set although nothing is simulated."""
     settings = [controller.params.flat.get("use_sim_time") for controller in control.controllers.values()]
-    given = control.manager.use_sim_time or any(setting is not None and setting.value is True for setting in settings)
-    if not given or PluginKind.SIMULATION in kinds:
+    configured = control.manager.use_sim_time or any(
+        setting is not None and setting.value is True for setting in settings
+    )
+    if not configured or PluginKind.SIMULATION in kinds:
         return []
     return [
         f"{control.path}: use_sim_time has no effect: nothing of this robot is simulated, so its stamps are this "

@@ -140,8 +140,8 @@ def nodes_message(robot: RobotCore) -> NodeListing:
     )
 
 
-def _texts(given: Any) -> dict[str, str]:  # noqa: ANN401 - any value of bus.yml
-    return {str(key): str(value) for key, value in given.items()} if isinstance(given, dict) else {}
+def _texts(content: Any) -> dict[str, str]:  # noqa: ANN401 - any value of bus.yml
+    return {str(key): str(value) for key, value in content.items()} if isinstance(content, dict) else {}
 
 
 def layout_message(robot: RobotCore) -> Layout:

@@ -163,7 +163,7 @@ def choose_sync(
         return SyncChoice(SyncSender.PROGRAM, setting, joints)
     why_not = _no_interface(channel)
     if master.sync_producer == "auto":
-        why_not = _not_wanted(config, axes) or why_not
+        why_not = _reason_against(config, axes) or why_not
         setting = f"{joints} time their motion by it"
     return SyncChoice(SyncSender.PROGRAM if why_not else SyncSender.KERNEL, why_not or setting, joints)
 
@@ -174,7 +174,7 @@ def _no_interface(channel: str) -> str | None:
     return f"the kernel can send it on SocketCAN interfaces alone, and {channel} is none"
 
 
-def _not_wanted(config: BusConfig, axes: Sequence[CyclicAxis]) -> str | None:
+def _reason_against(config: BusConfig, axes: Sequence[CyclicAxis]) -> str | None:
     """Return the reason why `auto` does not leave SYNC to the kernel, None if it does."""
     if not axes:
         return "no joint is commanded in CSP or CSV"

@@ -111,11 +111,11 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
         *_supervision(robot, node),
     ]
     if node.unusable:
-        kept = "# its PDOs stay as they are, and it moves no joint of the description"
-        return [*lines, f"# PROBLEM: {node.unusable}", kept]
+        comment = "# its PDOs stay as they are, and it moves no joint of the description"
+        return [*lines, f"# PROBLEM: {node.unusable}", comment]
     if node.drive is None:
         product = f"{node.profile.words}: " if node.signals else "no profile that is known here, a proxy: "
-        return [*lines, *_watched(node), *_kept(robot, node), *_device_pdos(node, product)]
+        return [*lines, *_watched(node), *_kept_pdos(robot, node), *_device_pdos(node, product)]
     return [
         *lines,
         *(motion := _motion(node, node.drive)),
@@ -178,7 +178,7 @@ def _watched(node: NewNode) -> list[str]:
     return ["signals:", limit, remark("", "the position is then nan until the next boot of the device")]
 
 
-def _kept(robot: NewRobot, node: NewNode) -> list[str]:
+def _kept_pdos(robot: NewRobot, node: NewNode) -> list[str]:
     """Return the word by which outputs are kept, if the device cannot switch them off."""
     outputs = [output.name for output in node.outputs if not has_error_mode(node.device.od, output)]
     if not outputs or not robot.allow_unsupervised:
@@ -253,12 +253,12 @@ def _axis_scales(joint: NewJoint) -> Iterator[str]:
 
 def _guesses(drive: DriveChoice, *keys: str) -> list[str]:
     """Return the key that marks guesses, so that `check` reports them until they are measured."""
-    guessed = not all(axis.told for axis in drive.axes)
+    guessed = not all(axis.is_known for axis in drive.axes)
     return [remark(f"guesses: [{', '.join(keys)}]", "measure it, then remove this line")] if guessed else []
 
 
 def _counts_comment(axis: AxisChoice) -> str:
-    if axis.told:
+    if axis.is_known:
         return "position counts per revolution (0x608F); verify"
     return "A GUESS: position counts of one turn of the motor; neither EDS nor drive has them"
 

@@ -68,8 +68,8 @@ class Supervision:
 class AxisChoice:
     """Control of axis `number`; `feedback` are its state interfaces, `counts` those per revolution of the joint.
 
-    `told` is True if the EDS gives them; `rpm` is the unit of its velocities in revolutions per minute (0x60A9), 0 for
-    counts per second.
+    `is_known` is True if the EDS gives them; `rpm` is the unit of its velocities in revolutions per minute (0x60A9), 0
+    for counts per second.
     """
 
     number: int
@@ -77,7 +77,7 @@ class AxisChoice:
     mode: OperationMode
     feedback: tuple[str, ...]
     counts: float
-    told: bool
+    is_known: bool
     rpm: float
 
     def index(self, index: int) -> int:
@@ -137,14 +137,15 @@ def _view(od: ObjectDictionary) -> ObjectDictionary:
     return od if motors is None else motors.view
 
 
-def _pdos_for(od: ObjectDictionary, wish: PdoRequirement) -> tuple[tuple[PdoUse, ...], tuple[Address, ...]]:
+def _pdos_for(od: ObjectDictionary, required: PdoRequirement) -> tuple[tuple[PdoUse, ...], tuple[Address, ...]]:
     """Choose the PDOs for objects of the axes, each where the device has it."""
     if (motors := motors_of(od)) is None:
-        return choose_pdos(od, wish)
+        return choose_pdos(od, required)
     needed, useful = (
-        tuple(dict.fromkeys(motors.address(*address) for address in each)) for each in (wish.needed, wish.useful)
+        tuple(dict.fromkeys(motors.address(*address) for address in each))
+        for each in (required.needed, required.useful)
     )
-    return choose_pdos(od, replace(wish, needed=needed, useful=useful))
+    return choose_pdos(od, replace(required, needed=needed, useful=useful))
 
 
 def _axis_choice(
@@ -157,7 +158,7 @@ def _axis_choice(
         mode=mode,
         feedback=tuple(name for name, index in _FEEDBACK.items() if objects.axis_index(index, axis) in carried),
         counts=counts or GUESSED_COUNTS,
-        told=counts is not None,
+        is_known=counts is not None,
         rpm=rpm_of_unit(_number(od, objects.axis_index(objects.SI_UNIT_VELOCITY, axis), 0) or 0),
     )
 

@@ -49,18 +49,18 @@ class PdoUse:
     own: bool = False
 
 
-def choose_pdos(od: ObjectDictionary, wish: PdoRequirement) -> tuple[tuple[PdoUse, ...], tuple[Address, ...]]:
+def choose_pdos(od: ObjectDictionary, required: PdoRequirement) -> tuple[tuple[PdoUse, ...], tuple[Address, ...]]:
     """Return the PDOs to use, by number, and the required objects that do not fit."""
-    pdos = [pdo for pdo in pdos_of(od) if pdo.is_rpdo == wish.is_rpdo and (pdo.communication, 1) in od]
-    needed = [address for address in wish.needed if _mappable(od, address, wish)]
-    useful = [address for address in wish.useful if _mappable(od, address, wish)]
-    fixed = [pdo for pdo in pdos if _usable(od, pdo, wish)]
-    uses = _chosen(od, pdos, fixed, wish, (needed, useful))
+    pdos = [pdo for pdo in pdos_of(od) if pdo.is_rpdo == required.is_rpdo and (pdo.communication, 1) in od]
+    needed = [address for address in required.needed if _mappable(od, address, required)]
+    useful = [address for address in required.useful if _mappable(od, address, required)]
+    fixed = [pdo for pdo in pdos if _usable(od, pdo, required)]
+    uses = _chosen(od, pdos, fixed, required, (needed, useful))
     if any(not od[pdo.communication, 1].writable for pdo, _, _ in uses):
         live = [(pdo, _ordered(pdo), False) for pdo in fixed if pdo.enabled]
         own = tuple(PdoUse(pdo.number, objects, False, False, None, own=True) for pdo, objects, _ in live)
-        return own, _missing(live, wish.needed)
-    return _result(od, uses, wish), _missing(uses, wish.needed)
+        return own, _missing(live, required.needed)
+    return _result(od, uses, required), _missing(uses, required.needed)
 
 
 def complete_pdos(od: ObjectDictionary, wish: PdoRequirement) -> tuple[PdoUse, ...]:
@@ -100,12 +100,12 @@ def _chosen(
     od: ObjectDictionary,
     pdos: Sequence[Pdo],
     fixed: Sequence[Pdo],
-    wish: PdoRequirement,
+    required: PdoRequirement,
     wishes: tuple[list[Address], list[Address]],
 ) -> list[_Use]:
     """Choose default mappings if they are fixed, else fill the PDOs, else combine both."""
     needed, useful = wishes
-    uses = _covering(fixed, needed, useful, doubling=not wish.is_rpdo)
+    uses = _covering(fixed, needed, useful, doubling=not required.is_rpdo)
     if not od.device.granularity and not _missing(uses, needed):
         return uses
     packed = _packed(od, [pdo for pdo in pdos if _slots(od, pdo)], [*needed, *useful])
@@ -155,9 +155,9 @@ def _covering(
     return uses
 
 
-def _result(od: ObjectDictionary, uses: Sequence[_Use], wish: PdoRequirement) -> tuple[PdoUse, ...]:
+def _result(od: ObjectDictionary, uses: Sequence[_Use], required: PdoRequirement) -> tuple[PdoUse, ...]:
     return tuple(
-        PdoUse(pdo.number, objects, remaps, _auto(od, pdo), _transmission(od, pdo, wish))
+        PdoUse(pdo.number, objects, remaps, _auto(od, pdo), _transmission(od, pdo, required))
         for pdo, objects, remaps in sorted(uses, key=lambda use: use[0].number)
     )
 
@@ -178,14 +178,14 @@ def _objects(pdo: Pdo) -> set[Address]:
     return set(_ordered(pdo))
 
 
-def _mappable(od: ObjectDictionary, address: Address, wish: PdoRequirement) -> bool:
+def _mappable(od: ObjectDictionary, address: Address, required: PdoRequirement) -> bool:
     entry = od.get(*address)
     if entry is None or entry.data_type.bits is None or entry.data_type.bits % 8:
         return False
-    return entry.rpdo_mappable if wish.is_rpdo else entry.tpdo_mappable
+    return entry.rpdo_mappable if required.is_rpdo else entry.tpdo_mappable
 
 
-def _usable(od: ObjectDictionary, pdo: Pdo, wish: PdoRequirement) -> bool:
+def _usable(od: ObjectDictionary, pdo: Pdo, required: PdoRequirement) -> bool:
     """Whether the device's mapping of a PDO can be used: every object exists, is allowed, and fits."""
     return (
         bool(pdo.mapped)
@@ -193,7 +193,9 @@ def _usable(od: ObjectDictionary, pdo: Pdo, wish: PdoRequirement) -> bool:
         and pdo.bits <= MAX_BITS
         and (pdo.count is None or pdo.count == len(pdo.mapped))
         and all(
-            mapped.index in od.dummy_usage if mapped.is_dummy else _mappable(od, (mapped.index, mapped.subindex), wish)
+            mapped.index in od.dummy_usage
+            if mapped.is_dummy
+            else _mappable(od, (mapped.index, mapped.subindex), required)
             for mapped in pdo.mapped
         )
     )
@@ -218,8 +220,8 @@ def _auto(od: ObjectDictionary, pdo: Pdo) -> bool:
     return (entry.writable and entry.low is None and entry.high is None) or not (pdo.cob_id or 0) & 0x7FF
 
 
-def _transmission(od: ObjectDictionary, pdo: Pdo, wish: PdoRequirement) -> int | None:
+def _transmission(od: ObjectDictionary, pdo: Pdo, required: PdoRequirement) -> int | None:
     entry = od.get(pdo.communication, 2)
-    if entry is None or not entry.writable or outside_limits(entry, wish.transmission):
+    if entry is None or not entry.writable or outside_limits(entry, required.transmission):
         return None
-    return wish.transmission
+    return required.transmission

@@ -399,13 +399,13 @@ def write_robot(robot: NewRobot, parent: Path, *, force: bool = False) -> Writte
     refuse_existing(folder, force=force)
     robot = _with_distinct_files(robot)
     with tempfile.TemporaryDirectory(prefix="canopen-control-") as aside:
-        made = Path(aside) / robot.name
-        robot, warnings = _make_checked(robot, made)
-        names = tuple(sorted(path.name for path in made.iterdir()))
+        temporary = Path(aside) / robot.name
+        robot, warnings = _make_checked(robot, temporary)
+        names = tuple(sorted(path.name for path in temporary.iterdir()))
         try:
             folder.mkdir(parents=True, exist_ok=True)
             for name in names:
-                shutil.copyfile(made / name, folder / name)
+                shutil.copyfile(temporary / name, folder / name)
         except OSError as error:
             raise RobotConfigError(f"{folder} cannot be written: {error.strerror}") from error
     return Written(robot, folder, names, warnings, robot.problems)
@@ -451,10 +451,10 @@ def _dcf_periods(robot: NewRobot) -> Iterator[int]:
     """Yield the interpolation periods of drives in us from DCF files (0x60C2), which belong to their SYNC."""
     for node in robot.drives:
         value, exponent = (node.device.od.get(INTERPOLATION_TIME_PERIOD, subindex) for subindex in (1, 2))
-        told = None if value is None else value.parameter_value
+        text = None if value is None else value.parameter_value
         power = -3 if exponent is None else exponent.value
-        if isinstance(told, int) and isinstance(power, int) and abs(power) < _LARGEST_POWER:
-            period = Fraction(told) * Fraction(10) ** power * 1_000_000
+        if isinstance(text, int) and isinstance(power, int) and abs(power) < _LARGEST_POWER:
+            period = Fraction(text) * Fraction(10) ** power * 1_000_000
             if _FASTEST_US <= period <= _PERIODS_US[-1] and (1_000_000 / period).denominator == 1:  # a rate in whole Hz
                 yield int(period)
 

@@ -67,7 +67,7 @@ class _Axis:
     way: float  # _WAY in counts
     moved_at: int = 0
     asked_since: int | None = None
-    told: bool = False
+    reported: bool = False
 
 
 @dataclass(slots=True)
@@ -78,11 +78,11 @@ class _Waiting:
     rule: str
     text: str
     since: int
-    due: int
+    deadline: int
 
 
 class AnswerInvariants:
-    """Check of answers; `report(rule, text)` receives breaches. Call `event`, `asked`, `taken`, `sampled` in order."""
+    """Check of answers; `report(rule, text)` gets breaches; `event` to `sampled` are called in order."""
 
     def __init__(
         self,
@@ -135,12 +135,12 @@ class AnswerInvariants:
         else:
             self._waiting.append(_Waiting(axis, rule, text, since, now + self._limit(axis)))
 
-    def asked(self, _now: int, act: ScenarioEvent) -> None:
+    def requested(self, _now: int, act: ScenarioEvent) -> None:
         """Record a client's request that may end the commands of others."""
         if act.kind in _ENDS:
             self._requests.clear()
 
-    def taken(self, now: int, act: ScenarioEvent) -> None:
+    def applied(self, now: int, act: ScenarioEvent) -> None:
         """Record an accepted command."""
         for name, value in zip(self._ends.get(act.target, ()), act.values, strict=False):
             joint, _, interface = name.partition("/")
@@ -177,14 +177,14 @@ class AnswerInvariants:
         for waiting in list(self._waiting):
             if self.reported(waiting.axis.view.node_id, waiting.since):
                 self._waiting.remove(waiting)
-            elif now >= waiting.due:
+            elif now >= waiting.deadline:
                 self._waiting.remove(waiting)
                 self._report(waiting.rule, waiting.text)
 
     def _judge(self, axis: _Axis, drive: VirtualDrive, now: int) -> None:
         view = axis.view
         if abs(drive.mover.plant.velocity) > _LEAST:
-            axis.moved_at, axis.told = now, False
+            axis.moved_at, axis.reported = now, False
         if not self._asks(axis, drive):
             axis.asked_since = None
         elif axis.asked_since is None:
@@ -193,8 +193,8 @@ class AnswerInvariants:
             return  # it has moved in time; of a position the motion is noted below
         quiet = max(self._disturbed.last(view.node_id), self._robot.started_ns, view.booted_at, view.limited_at)
         for since in self._since(axis, now):
-            if not axis.told and max(since, axis.moved_at, quiet) < now - self._limit(axis):
-                axis.told = True
+            if not axis.reported and max(since, axis.moved_at, quiet) < now - self._limit(axis):
+                axis.reported = True
                 if not self.reported(view.node_id, since):
                     late = (now - max(since, axis.moved_at)) / 1e9
                     text = f"node {view.node_id} is asked for motion and stands for {late:.1f} s, and nothing says why"

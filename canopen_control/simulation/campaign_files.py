@@ -46,7 +46,7 @@ def write_breach(
         stack.callback(run.close)
         for name, wire in run.robot.wires.items():
             writer = stack.enter_context(RecordingWriter(folder / f"{path.stem}-{name}.log", name))
-            wire.heard.append(partial(_record, writer))
+            wire.listeners.append(partial(_record, writer))
         run.run(duration_ns)
     return path
 

@@ -53,7 +53,7 @@ class EventPlayer:
         self.refused = 0
         self.mistakes: list[ControlError] = []
         """Refusals of commands that are errors of the schedule, not due to disabled drives or a latched STOP."""
-        self._asked: set[int] = set()  # the ids of acts, all of which are in `played`
+        self._requested: set[int] = set()  # the ids of acts, all of which are in `played`
         self.troubles: Counter[tuple[str, str]] = Counter()
         self.torn: list[str] = []
         self.clients = SimulatedClients(robot)
@@ -78,10 +78,10 @@ class EventPlayer:
             self.troubles[kind_of(act), self.robot.core.state.value] += 1
         _PLAY[act.kind](self, act)
 
-    def asked(self, act: ScenarioEvent) -> None:
+    def requested(self, act: ScenarioEvent) -> None:
         """Record that a client sends a request now."""
         for observer in self.robot.observers:
-            observer.asked(self.robot.now_ns, act)
+            observer.requested(self.robot.now_ns, act)
 
     # -- drives
 
@@ -212,7 +212,7 @@ class EventPlayer:
     def _command(self, core: RobotCore, act: ScenarioEvent) -> None:
         core.command(act.target, act.values, SOURCE)
         for observer in self.robot.observers:
-            observer.taken(self.robot.now_ns, act)
+            observer.applied(self.robot.now_ns, act)
 
     def trajectory(self, act: ScenarioEvent) -> None:
         """Send a trajectory whose points have zero velocity."""
@@ -253,12 +253,12 @@ class EventPlayer:
         """Send a command that ends with its connection, and disconnect."""
         if self._down or not self.robot.up:
             return
-        self.asked(replace(act, kind="command", name=act.kind))
+        self.requested(replace(act, kind="command", name=act.kind))
         on_left = partial(self._left, act)
         self.clients.dead_man(act.target, act.values, act.for_ns or _BRIEFLY_NS, on_left)
 
     def _left(self, act: ScenarioEvent) -> None:
-        self.asked(replace(act, kind="leave"))
+        self.requested(replace(act, kind="leave"))
 
     def stop(self, act: ScenarioEvent) -> None:
         """Stop the robot."""
@@ -308,12 +308,12 @@ class EventPlayer:
         """Send a request to the robot as a client; without a robot it is lost."""
         if self._down:
             return
-        self.asked(act)
+        self.requested(act)
         core = self.robot.core
 
         def ask() -> None:
-            first = id(act) not in self._asked
-            self._asked.add(id(act))
+            first = id(act) not in self._requested
+            self._requested.add(id(act))
             try:
                 verb(core)
             except CanopenError as error:

@@ -55,7 +55,7 @@ _BLOCKS: Final = 60_000  # allowed increase of memory blocks since shortly after
 class ReportInvariants:
     """Comparison of the runtime's reports with the truth; `report(rule, text)` receives breaches.
 
-    `asked`, `taken` and `sampled` are called as time passes.
+    `requested`, `applied` and `sampled` are called as time passes.
     """
 
     def __init__(
@@ -72,13 +72,13 @@ class ReportInvariants:
         self._latched: bool | None = False
         self._latch_asked = self._latch_heard = 0
 
-    def asked(self, now: int, act: ScenarioEvent) -> None:
+    def requested(self, now: int, act: ScenarioEvent) -> None:
         """Record a request of a client; a stalled process receives it when it continues."""
         if act.kind in ("latch", "release"):
             self._latched = act.kind == "latch"
             self._latch_asked, self._latch_heard = now, max(now, self._robot.host.stalled_until)
 
-    def taken(self, now: int, act: ScenarioEvent) -> None:
+    def applied(self, now: int, act: ScenarioEvent) -> None:
         """Check an accepted command: the robot must refuse it if all its drives have been disabled for a while."""
         core = self._robot.core
         joints = [core.joints.get(command.joint) for command in core.manager.get(act.target).commands]
@@ -185,7 +185,7 @@ class ClientInvariants:
     def __init__(self, robot: RobotUnderTest, clients: SimulatedClients, report: Callable[[str, str], None]) -> None:
         self._robot, self._clients, self._report = robot, clients, report
         self._blocked = 0
-        self._told: set[SimulatedClient] = set()
+        self._reports: set[SimulatedClient] = set()
 
     def sampled(self, now: int) -> None:
         """Check all clients now."""
@@ -196,7 +196,7 @@ class ClientInvariants:
         if not self._robot.up or now < host.stalled_until:
             return
         for client in self._clients.all:
-            if client.here and client not in self._told:
+            if client.here and client not in self._reports:
                 self._judge(client, now, max(host.stalled_until, self._robot.started_ns))
 
     def _judge(self, client: SimulatedClient, now: int, since: int) -> None:
@@ -206,7 +206,7 @@ class ClientInvariants:
             self._report_once(client, "client_kept", f"a client that reads nothing is kept for {_DEAF_NS // _MS} ms")
 
     def _report_once(self, client: SimulatedClient, rule: str, text: str) -> None:
-        self._told.add(client)
+        self._reports.add(client)
         self._report(rule, text)
 
 
@@ -260,7 +260,7 @@ class Invariants(SimulationObserver):
         self._disturbed = DisturbedNodes(robot)
         self._answers = AnswerInvariants(robot, views, motions, self._disturbed, self._report)
         self._targets = TargetInvariants(robot, views, motions, self._disturbed, self._answers, self._report)
-        self._told = ReportInvariants(robot, views, self._report)
+        self._reports = ReportInvariants(robot, views, self._report)
         self._faces = StatusInvariants(robot, views, self._disturbed, self._report)
         self._clients = ClientInvariants(robot, player.clients, self._report)
         self._goals = GoalInvariants(robot, player, self._faces, self._report)
@@ -280,13 +280,13 @@ class Invariants(SimulationObserver):
         if len(self.breaches) < _MOST:
             self.breaches.append(Breach((self._robot.now_ns - self._began) / 1e9, rule, text))
 
-    def asked(self, now: int, act: ScenarioEvent) -> None:
+    def requested(self, now: int, act: ScenarioEvent) -> None:
         """Process a request of a client."""
-        self._motion.asked(now, act)
-        self._targets.asked(now, act)
-        self._answers.asked(now, act)
-        self._told.asked(now, act)
-        self._goals.asked(now, act)
+        self._motion.requested(now, act)
+        self._targets.requested(now, act)
+        self._answers.requested(now, act)
+        self._reports.requested(now, act)
+        self._goals.requested(now, act)
 
     def event(self, event: Event) -> None:
         """Process a report of the robot."""
@@ -294,12 +294,12 @@ class Invariants(SimulationObserver):
 
     def goal(self, now: int, act: ScenarioEvent, goal: TrajectoryGoal) -> None:
         """Process an accepted goal."""
-        self._goals.taken(now, act, goal)
+        self._goals.applied(now, act, goal)
 
-    def taken(self, now: int, act: ScenarioEvent) -> None:
+    def applied(self, now: int, act: ScenarioEvent) -> None:
         """Process an accepted command."""
-        self._answers.taken(now, act)
-        self._told.taken(now, act)
+        self._answers.applied(now, act)
+        self._reports.applied(now, act)
 
     def played(self, now: int, act: ScenarioEvent) -> None:
         """Process the start of an act."""
@@ -312,7 +312,7 @@ class Invariants(SimulationObserver):
         self._motion.sampled(now)
         self._targets.sampled(now)
         self._answers.sampled(now)
-        self._told.sampled(now)
+        self._reports.sampled(now)
         self._faces.sampled(now)
         self._clients.sampled(now)
         self._goals.sampled(now)

@@ -54,7 +54,7 @@ class _Stop:
 class MotionInvariants:
     """Check of a robot's motion; `report(rule, text)` receives breaches.
 
-    `asked` and `sampled` are called as time passes.
+    `requested` and `sampled` are called as time passes.
     """
 
     def __init__(
@@ -81,37 +81,37 @@ class MotionInvariants:
         self._excused: dict[int, int] = {}
         self._alone_since: dict[int, int] = {}  # node -> start of the loss of connection to the robot
         self._alone_until: dict[int, int] = {}  # and when the node detects it
-        self._kept: set[int] = set()  # nodes that remained enabled after a stop, already reported
+        self._still_enabled: set[int] = set()  # nodes that remained enabled after a stop, already reported
         self._facts: dict[int, list[AxisFacts]] = {node.node_id: [] for node in self._nodes}
         for facts in axis_facts(robot.setup):
             if facts.node_id in self._facts:
                 self._facts[facts.node_id].append(facts)
         self._ramps: dict[int, tuple[float, int]] = {}  # node -> largest speed, and the ramp from it
 
-    def asked(self, now: int, act: ScenarioEvent) -> None:
+    def requested(self, now: int, act: ScenarioEvent) -> None:
         """Record a request of a client; a stalled process receives it when it continues."""
-        heard = max(now, self._robot.host.stalled_until)
+        reception = max(now, self._robot.host.stalled_until)
         request = f"{act.kind} {act.name}".strip()
         self._latched = _LATCHES.get(act.kind, self._latched)
         if request in _ENABLES and not self._latched:
-            self._enabled_ns, self._stop = heard, None
+            self._enabled_ns, self._stop = reception, None
             if self._all_at_standstill():
                 self._fresh.clear()  # a command must be newer
         elif request in _STOPS:
-            self._stop_by(heard, f"{request} was asked", heard)
+            self._stop_by(reception, f"{request} was asked", reception)
         elif act.kind == "activate":
             if not self._latched:  # an activated controller enables the drives that it claims
-                self._enabled_ns, self._stop = heard, None
-            self._fresh = {name: min(until, heard) for name, until in self._fresh.items()}
+                self._enabled_ns, self._stop = reception, None
+            self._fresh = {name: min(until, reception) for name, until in self._fresh.items()}
         elif act.kind == "command":
             life = self._lives.get(act.target, PLACE_NS)
-            self._fresh[act.target] = heard + (life if any(act.values) or life == PLACE_NS else 0)
+            self._fresh[act.target] = reception + (life if any(act.values) or life == PLACE_NS else 0)
             self._held[act.target] = bool(act.name)
         # its command ends with its client
         elif act.kind == "cancel" or (act.kind == "leave" and self._held.get(act.target)):
-            self._fresh[act.target] = min(self._fresh.get(act.target, 0), heard)
+            self._fresh[act.target] = min(self._fresh.get(act.target, 0), reception)
         elif act.kind == "trajectory":
-            self._fresh[act.target] = heard + (act.for_ns or 0) + 2000 * _MS
+            self._fresh[act.target] = reception + (act.for_ns or 0) + 2000 * _MS
 
     def _all_at_standstill(self) -> bool:
         """Whether no shaft turns; None on a floor, where a rocking robot turns its shafts."""
@@ -193,16 +193,18 @@ class MotionInvariants:
         """Report drives that are still enabled after the time for a stop has elapsed."""
         stop = self._stop
         if stop is None or stop.why in _NO_DISABLE or now < self._robot.host.stalled_until + _OFF_NS:
-            self._kept.clear()
+            self._still_enabled.clear()
             return
-        due = stop.until + max((self._ramp_ns(node.node_id) for node in self._nodes), default=0) + GRACE_NS + _OFF_NS
-        if now <= due:
+        deadline = (
+            stop.until + max((self._ramp_ns(node.node_id) for node in self._nodes), default=0) + GRACE_NS + _OFF_NS
+        )
+        if now <= deadline:
             return
         for node in self._nodes:
             is_enabled = node.enabled and now - node.status_at < _SEEN_NS and node.commanded
             was_told = is_enabled and node.told_at > stop.since and node.enabled_at <= stop.since + _UNASKED_NS
-            if was_told and node.node_id not in self._kept:
-                self._kept.add(node.node_id)
+            if was_told and node.node_id not in self._still_enabled:
+                self._still_enabled.add(node.node_id)
                 late = (now - stop.since) / 1e9
                 self._report("enabled_still", f"node {node.node_id} is still enabled {late:.3f} s after {stop.why}")
 

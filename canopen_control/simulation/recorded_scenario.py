@@ -75,7 +75,7 @@ class BusHistory:
     def __init__(self, config: BusConfig, frames: Frames, resets: Sequence[int] = ()) -> None:
         self._config, self._frames, self._resets = config, frames, sorted(resets)
         self._plans = {plan.node_id: plan for plan in config.plans.values()}
-        self._heard = {node: _Receptions([], [], [], []) for node in self._plans}
+        self._receptions = {node: _Receptions([], [], [], []) for node in self._plans}
         self._nmt: list[tuple[int, int, int]] = []  # time, command, node
         self._master: list[int] = []
         self._end = frames[-1][0] if frames else 0
@@ -96,12 +96,12 @@ class BusHistory:
                 self._note(owners[can_id], now, frame)
 
     def _note(self, node: int, now: int, frame: CanFrame) -> None:
-        heard, can_id, data = self._heard[node], frame.can_id, frame.data
-        heard.any.append(now)
+        receptions, can_id, data = self._receptions[node], frame.can_id, frame.data
+        receptions.any.append(now)
         if can_id == 0x080 + node and len(data) >= 2:
-            heard.emcy.append((now, int.from_bytes(data[:2], "little")))
+            receptions.emcy.append((now, int.from_bytes(data[:2], "little")))
         elif can_id == 0x700 + node:
-            (heard.boots if data[:1] == b"\0" else heard.alive).append(now)
+            (receptions.boots if data[:1] == b"\0" else receptions.alive).append(now)
 
     def acts(self) -> Iterator[ScenarioEvent]:
         """Yield the fault events; `at_ns` is Unix time."""
@@ -110,7 +110,7 @@ class BusHistory:
             if command in (_NMT_STOP, _NMT_PRE_OPERATIONAL):
                 yield ScenarioEvent(now, "frame", values=(0.0, float(command), float(node)))
         for node, plan in self._plans.items():
-            yield from self._of_node(node, plan, self._heard[node])
+            yield from self._of_node(node, plan, self._receptions[node])
 
     # -- the master
 
@@ -132,24 +132,24 @@ class BusHistory:
 
     # -- a node
 
-    def _of_node(self, node: int, plan: NodePlan, heard: _Receptions) -> Iterator[ScenarioEvent]:
+    def _of_node(self, node: int, plan: NodePlan, receptions: _Receptions) -> Iterator[ScenarioEvent]:
         limit = plan.heartbeat_timeout_ns or _QUIET_NS
-        silences = _gaps(heard.any, limit, self._end)
+        silences = _gaps(receptions.any, limit, self._end)
         for begin, end in silences:
-            if end is None or end not in heard.boots:
+            if end is None or end not in receptions.boots:
                 yield ScenarioEvent(begin, "cut", str(node), for_ns=None if end is None else end - begin)
             elif not self._was_reset(node, end):
                 yield ScenarioEvent(begin, "power", str(node), for_ns=end - begin)
         if plan.heartbeat_timeout_ns:
-            for begin, end in _gaps(heard.alive, limit, self._end):
+            for begin, end in _gaps(receptions.alive, limit, self._end):
                 if not any(begin < (to or self._end) and at < (end or self._end) for at, to in silences):
                     lasts = None if end is None else end - begin
                     yield ScenarioEvent(begin, "fault", str(node), "heartbeat_lost", for_ns=lasts)
         ends = {end for _, end in silences}
-        for boot in heard.boots:
-            if heard.any[0] < boot and boot not in ends and not self._was_reset(node, boot):
+        for boot in receptions.boots:
+            if receptions.any[0] < boot and boot not in ends and not self._was_reset(node, boot):
                 yield ScenarioEvent(boot, "fault", str(node), "spontaneous_reset")
-        yield from self._emergencies(node, heard.emcy)
+        yield from self._emergencies(node, receptions.emcy)
 
     def _was_reset(self, node: int, boot: int) -> bool:
         """Whether a boot follows a reset command."""

@@ -63,10 +63,10 @@ class SimulationObserver:
     def played(self, now: int, act: ScenarioEvent) -> None:
         """Process the start of an act."""
 
-    def asked(self, now: int, act: ScenarioEvent) -> None:
+    def requested(self, now: int, act: ScenarioEvent) -> None:
         """Process a request of a client."""
 
-    def taken(self, now: int, act: ScenarioEvent) -> None:
+    def applied(self, now: int, act: ScenarioEvent) -> None:
         """Process an accepted command."""
 
     def goal(self, now: int, act: ScenarioEvent, goal: TrajectoryGoal) -> None:
@@ -225,7 +225,7 @@ class RobotUnderTest:
         }
         self.drives: dict[int, SimulatedDrive] = {}
         for name, bus in setup.joined.items():
-            self.wires[name].heard.append(self.digest.frame)
+            self.wires[name].listeners.append(self.digest.frame)
             for node in bus.nodes.values():
                 eds = bus.eds_paths[node.name]
                 drive = self.drives[node.node_id] = SimulatedDrive(self, self.wires[name], node.node_id, eds)

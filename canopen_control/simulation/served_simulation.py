@@ -163,4 +163,4 @@ class ServedSimulation:
     def requested(self, record: RequestSeen) -> None:
         """Record a request of a program as acts."""
         for act in self._requests.acts(record):
-            self._player.asked(act)
+            self._player.requested(act)

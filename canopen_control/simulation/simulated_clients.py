@@ -235,11 +235,11 @@ class SimulatedClients:
         self._leave_later(client, for_ns)
         self._ask_on(client, until)
 
-    def dead_man(self, controller: str, values: Sequence[float], for_ns: int, left: Callable[[], object]) -> None:
-        """Send one command and disconnect; then call `left`, if the robot's process is still the same."""
+    def dead_man(self, controller: str, values: Sequence[float], for_ns: int, on_leave: Callable[[], object]) -> None:
+        """Send one command and disconnect; then call `on_leave`, if the robot's process is still the same."""
         client = self.connect(reads=True)
         client.ask(CommandController(controller=controller, values=list(values), dead_man=True))
-        self._leave_later(client, for_ns, left)
+        self._leave_later(client, for_ns, on_leave)
 
     def _ask_on(self, client: SimulatedClient, until: int | None) -> None:
         now = self.robot.now_ns
@@ -250,12 +250,12 @@ class SimulatedClients:
         self.robot.time.later(EVERY_NS if client.reads else _DEAF_NS, lambda: self._ask_on(client, until))
 
     def _leave_later(
-        self, client: SimulatedClient, for_ns: int | None, left: Callable[[], object] = lambda: None
+        self, client: SimulatedClient, for_ns: int | None, on_leave: Callable[[], object] = lambda: None
     ) -> None:
         def leave() -> None:
             if self.serves(client):
                 client.leave()
-                left()
+                on_leave()
 
         if for_ns is not None:
             self.robot.time.later(for_ns, leave)

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from canopen_control.bus.wire_faults import DropRule
     from canopen_control.simulation.virtual_time import Actor, VirtualTime
 
-    Heard = Callable[[int, str, bytes], object]  # time, label of the sender, record
-    Listeners = tuple[tuple[Heard, ...], tuple["SimulatedPort", ...]]
+    Listener = Callable[[int, str, bytes], object]  # time, label of the sender, record
+    Listeners = tuple[tuple[Listener, ...], tuple["SimulatedPort", ...]]
 
 
 RESTART_NS: Final = 100_000_000
@@ -43,7 +43,7 @@ class WireObserver(Protocol):
 
 
 class SimulatedWire:
-    """Bus; `members` gives the process of a label, `heard` receives all frames on the wire.
+    """Bus; `members` gives the process of a label, `listeners` receives all frames on the wire.
 
     `lost`, `doubled` and `disturbed` are rules for frames; `cut` contains the labels with a cut cable.
     """
@@ -52,7 +52,7 @@ class SimulatedWire:
         self.name = name
         self.channel = f"memory:{name}"
         self.members: dict[str, Actor] = {}
-        self.heard: list[Heard] = []
+        self.listeners: list[Listener] = []
         self.lost: list[DropRule] = []
         self.doubled: list[DropRule] = []
         self.disturbed: list[DropRule] = []
@@ -138,10 +138,10 @@ class SimulatedWire:
 
     def _plan(self) -> None:
         """Schedule the end of the frame on the wire."""
-        due = self._wire.due_ns
-        self._planned = due is not None
-        if due is not None:
-            self._time.at(due, self._on_passed)
+        arrival = self._wire.due_ns
+        self._planned = arrival is not None
+        if arrival is not None:
+            self._time.at(arrival, self._on_passed)
 
     def _passed(self) -> None:
         """Deliver the frames that end before any other event of their listeners, and schedule the next."""
@@ -158,12 +158,12 @@ class SimulatedWire:
                     self._judge(port, record)
                 else:
                     self._carry(port.label, record, port)
-            due = wire.due_ns
-            if self._planned or due is None:
+            arrival = wire.due_ns
+            if self._planned or arrival is None:
                 return
-            if not jump(due):
+            if not jump(arrival):
                 self._planned = True
-                self._time.at(due, self._on_passed)
+                self._time.at(arrival, self._on_passed)
                 return
 
     def _judge(self, port: SimulatedPort, record: bytes) -> None:
@@ -172,10 +172,10 @@ class SimulatedWire:
         can_id: int = RECORD.unpack(record)[0]
         if self._errors.get(label):
             self._errors[label] -= 1
-        if _taken(self.lost, label, can_id):
+        if _dropped(self.lost, label, can_id):
             return
         self._carry(label, record, port)
-        if _taken(self.doubled, label, can_id):
+        if _dropped(self.doubled, label, can_id):
             self._carry(label, record, port)
 
     def _is_disturbed(self, number: int, record: bytes) -> bool:
@@ -183,7 +183,7 @@ class SimulatedWire:
         port = self._ports.get(number)
         if port is None or self.silences(port.label):
             return False
-        if not _taken(self.disturbed, port.label, RECORD.unpack(record)[0]):
+        if not _dropped(self.disturbed, port.label, RECORD.unpack(record)[0]):
             return False
         count = self._errors[port.label] = self._errors.get(port.label, 0) + _AT_ERROR
         if count >= _BUS_OFF:
@@ -195,7 +195,7 @@ class SimulatedWire:
     def _carry(self, label: str, record: bytes, sender: SimulatedPort | None) -> None:
         self.frames += 1
         now = self._time.now_ns
-        for hear in self.heard:
+        for hear in self.listeners:
             hear(now, label, record)
         listeners = self._listeners.get(record[:_ID_SIZE])
         if listeners is None:
@@ -213,12 +213,12 @@ class SimulatedWire:
             self._listeners.clear()
         can_id: int = RECORD.unpack(record)[0]
         observers = tuple(observer.hear for observer in self._observers if observer.wants(can_id))
-        ports = tuple(port for port in self._ports.values() if port.wanted is None or can_id in port.wanted)
+        ports = tuple(port for port in self._ports.values() if port.identifiers is None or can_id in port.identifiers)
         listeners = self._listeners[record[:_ID_SIZE]] = observers, ports
         return listeners
 
 
-def _taken(rules: list[DropRule], label: str, can_id: int) -> bool:
+def _dropped(rules: list[DropRule], label: str, can_id: int) -> bool:
     """Whether a rule selects a frame; every rule counts it."""
     return sum(rule.takes(label, can_id) for rule in rules) > 0
 
@@ -230,7 +230,7 @@ class SimulatedPort:
         self.number, self.label = number, label
         self.stats = PortStats()
         self.wants_write = False
-        self.wanted: frozenset[int] | None = None
+        self.identifiers: frozenset[int] | None = None
         self._wire, self._actor = wire, actor
         self._fileno = actor.selector.allocate()
         self._queue: list[bytes] = []
@@ -252,7 +252,7 @@ class SimulatedPort:
 
     def set_filter(self, can_ids: Iterable[int]) -> None:
         """Deliver only these identifiers."""
-        self.wanted = frozenset(can_ids)
+        self.identifiers = frozenset(can_ids)
         self._wire.refilter()
 
     def put(self, records: bytes) -> None:

@@ -50,7 +50,7 @@ Faces = tuple[str, ...]
 _FACES: Final[Faces] = ("status", "sample")
 _PUBLISHED: Final[Faces] = ("joint_states",)
 _STAMP: Final = (_PUBLISHED, "", "stamp")
-_TOLD: Final = 1 << 62
+_REPORTED: Final = 1 << 62
 Truth = tuple[int, float, float]  # time, position, velocity in SI units
 
 
@@ -138,11 +138,11 @@ class StatusInvariants:
             _Shaft(joint, node.name, self._nodes[node.name], node.units.of_axis(0), transmissions.get(joint))
             for joint, node in watched_joints(robot.setup)
         ]
-        self._due = robot.now_ns + _EVERY_NS
+        self._next_check = robot.now_ns + _EVERY_NS
         self._calm: dict[int, bool] = {}  # whether a node has been undisturbed for a while, and is on its bus
         self._wrong_since: dict[tuple[Faces, str, str], int] = {}  # (reports, node, text) -> since when
         # node without supply -> since when, whether it was reported as ready
-        self._gone: dict[str, tuple[int, bool]] = {}
+        self._lost: dict[str, tuple[int, bool]] = {}
         self._ready: dict[str, bool] = {}
         self._told_faults: dict[tuple[str, str], int] = {}
         self._emcys: dict[str, int] = {}  # node -> EMCY that must be reported, 0: none
@@ -156,12 +156,12 @@ class StatusInvariants:
         robot = self._robot
         for shaft in self._shafts:
             shaft.take(robot, now)
-        if now < self._due:
+        if now < self._next_check:
             return
-        self._due = now + _EVERY_NS
+        self._next_check = now + _EVERY_NS
         if not robot.up or now < robot.host.stalled_until or not robot.running:
             self._wrong_since.clear()
-            self._gone.clear()
+            self._lost.clear()
             return
         self._first_start = self._first_start or robot.started_ns
         readings = readings_of(robot.core)
@@ -272,7 +272,7 @@ class StatusInvariants:
         since = self._wrong_since.setdefault(wrong, now)
         if now - since <= soon:
             return False
-        self._wrong_since[wrong] = _TOLD
+        self._wrong_since[wrong] = _REPORTED
         return True
 
     # -- mandatory events
@@ -281,14 +281,14 @@ class StatusInvariants:
         """Check that a node without supply is reported as lost within its heartbeat time, with an event."""
         view = self._nodes[name]
         if self._robot.drives[view.node_id].device is not None:
-            self._gone.pop(name, None)
+            self._lost.pop(name, None)
             self._ready[name] = reading.ready
             if reading.ready:
                 self._ready_since.setdefault(name, now)
             else:
                 self._ready_since.pop(name, None)
             return
-        since, was_ready = self._gone.setdefault(name, (now, self._ready.get(name, False)))
+        since, was_ready = self._lost.setdefault(name, (now, self._ready.get(name, False)))
         limit = view.plan.heartbeat_timeout_ns
         if not limit or now < max(since, self._disturbed.hidden_at) + limit + _SOON_NS:
             return
@@ -389,7 +389,7 @@ class _Open:
 class GoalInvariants:
     """Check of the ends of goals; `report(rule, text)` receives breaches.
 
-    `asked`, `taken` and `sampled` are called as time passes.
+    `requested`, `applied` and `sampled` are called as time passes.
     """
 
     def __init__(
@@ -402,13 +402,13 @@ class GoalInvariants:
         self._newest: ScenarioEvent | None = None  # newest request that may move joints
         self._stopped_at = -1 << 62  # time of the last stop request, if there was no other request since
 
-    def asked(self, now: int, act: ScenarioEvent) -> None:
+    def requested(self, now: int, act: ScenarioEvent) -> None:
         """Record a request of a client."""
         self._stopped_at = now if act.kind in _STOPS else -1 << 62
         if act.kind in _LEADS:
             self._newest = act
 
-    def taken(self, now: int, act: ScenarioEvent, goal: TrajectoryGoal) -> None:
+    def applied(self, now: int, act: ScenarioEvent, goal: TrajectoryGoal) -> None:
         """Record a goal accepted by a controller."""
         controller = self._robot.core.manager.get(act.target)
         tolerances = controller.params.tolerances()  # type: ignore[attr-defined]

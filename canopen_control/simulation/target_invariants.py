@@ -59,7 +59,7 @@ class _Followed:
         self.low = self.high = 0.0
         self.at = 0  # time of the last check, 0: none since its enable
         self.followed_at = 0  # time at which it last followed targets, undisturbed since its enable
-        self.told = False
+        self.reported = False
         self.wrong = ""  # the currently violated rule, of those valid in every mode
         self._limits_of: tuple[VirtualDrive | None, int] = None, -1
         self._limits = (0, 0, 0)
@@ -85,7 +85,7 @@ class _Followed:
 
     def rest(self) -> None:
         """Reset until the next enable."""
-        self.at, self.told = 0, False
+        self.at, self.reported = 0, False
 
     def ramp(self, low: float, high: float, slope: float, now: int, speed: float) -> None:
         """Move the speed range towards that of the targets, with at least the drive's ramp."""
@@ -118,7 +118,7 @@ class _Commanders:
 
 
 class TargetInvariants:
-    """Check of targets; `report(rule, text)` receives breaches. `asked` and `sampled` are called as time passes."""
+    """Check of targets; `report(rule, text)` receives breaches. `requested` and `sampled` are called as time passes."""
 
     def __init__(
         self,
@@ -140,24 +140,24 @@ class TargetInvariants:
         self._wrong: set[str] = set()
         self._lost: set[str] = set()
 
-    def asked(self, now: int, act: ScenarioEvent) -> None:
+    def requested(self, now: int, act: ScenarioEvent) -> None:
         """Record a request of a client."""
-        heard = max(now, self._robot.host.stalled_until)
+        reception = max(now, self._robot.host.stalled_until)
         commanders = self._commanders.setdefault(act.target, _Commanders())
         if act.kind in _STOPS or (act.kind == "leave" and not commanders.go_on):
-            self._stopped_at = heard
+            self._stopped_at = reception
         elif act.kind == "command":
-            commanders.command(heard, leaves=bool(act.name))
+            commanders.command(reception, leaves=bool(act.name))
         if act.kind != "command" or not self._ends.get(act.target):
             if act.kind in ("command", "trajectory", "activate", "deactivate"):
                 self._others_until = 1 << 62
                 self._commanded.clear()
             return
-        self._others_until = min(self._others_until, heard + _SETTLED_NS)
+        self._others_until = min(self._others_until, reception + _SETTLED_NS)
         for name, value in zip(self._ends[act.target], act.values, strict=False):
             joint, _, interface = name.partition("/")
             if interface == VELOCITY:
-                self._commanded.setdefault(joint, deque(maxlen=_KEPT)).append((heard, value))
+                self._commanded.setdefault(joint, deque(maxlen=_KEPT)).append((reception, value))
 
     def sampled(self, now: int) -> None:
         """Check targets and motion of the drives now."""
@@ -297,9 +297,9 @@ class TargetInvariants:
         low, high = bounds
         slack = _LEAST + _SLACK * max(abs(low), abs(high))
         if low - slack <= value <= high + slack:
-            axis.told = False
-        elif not axis.told:
-            axis.told = True
+            axis.reported = False
+        elif not axis.reported:
+            axis.reported = True
             motion = does.format(round(value))
             commanded = ", ".join(f"{unit * target:.0f}" for target in targets)
             text = f"the shaft of node {axis.view.node_id} {motion}, told {commanded}"

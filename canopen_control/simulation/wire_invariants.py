@@ -82,16 +82,16 @@ class ConfigurationInvariants:
         self._robot, self._disturbed, self._answers, self._report = robot, disturbed, answers, report
         self._nodes = [_Configured(plan.name, plan) for plan in plans]
         self._wide = [node for node in self._nodes if node.wide]
-        self._due = robot.now_ns + _EVERY_NS
+        self._next_check = robot.now_ns + _EVERY_NS
         self._core: object = None
 
     def sampled(self, now: int) -> None:
         """Check all nodes now."""
         for node in self._wide:
             self._note(node, now)
-        if now < self._due:
+        if now < self._next_check:
             return
-        self._due = now + _EVERY_NS
+        self._next_check = now + _EVERY_NS
         robot = self._robot
         if robot.core is not self._core:
             self._core = robot.core
@@ -167,17 +167,17 @@ class ConfigurationInvariants:
         """Compare the robot's decoded value with those of the object in the last cycles."""
         if self._disturbed.last(node.plan.node_id) > now - _CALM_NS:
             return
-        for cob_id, position, mapped, seen in node.wide:
+        for cob_id, position, mapped, observed in node.wide:
             pdo = next((candidate for candidate in remote.received if candidate.cob_id == cob_id), None)
-            if pdo is None or pdo.stamp < 0 or not seen or now - pdo.stamp > _LAG_NS:
+            if pdo is None or pdo.stamp < 0 or not observed or now - pdo.stamp > _LAG_NS:
                 continue
             reported: Any = pdo.values[position]
-            values: list[Any] = [value for _, value in seen]
+            values: list[Any] = [value for _, value in observed]
             if isinstance(reported, int | float) and not min(values) <= reported <= max(values):
                 self._report(
                     "shown_wrong", f"process data: {_name(mapped)} of {node.name} is {reported}, it is {values[-1]}"
                 )
-                seen.clear()
+                observed.clear()
 
 
 _TRANSMISSION: Final = 2

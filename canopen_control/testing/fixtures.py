@@ -46,20 +46,20 @@ def _setup(config: str, controllers: tuple[str, ...]) -> RobotSetup:
     return read_robot(find_robot(config), controllers=controllers)
 
 
-def _wanted(request: pytest.FixtureRequest) -> tuple[str, dict[str, Any]]:
+def _configured(request: pytest.FixtureRequest) -> tuple[str, dict[str, Any]]:
     marks = list(request.node.iter_markers(_MARK))
     words = {key: value for mark in reversed(marks) for key, value in mark.kwargs.items()}
     named = next((str(mark.args[0]) for mark in marks if mark.args), "")
     if named:
         return named, words
-    given = str(request.config.getini(_MARK))
-    if not given:
+    text = str(request.config.getini(_MARK))
+    if not text:
         raise pytest.UsageError(
             "the fixture `robot` needs to know which one: canopen_robot = FOLDER in the ini file, or the mark "
             '@pytest.mark.canopen_robot("FOLDER")'
         )
-    beside = Path(request.config.rootpath) / given
-    return str(beside) if beside.exists() else given, words
+    beside = Path(request.config.rootpath) / text
+    return str(beside) if beside.exists() else text, words
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def robot(request: pytest.FixtureRequest) -> Iterator[TestedRobot]:
     """Yield a booted robot in virtual time; a breach of an invariant fails the test."""
     from canopen_control.testing.tested_robot import TestedRobot
 
-    config, words = _wanted(request)
+    config, words = _configured(request)
     tested = TestedRobot(
         _setup(config, tuple(words.get("controllers", ()))), words.get("seed", 0), quirks=words.get("quirks")
     )

@@ -109,10 +109,10 @@ class TestedRobot:
 
     def stopped_within(self, seconds: float) -> bool:
         """Advance time until all shafts stand, at most `seconds`; return whether they do."""
-        left = round(seconds / _STEP_S)
-        while self.moving and left > 0:
+        remaining = round(seconds / _STEP_S)
+        while self.moving and remaining > 0:
             self.run(_STEP_S)
-            left -= 1
+            remaining -= 1
         return not self.moving
 
     # -- state
@@ -327,7 +327,7 @@ class TestedBus:
         self.frames: list[tuple[float, str, CanFrame]] = []
         self._robot = robot
         for wire in robot.simulated.wires.values():
-            wire.heard.append(self._record)
+            wire.listeners.append(self._record)
 
     def _record(self, now: int, label: str, record: bytes) -> None:
         self.frames += [(self._robot.clock.at(now), label, frame) for frame in frames_of(record)]

@@ -423,17 +423,17 @@ class Decoder:
         return route, _Decoded(text if route.subject else f"remote frame, {len(frame.data)} bytes")
 
     def _emcy(self, node_id: int) -> Callable[[CanFrame], _Decoded]:
-        def said(frame: CanFrame) -> _Decoded:
+        def decode(frame: CanFrame) -> _Decoded:
             message = EmcyMessage.parse(frame, node_id)
             if message is None:
                 return _Decoded(f"malformed: {len(frame.data)} bytes", mark=Mark.WARNING)
             fault = FaultEvent.of_emcy(message)
             return _Decoded(fault.text, mark=Mark.NOTABLE if fault.is_over else Mark.ERROR, fault=fault)
 
-        return said
+        return decode
 
     def _heartbeat(self, node_id: int) -> Callable[[CanFrame], _Decoded]:
-        def said(frame: CanFrame) -> _Decoded:
+        def decode(frame: CanFrame) -> _Decoded:
             node = self._node(node_id)
             state = state_of_byte(frame.data[0]) if len(frame.data) == 1 else None
             if state is None:
@@ -451,19 +451,19 @@ class Decoder:
             was = "after boot-up" if before is NmtState.INITIALISING else f"was {before.text}"
             return _Decoded(f"{name}{toggle} ({was})", mark=Mark.NOTABLE)
 
-        return said
+        return decode
 
     def _sdo(self, node_id: int, from_client: bool) -> Callable[[CanFrame], _Decoded]:
         node = self._node(node_id)
 
-        def said(frame: CanFrame) -> _Decoded:
+        def decode(frame: CanFrame) -> _Decoded:
             text, value, is_abort, held_value = node.sdo.receive(frame.data, from_client=from_client)
             if held_value is not None and (learned := node.pdos.learn(held_value)) is not None:
                 self._relearn(node_id, *learned)
             mark = Mark.ERROR if is_abort else _MARKS[node.words.take_change()]
             return _Decoded(text, () if value is None else (value,), mark)
 
-        return said
+        return decode
 
     def _relearn(self, node_id: int, pdo: PdoDescription, before: int | None) -> None:
         """Replace a PDO by its learned configuration, which takes precedence over the description."""
@@ -480,13 +480,13 @@ class Decoder:
             return lambda frame: _Decoded(f"{frame.data.hex(' ')}; {reason}", mark=Mark.WARNING)
         words = self._node(node_id).words
 
-        def said(frame: CanFrame) -> _Decoded:
+        def decode(frame: CanFrame) -> _Decoded:
             if len(frame.data) < codec.length:
                 short = f"too short: {len(frame.data)} bytes, {codec.length} are mapped"
                 return _Decoded(short, mark=Mark.WARNING)
             return _mapped(words, pdo, codec, frame.data)
 
-        return said
+        return decode
 
 
 def _mapped(words: NodeWords, pdo: PdoDescription, codec: PdoCodec, data: bytes) -> _Decoded:

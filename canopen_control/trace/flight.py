@@ -63,12 +63,12 @@ def flight_folder(name: str) -> Path:
 class FlightRecorder:
     """Recorder of the robot `name` on `buses` {name: channel}, on a reactor; call `finish` at the end.
 
-    `said` contains the messages that the robot could no longer receive.
+    `unsent` contains the messages that the robot could no longer receive.
     """
 
     def __init__(self, reactor: Reactor, name: str, buses: Mapping[str, str]) -> None:
         self.name, self.buses = name, dict(buses)
-        self.said: list[str] = []
+        self.unsent: list[str] = []
         self._reactor = reactor
         self._begun_ns = time.time_ns() - reactor.now()
         self._frames = FrameRing(WINDOW_NS, FRAME_BYTES)
@@ -283,7 +283,7 @@ class FlightRecorder:
             with contextlib.suppress(CanopenError):
                 self._robot.notify(PublishEvent(kind="flight", text=sentence))
                 return
-        self.said.append(sentence)
+        self.unsent.append(sentence)
 
     # -- end
 
@@ -328,7 +328,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             reactor.run()
         finally:
             recorder.finish()
-            for sentence in recorder.said:
+            for sentence in recorder.unsent:
                 print(sentence, flush=True)  # noqa: T201 - the last lines of the log, which the robot's process reports
     return 0
 

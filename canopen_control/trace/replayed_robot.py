@@ -57,7 +57,7 @@ class ReplayedRobot:
         self._events = sorted(events, key=lambda event: event.time)
         self._reactor, self._speed = reactor, speed
         self._at = 0
-        self._told: list[RobotEvent] = []
+        self._past_events: list[RobotEvent] = []
         self._watching: dict[Connection, messages.Subscribe] = {}
         self._server: Server[RobotHello, RobotPush] = Server(
             ROBOT,
@@ -106,7 +106,7 @@ class ReplayedRobot:
         )
         while self._events and self._events[0].time <= sample.time:
             event = self._events.pop(0)
-            self._told.append(event)
+            self._past_events.append(event)
             self._server.push(
                 event, [connection for connection, subscription in self._watching.items() if subscription.events]
             )
@@ -136,7 +136,7 @@ class ReplayedRobot:
             true_pose=sample.true_pose,
             buses={} if status is None else status.buses,
             boot=[] if status is None else status.boot,
-            events=list(self._told),
+            events=list(self._past_events),
         )
 
     def _nodes(self) -> NodeListing:

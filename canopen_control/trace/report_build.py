@@ -224,9 +224,9 @@ class FrameReader:
         self._before: deque[_Decoded] = deque(maxlen=_BEFORE)
         self._after: list[_Decoded] = []
         self._last: dict[tuple[str, int], _Decoded] = {}
-        self._heard: dict[tuple[str, int], float] = {}  # time of the last frame of each node
+        self._last_times: dict[tuple[str, int], float] = {}  # time of the last frame of each node
         self._end = 0.0
-        self._told: set[tuple[int, str]] = set()
+        self._reported: set[tuple[int, str]] = set()
         self.notable: list[RobotEvent] = []  # frames that report a change or an error
 
     def read(self, time_ns: int, bus: str, frame: CanFrame) -> None:
@@ -265,9 +265,9 @@ class FrameReader:
     def _note(self, time_ns: int, decoded: DecodedFrame) -> None:
         """Record a frame as an event, once if it repeats, such as a fault in every statusword."""
         note_key = (decoded.can_id, decoded.text)
-        if note_key in self._told:
+        if note_key in self._reported:
             return
-        self._told.add(note_key)
+        self._reported.add(note_key)
         node = decoded.who or None
         text = f"{node or 'bus'}: {decoded.subject or decoded.service} {decoded.text}".rstrip()
         level = _LEVELS[decoded.mark]
@@ -277,15 +277,15 @@ class FrameReader:
         self.notable.append(event)
 
     def _remember(self, bus: str, time: float, decoded: DecodedFrame) -> None:
-        heard = _Decoded(bus, time, decoded)
+        decoded_frame = _Decoded(bus, time, decoded)
         if decoded.node_id is not None and _from_node(decoded):
-            self._heard[bus, decoded.node_id] = time
+            self._last_times[bus, decoded.node_id] = time
         if self._fault is None or time <= self._fault:
-            self._before.append(heard)
+            self._before.append(decoded_frame)
             if decoded.node_id is not None and _from_node(decoded):
-                self._last[bus, decoded.node_id] = heard
+                self._last[bus, decoded.node_id] = decoded_frame
         elif len(self._after) < _AFTER:
-            self._after.append(heard)
+            self._after.append(decoded_frame)
 
     @property
     def around(self) -> list[FrameFacts]:
@@ -295,7 +295,7 @@ class FrameReader:
     @property
     def last_words(self) -> list[FrameFacts]:
         """Last frame of each node before the fault; the node that was silent longest first."""
-        return [_line(frame) for frame in sorted(self._last.values(), key=lambda heard: heard.time)]
+        return [_line(frame) for frame in sorted(self._last.values(), key=lambda last: last.time)]
 
     def buses(self) -> dict[str, BusFacts]:
         """Return the traffic of each bus."""
@@ -322,16 +322,16 @@ class FrameReader:
         """Return the states as `node_spans` does, with axes as "axis N"; the state of a silent node is unknown."""
         facts: dict[str, NodeFacts] = {}
         for (bus, node_id), drive in sorted(self._drives.items()):
-            heard = self._heard.get((bus, node_id), self._end)
-            nmt = self._ended(drive.nmt, heard)
-            axes = {f"axis {axis}": self._ended(spans, heard) for axis, spans in drive.axes.items()}
+            last_time = self._last_times.get((bus, node_id), self._end)
+            nmt = self._ended(drive.nmt, last_time)
+            axes = {f"axis {axis}": self._ended(spans, last_time) for axis, spans in drive.axes.items()}
             if nmt or axes:
                 facts[drive.name or f"node {node_id}"] = NodeFacts(bus, node_id, nmt, axes)
         return facts
 
-    def _ended(self, spans: Spans, heard: float) -> list[Span]:
-        if spans and self._end - heard > _SILENT_S:
-            spans.see(heard, None)
+    def _ended(self, spans: Spans, last_time: float) -> list[Span]:
+        if spans and self._end - last_time > _SILENT_S:
+            spans.see(last_time, None)
         return spans.end(self._end)
 
 
@@ -344,8 +344,8 @@ def _coarse(bits: Counter[int]) -> tuple[Counter[int], float]:
     return coarse, many * _BIN_S
 
 
-def _line(heard: _Decoded) -> FrameFacts:
-    bus, time, decoded = heard
+def _line(frame: _Decoded) -> FrameFacts:
+    bus, time, decoded = frame
     return FrameFacts(
         time=round(time, 6),
         bus=bus,
@@ -395,11 +395,13 @@ def measured(states: Iterable[TimedSnapshot]) -> list[MeasuredFacts]:
             for quantity, unit, value in measured_values(sample):
                 if value is not None:
                     previous = facts.get((name, quantity))
-                    facts[name, quantity] = _seen(MeasuredFacts(name, quantity, unit, value, value, value), previous)
+                    facts[name, quantity] = _extended(
+                        MeasuredFacts(name, quantity, unit, value, value, value), previous
+                    )
     return list(facts.values())
 
 
-def _seen(now: MeasuredFacts, before: MeasuredFacts | None) -> MeasuredFacts:
+def _extended(now: MeasuredFacts, before: MeasuredFacts | None) -> MeasuredFacts:
     if before is None:
         return now
     least, most = min(before.least, now.last), max(before.most, now.last)
@@ -420,8 +422,8 @@ def facts_of(file: FlightFile, networks: Mapping[str, NetworkDescription] | None
     networks = networks_of(file) if networks is None else networks
     meta, states, status = file.meta, file.states, file.meta.status
     begin, end = _bounds(file)
-    told = file.events or read_frames(file.frames, networks, begin, None).notable
-    events = [event_at(event, begin) for event in told]
+    notable = file.events or read_frames(file.frames, networks, begin, None).notable
+    events = [event_at(event, begin) for event in notable]
     fault = _first_fault(events, event_at(meta.reason, begin))
     frames = read_frames(file.frames, networks, begin, None if fault is None else fault.at)
     joints = joints_of(states, begin)
@@ -467,12 +469,12 @@ def _first_fault(events: Sequence[EventFacts], reason: EventFacts) -> EventFacts
 
 
 def _merged(
-    sampled: dict[str, NodeFacts], heard: dict[str, NodeFacts], states: Sequence[TimedSnapshot]
+    sampled: dict[str, NodeFacts], received: dict[str, NodeFacts], states: Sequence[TimedSnapshot]
 ) -> dict[str, NodeFacts]:
     """Return the states of the nodes; those of axes from the frames, if they contain them."""
     if not sampled:
-        return heard
-    axes = {(node.bus, node.node_id): node.axes for node in heard.values()}
+        return received
+    axes = {(node.bus, node.node_id): node.axes for node in received.values()}
     for name, last in states[-1].nodes.items():
         node = sampled[name]
         for axis in last.axes:

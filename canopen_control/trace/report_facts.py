@@ -33,10 +33,10 @@ def summary(facts: ReportFacts) -> list[str]:
 def _drive_names(facts: ReportFacts) -> Iterator[str]:
     drives = ", ".join(f"{name} (node {node.node_id})" for name, node in facts.nodes.items())
     channels = ", ".join(f"{name} ({channel})" for name, channel in facts.channels.items())
-    heard = f" on {channels}" if channels else ""
+    channels_text = f" on {channels}" if channels else ""
     yield (
         f"{facts.robot or 'A recording'}: {facts.seconds:.1f} s up to {clock(facts.end, date=True)}"
-        f"{heard}; {drives or _no_drives(facts)}."
+        f"{channels_text}; {drives or _no_drives(facts)}."
     )
 
 

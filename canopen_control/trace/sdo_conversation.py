@@ -68,7 +68,7 @@ class SdoConversation:
         self._data = bytearray()
         self._length = 0
         self._size = 0
-        self._asked: SignalValue | None = None  # short value of a download that was not confirmed yet
+        self._pending: SignalValue | None = None  # short value of a download that was not confirmed yet
         self._open = False  # a segmented download has more segments
         self._streams = False  # the next frames of the sender are segments of a block
         self._block: dict[int, bytes] = {}
@@ -131,7 +131,7 @@ class SdoConversation:
     def _download(self, data: bytes) -> SdoText:
         place = self._begin(data, "write")
         if data[0] & _EXPEDITED:
-            value = self._asked = self._value(self._carried(data))
+            value = self._pending = self._value(self._carried(data))
             return SdoText(f"write {place} = {value.text if value else ''}", value)
         self._open = True
         size = f", {self._announced(data)}" if data[0] & _SIZED else ""
@@ -141,7 +141,7 @@ class SdoConversation:
         address = data[1] | data[2] << 8, data[3]
         if address != self._address:
             self._begin(data, "write")
-        value, self._asked = self._asked, None
+        value, self._pending = self._pending, None
         return SdoText(f"{'go on with' if self._open else 'written'} {self._where()}", held=value)
 
     def _segment_answer(self, data: bytes) -> SdoText:  # noqa: ARG002 - one shape for all
@@ -249,14 +249,14 @@ class SdoConversation:
 
     def _acknowledged(self, data: bytes) -> SdoText:
         """Keep the acknowledged segments; the others are sent again."""
-        got, expected = data[1], max(self._block, default=0)
-        for number in range(1, got + 1):
+        acknowledged, expected = data[1], max(self._block, default=0)
+        for number in range(1, acknowledged + 1):
             self._keep(self._block.get(number, bytes(SEGMENT_DATA)))
-        again = f", {expected - got} come again" if got < expected else ""
+        again = f", {expected - acknowledged} come again" if acknowledged < expected else ""
         if again or not self._last:
             self._streams, self._last = self._address is not None, 0
         self._block = {}
-        return SdoText(f"{got} segments of {self._where()} taken{again}")
+        return SdoText(f"{acknowledged} segments of {self._where()} taken{again}")
 
     def _block_end(self, data: bytes, kind: str) -> SdoText:
         if self._kind != kind:

@@ -179,7 +179,7 @@ class _XacroLines:
 
     def __init__(self, source: str) -> None:
         self._places: list[tuple[str, str, ElementPlace]] = []
-        self._seen: dict[tuple[str, str], int] = {}
+        self._lines: dict[tuple[str, str], int] = {}
         for match in _OPENING.finditer(source):
             begin = match.start()
             place = ElementPlace(source.count("\n", 0, begin) + 1, begin - source.rfind("\n", 0, begin))
@@ -187,8 +187,8 @@ class _XacroLines:
 
     def place(self, tag: str, name: str) -> ElementPlace:
         """Return the place of the next element with this tag and name, the beginning of the file without a match."""
-        count = self._seen.get((tag, name), 0)
-        self._seen[tag, name] = count + 1
+        count = self._lines.get((tag, name), 0)
+        self._lines[tag, name] = count + 1
         places = [place for its_tag, its_name, place in self._places if its_tag == tag and its_name == name]
         if not places:
             places = [place for its_tag, its_name, place in self._places if its_tag == tag and _fits(its_name, name)]

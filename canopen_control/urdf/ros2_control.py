@@ -99,11 +99,11 @@ def _reduction(
 ) -> tuple[float, float]:
     places = (actuator, joint, element)
     tags = [place.child(tag) for place in places if place is not None for tag in _REDUCTIONS]
-    found = next((tag for tag in tags if tag is not None), None)
+    value = next((tag for tag in tags if tag is not None), None)
     offset = joint.child("offset") if joint is not None else None
-    ratio = document.decimal(found, {"reduction": found.text}, "reduction", 1.0) if found is not None else 1.0
-    if found is not None and ratio == 0.0:
-        document.error(found, f"<{found.tag}> is 0; it is how often the motor turns per turn of the joint")
+    ratio = document.decimal(value, {"reduction": value.text}, "reduction", 1.0) if value is not None else 1.0
+    if value is not None and ratio == 0.0:
+        document.error(value, f"<{value.tag}> is 0; it is how often the motor turns per turn of the joint")
     moved = document.decimal(offset, {"offset": offset.text}, "offset", 0.0) if offset is not None else 0.0
     return ratio or 1.0, moved
 

@@ -68,25 +68,25 @@ def _limit(processor_s: int, wall_s: int, memory: int) -> None:
 
 
 class _Arguments(dict[str, str]):
-    """Arguments of a file for xacro; `asked` are those that the file declares or uses."""
+    """Arguments of a file for xacro; `declared` are those that the file declares or uses."""
 
     def __init__(self, mappings: Mapping[str, str]) -> None:
         super().__init__({name.removesuffix("?"): value for name, value in mappings.items()})
-        self._wanted = [name for name in mappings if not name.endswith("?")]
-        self.asked: dict[str, None] = {}
+        self._required = [name for name in mappings if not name.endswith("?")]
+        self.declared: dict[str, None] = {}
 
     def __contains__(self, name: object) -> bool:
-        self.asked[str(name)] = None
+        self.declared[str(name)] = None
         return super().__contains__(name)
 
     def __getitem__(self, name: str) -> str:
-        self.asked[name] = None
+        self.declared[name] = None
         return super().__getitem__(name)
 
     def unknown(self) -> str:
         """Return the given arguments that the file does not use, "" for none; xacro itself ignores them."""
-        strange = [name for name in self._wanted if name not in self.asked]
-        return "; ".join(f"no argument {name!r}{_hint(name, self.asked)}" for name in strange)
+        strange = [name for name in self._required if name not in self.declared]
+        return "; ".join(f"no argument {name!r}{_hint(name, self.declared)}" for name in strange)
 
 
 def _hint(name: str, known: Iterable[str]) -> str:

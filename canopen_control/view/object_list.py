@@ -79,8 +79,8 @@ class ObjectList:
         """Return the objects and the displayed mode, on which some bits of a word depend."""
         selected = self.entries(addresses)
         mode = self._entries.get(address_text(_MODE))
-        wants = any(axis_word(entry.index) for entry in selected)
-        return [*selected, mode] if wants and mode is not None and mode not in selected else selected
+        has_axis = any(axis_word(entry.index) for entry in selected)
+        return [*selected, mode] if has_axis and mode is not None and mode not in selected else selected
 
     def search(self, text: str) -> tuple[list[str] | None, str]:
         """Return the matching addresses (None for all), and a message if there are none."""

@@ -186,7 +186,7 @@ class DeadMan:
         self._send = send
         self._driver: str | None = None
         self._motion: TeleopCommands | None = None
-        self._heard = 0
+        self._renewed_at = 0
 
     @property
     def driver(self) -> str | None:
@@ -196,7 +196,7 @@ class DeadMan:
     @property
     def deadline(self) -> int | None:
         """Time of the next `tick` in ns."""
-        return None if self._driver is None else self._heard + LET_GO_NS
+        return None if self._driver is None else self._renewed_at + LET_GO_NS
 
     def hold(self, page: str, motion: TeleopCommands, now: int) -> bool:
         """Register a held button; False if another page drives."""
@@ -207,13 +207,13 @@ class DeadMan:
         if before is not None and before.controller != motion.controller:
             self._send(before.resting)
         goes_on = before is not None and motion.again is not None and before == motion
-        self._driver, self._motion, self._heard = page, motion, now
+        self._driver, self._motion, self._renewed_at = page, motion, now
         self._send(motion.again if goes_on and motion.again is not None else motion.moving)
         return True
 
     def tick(self, now: int) -> None:
         """Release after a timeout."""
-        if self._driver is not None and now - self._heard >= LET_GO_NS:
+        if self._driver is not None and now - self._renewed_at >= LET_GO_NS:
             self.release()
 
     def leave(self, page: str) -> None:

@@ -132,7 +132,7 @@ HERE_HZ: Final = 4.0
 SILENT_S: Final = 1.5  # browsers limit the timers of hidden pages to once a second
 _TIMEOUT_S: Final = 5.0
 _PATIENCE_S: Final = 3600.0  # beyond its own time: it may be scaled, and wait for its goal without a limit
-_GONE: Final = "the page that played it was closed"
+_CLOSED: Final = "the page that played it was closed"
 _SILENT: Final = "the page that played it has fallen silent"
 
 
@@ -154,7 +154,7 @@ class TrajectoryPlayer:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._may_play, self._connect, self._clock = may_play, connect, clock
-        self._heard = 0.0
+        self._confirmed_at = 0.0
         self._page: str | None = None
         self._run: _Run | None = None
 
@@ -172,7 +172,7 @@ class TrajectoryPlayer:
                 False, "a trajectory is played already, by this page or another one; it has to end first"
             )
         run = self._run = _Run(controller, trajectory)
-        self._page, self._heard = page, self._clock()
+        self._page, self._confirmed_at = page, self._clock()
         try:
             return await in_thread(partial(run.play, self._connect))
         finally:
@@ -181,19 +181,19 @@ class TrajectoryPlayer:
     def here(self, page: str) -> None:
         """Register a page as present."""
         if page == self._page:
-            self._heard = self._clock()
+            self._confirmed_at = self._clock()
 
     def tick(self) -> None:
         """Send heartbeats; end the trajectory of a page that was silent for too long."""
         if self._run is None:
             return
         self._run.beat()
-        if self._clock() - self._heard >= SILENT_S:
+        if self._clock() - self._confirmed_at >= SILENT_S:
             self._run.cancel(_SILENT)
 
     def leave(self, page: str) -> None:
         """End the trajectory of a closed page."""
-        self.cancel(page, _GONE)
+        self.cancel(page, _CLOSED)
 
     def cancel(self, page: str, why: str | None = None) -> None:
         """End the trajectory of a page; others continue."""

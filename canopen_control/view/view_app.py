@@ -197,7 +197,7 @@ class ViewApp:
         self.server = PageServer(listener, self.rules, self.name, self._build, self.stop)
         silence(report)
         self._connection: RobotConnection | None = None
-        self._lost, self._heard, self._silent = f"robot {self.name} is not connected", 0.0, False
+        self._lost, self._last_message, self._silent = f"robot {self.name} is not connected", 0.0, False
         self._pages: dict[str, Page] = {}
         self._dead_man = DeadMan(self._send)
         self.player = TrajectoryPlayer(
@@ -382,13 +382,13 @@ class ViewApp:
 
     def _check_silence(self) -> None:
         """Mark a connected robot as lost after a silence, until it sends again."""
-        silent_s = time.monotonic() - self._heard
+        silent_s = time.monotonic() - self._last_message
         self._silent = self._connection is not None and silent_s > _SILENT_S
         if self._silent:
             self._lost = f"Robot {self.name} has said nothing for {silent_s:.0f} s"
 
     def _take(self, robot: RobotView, state: StateSample) -> None:
-        self._heard = time.monotonic()
+        self._last_message = time.monotonic()
         self._silent, self._lost = False, ""
         if state.controllers != self._controller_states:
             self._controller_states = state.controllers
@@ -447,7 +447,7 @@ class ViewApp:
                 return
             await asyncio.sleep(_RETRY_S)
         connection, info = met
-        self._connection, self._lost, self._heard = connection, "", time.monotonic()
+        self._connection, self._lost, self._last_message = connection, "", time.monotonic()
         self._controller_states = None
         self._read_info(info)
         self._announce(connection)

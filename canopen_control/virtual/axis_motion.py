@@ -340,23 +340,23 @@ class AxisMotion:
     def advance(self, now: int) -> None:
         """Advance the axis to `now`, with each event at its own time."""
         while self._rings(now):
-            name, (due, callback) = min(self.timers.items(), key=_due)
+            name, (deadline, callback) = min(self.timers.items(), key=_deadline_of)
             del self.timers[name]
-            self._move(due)
-            callback(due)
+            self._move(deadline)
+            callback(deadline)
         if now != self.now:
             self._move(now)
 
     def _rings(self, now: int) -> bool:
         """Return whether a timer is due."""
-        for due, _ in self.timers.values():  # noqa: SIM110 - most often there are none or one
-            if due <= now:
+        for deadline, _ in self.timers.values():  # noqa: SIM110 - most often there are none or one
+            if deadline <= now:
                 return True
         return False
 
     def next_event(self) -> int | None:
         """Return the time of the next timer, None if there is none."""
-        return min([due for due, _ in self.timers.values()]) if self.timers else None
+        return min([deadline for deadline, _ in self.timers.values()]) if self.timers else None
 
     def next_deadline(self) -> int | None:
         """Return the time of the next `advance`, None without a timer.
@@ -365,7 +365,7 @@ class AxisMotion:
         """
         if self._coupled is None:
             return self.next_event()
-        return min((due for name, (due, _) in self.timers.items() if name != "follow"), default=None)
+        return min((deadline for name, (deadline, _) in self.timers.items() if name != "follow"), default=None)
 
     def _move(self, now: int) -> None:
         start = self.now
@@ -532,5 +532,5 @@ class AxisMotion:
             self.at("sample", now + SAMPLE_NS, self._sample)
 
 
-def _due(item: tuple[str, tuple[int, object]]) -> int:
+def _deadline_of(item: tuple[str, tuple[int, object]]) -> int:
     return item[1][0]

@@ -249,7 +249,7 @@ def _loader_od(od: ObjectDictionary) -> ObjectDictionary:
 
 
 OVERRUN, ERROR_PASSIVE, RECOVERED = 0x8110, 0x8120, 0x8140
-_GONE = (BusEventKind.BUS_OFF, BusEventKind.DOWN, BusEventKind.CLOSED)
+_LOST = (BusEventKind.BUS_OFF, BusEventKind.DOWN, BusEventKind.CLOSED)
 
 
 class PoweredAxis(Protocol):
@@ -301,7 +301,7 @@ class ErrorControl:
     def bus_event(self, kind: BusEventKind, now: int) -> None:
         """React to an event of the node's CAN controller."""
         outbox = self._outbox
-        if kind in _GONE:
+        if kind in _LOST:
             if not self._off_the_bus:
                 self._off_the_bus = kind is BusEventKind.BUS_OFF
                 self._leave_operational()

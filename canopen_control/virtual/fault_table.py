@@ -219,7 +219,7 @@ class FaultSwitches:
         self._on: dict[str, Fault] = {}
         self._quirks: list[str] = []  # faults that are quirks, and on
         self._held: list[tuple[int, int, CanFrame]] = []  # due, order, frame
-        self._due: list[CanFrame] = []
+        self._ready: list[CanFrame] = []
         self._order = 0
         self._planned: list[tuple[int, str]] = []  # delay from the first tick, or due
         self._started = False
@@ -295,21 +295,21 @@ class FaultSwitches:
 
     def incoming(self, frame: CanFrame, now: int) -> CanFrame | None:
         """Return the frames as received by the node."""
-        heard: CanFrame | None = frame
+        received: CanFrame | None = frame
         if self._second is not None:
             self._second.receive(frame, now)
         for fault in tuple(self._on.values()):
-            if fault.incoming is not None and heard is not None:
-                heard = fault.incoming(self._node, heard, now)
-                if heard is None and fault.once:
+            if fault.incoming is not None and received is not None:
+                received = fault.incoming(self._node, received, now)
+                if received is None and fault.once:
                     self._off(fault.name)
         for hook in self._incoming:
-            heard = heard and hook(self._node, heard, now)
-        return heard
+            received = received and hook(self._node, received, now)
+        return received
 
     def outgoing(self, frames: list[CanFrame], now: int) -> list[CanFrame]:
         """Return the frames that leave the node now."""
-        leaving, self._due = self._due, []
+        leaving, self._ready = self._ready, []
         if self._second is not None:
             self._second.events()  # without a notification
             leaving += self._second.frames()
@@ -333,16 +333,16 @@ class FaultSwitches:
         if self._second is not None:
             self._second.tick(now)
         while self._held and self._held[0][0] <= now:
-            self._due.append(heapq.heappop(self._held)[2])
+            self._ready.append(heapq.heappop(self._held)[2])
         while self._flood_at is not None and self._flood_at <= now:
             device.flood(self._node, now)
             self._flood_at = max(self._flood_at + _FLOOD_NS, now - 20 * _FLOOD_NS)
 
     def next_deadline(self) -> int | None:
         """Return the time of the next `tick`."""
-        if not self._started or self._due:
+        if not self._started or self._ready:
             return 0
-        deadlines = [due for due, _ in self._planned] + [due for due, _, _ in self._held[:1]]
+        deadlines = [deadline for deadline, _ in self._planned] + [deadline for deadline, _, _ in self._held[:1]]
         if self._flood_at is not None:
             deadlines.append(self._flood_at)
         second = None if self._second is None else self._second.next_deadline()
@@ -364,7 +364,7 @@ class FaultSwitches:
     def _retire(self) -> None:
         """Remove the filter while no fault is active or scheduled and no frame is delayed."""
         quirks = self._outgoing or self._incoming or self._quirks
-        if not (self._on or self._planned or self._held or self._due or quirks) and self._started:
+        if not (self._on or self._planned or self._held or self._ready or quirks) and self._started:
             self._node.filter = None
 
 

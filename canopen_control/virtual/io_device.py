@@ -439,12 +439,12 @@ class SensorDevice:
 
     def _move(self, now: int) -> bool:
         """Advance signals that change with time."""
-        due = self._moves_at()
-        if self._moved_at is not None and due is not None and now >= due:
+        deadline = self._moves_at()
+        if self._moved_at is not None and deadline is not None and now >= deadline:
             self.move((now - self._moved_at) / _NS)
             self._moved_at = now
             return True
-        if due is None or self._moved_at is None:
+        if deadline is None or self._moved_at is None:
             self._moved_at = now
         return False
 

@@ -48,21 +48,21 @@ class NodeIdCheck:
         self._answers = {
             base + node_id: node_id for node_id in node_ids for base in (ANSWER_BASE, ERROR_CONTROL_COB_ID)
         }
-        self._taken: int | None = None
+        self._used_id: int | None = None
         self._until = reactor.now() + PROBE_NS
         port.send(pack_records([CanFrame(REQUEST_BASE + node_id, _DEVICE_TYPE) for node_id in node_ids]))
 
     def finish(self) -> None:
         """Wait for the remaining time; raise NodeIdTaken if another node answered."""
         self._reactor.add_reader(self._port, self._listen)
-        self._reactor.run_until(lambda: self._taken is not None, max(0, self._until - self._reactor.now()))
+        self._reactor.run_until(lambda: self._used_id is not None, max(0, self._until - self._reactor.now()))
         self._reactor.remove_reader(self._port)
-        if self._taken is not None:
-            raise NodeIdTaken(self._taken, self._port.channel)
+        if self._used_id is not None:
+            raise NodeIdTaken(self._used_id, self._port.channel)
 
     def _listen(self) -> None:
         for frame in frames_of(self._port.receive()):
-            self._taken = self._answers.get(frame.can_id, self._taken)
+            self._used_id = self._answers.get(frame.can_id, self._used_id)
 
 
 @dataclass(frozen=True, slots=True)

@@ -146,10 +146,10 @@ class NodeHost:
             return
         self._timer = self._timer_at = None
         now = self.reactor.now()
-        due = [node for node, deadline in self._deadlines.items() if deadline is not None and deadline <= now]
-        for node in due:
+        expired = [node for node, deadline in self._deadlines.items() if deadline is not None and deadline <= now]
+        for node in expired:
             node.tick(now)
-        self._finish(dict.fromkeys(due))
+        self._finish(dict.fromkeys(expired))
 
     def _finish(self, touched: dict[VirtualNode, None]) -> None:
         """Update routes, send frames, report events and set the timer of the nodes."""
@@ -178,12 +178,12 @@ class NodeHost:
             frames = node.frames()
             outgoing += frames
             if frames and echoes < _ECHOES:
-                heard: dict[VirtualNode, None] = {}
+                receivers: dict[VirtualNode, None] = {}
                 for frame in frames:
-                    self._deliver(frame, self.reactor.now(), heard, node)
-                echoes += len(heard)
-                waiting += heard
-                touched.update(heard)
+                    self._deliver(frame, self.reactor.now(), receivers, node)
+                echoes += len(receivers)
+                waiting += receivers
+                touched.update(receivers)
         return outgoing
 
     def _send(self, frames: list[CanFrame]) -> None:

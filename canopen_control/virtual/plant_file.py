@@ -187,7 +187,7 @@ class OwnWorld:
 
     def plant(self, node_id: int, axis: int) -> Plant:
         """Return the plant of an axis, on the floor if it is a wheel of the base."""
-        new_plant = self._shafts[node_id, axis] = self._made(node_id, axis)
+        new_plant = self._shafts[node_id, axis] = self._make(node_id, axis)
         return new_plant
 
     def has_shaft(self, node_id: int) -> bool:
@@ -209,7 +209,7 @@ class OwnWorld:
             if encoder.share and axis in self._shafts:
                 self._files[encoder.share].put(*axis, load_counts(self._shafts[axis]))
 
-    def _made(self, node_id: int, axis: int) -> Plant:
+    def _make(self, node_id: int, axis: int) -> Plant:
         inner = self._axes.get((node_id, axis), self._file.default).make()
         base = self._file.base
         if base is None or self._base is None or axis or node_id not in (base.left, base.right):

@@ -294,11 +294,11 @@ def _fault_reset_slow(hooks: QuirkHooks, drive: VirtualDrive, seconds: float) ->
 
 def _fault_reset_level(hooks: QuirkHooks, drive: VirtualDrive, seconds: float) -> None:
     def reset(transition: Transition, now: int, before: Plain) -> None:
-        def look(then: int) -> None:
+        def check(then: int) -> None:
             if drive.power.controlword & 0x80 and drive.state is State.FAULT:
                 before(transition, then)
 
-        drive.mover.at("fault reset", now + round(seconds * _S), look)
+        drive.mover.at("fault reset", now + round(seconds * _S), check)
 
     hooks.act(drive, 15, reset)
 

@@ -140,7 +140,7 @@ class HomingMode(Mode):
         elif method is None:  # 0: nothing is sought, and nothing moves
             self._attained = True
         elif not method.edge and not method.pulse:
-            self._found(self.mover.plant.position)
+            self._finish(self.mover.plant.position)
         elif not (self.objects.number(o.HOMING_SPEEDS, FAST) and self.objects.number(o.HOMING_SPEEDS, SLOW)):
             self._fail(now)
         else:
@@ -174,11 +174,11 @@ class HomingMode(Mode):
             after = now + int(abs(velocity) / acceleration * 1e9) if acceleration > 0.0 else now
         else:
             after = now
-        due = demand.time_of(leg.place, after)
-        if due is None:
+        crossing = demand.time_of(leg.place, after)
+        if crossing is None:
             self._fail(now)
         else:
-            self.mover.at("homing", due, lambda then: self._crossed(then))
+            self.mover.at("homing", crossing, lambda then: self._crossed(then))
 
     def _crossed(self, now: int) -> None:
         if not self._running or not self.power.live:
@@ -187,11 +187,11 @@ class HomingMode(Mode):
         if self._legs:
             self._run(now)
         else:
-            self._found(self._home if self.mover.plant.stiff else self.mover.plant.position)
+            self._finish(self._home if self.mover.plant.stiff else self.mover.plant.position)
             self.stop(now, Reaction.SLOW_DOWN_RAMP)
         self.outbox.values_changed()
 
-    def _found(self, home: float) -> None:
+    def _finish(self, home: float) -> None:
         self.units.zero = home - self.objects.number(o.HOME_OFFSET) * self.units.position
         self._attained, self._running = True, False
         self._leave_switches()
@@ -417,8 +417,8 @@ class ProfilePosition(Mode):
         if since is not None and now - since >= wait:
             self._arrive()
             return
-        due = now + _MS if since is None or not self.mover.plant.stiff else since + wait
-        self.mover.at("window", due, lambda then: self._settle(then, since))
+        deadline = now + _MS if since is None or not self.mover.plant.stiff else since + wait
+        self.mover.at("window", deadline, lambda then: self._settle(then, since))
 
     def bits(self) -> int:
         """Return bit 10 at the last set-point, bit 12 while one is acknowledged, bit 13 for a following error."""

@@ -207,11 +207,11 @@ class QuirkHooks:
 
 
 def _checked(judge: Judge, present: Guard | None) -> Guard:
-    before = _taken if present is None else present
+    before = _unchanged if present is None else present
     return lambda entry, value: judge(entry, value, before)
 
 
-def _taken(_entry: Entry, value: Value) -> Value:
+def _unchanged(_entry: Entry, value: Value) -> Value:
     return value
 
 

@@ -270,7 +270,9 @@ class TouchProbes:
         period = self._mover.switches.index_period
         ahead = (math.floor(position / period) + 1) * period
         behind = (math.ceil(position / period) - 1) * period
-        candidates = [(due, place) for place in (ahead, behind) if (due := demand.time_of(place, now)) is not None]
+        candidates = [
+            (crossing, place) for place in (ahead, behind) if (crossing := demand.time_of(place, now)) is not None
+        ]
         return min(candidates, default=None)
 
     def _catch(self, probe: int, place: float, *, rising: bool) -> None:

@@ -395,10 +395,10 @@ class VirtualNode:
         """
         self._advance(now)
         if self.filter is not None:
-            heard = self.filter.incoming(frame, now)
-            if heard is None:
+            delivered = self.filter.incoming(frame, now)
+            if delivered is None:
                 return
-            frame = heard
+            frame = delivered
         take = self.routing.table.get(frame.can_id)
         if take is not None:
             take(frame, now)

@@ -158,7 +158,7 @@ def _converted(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
     return _plain(node, target, meta)
 
 
-def _found(node: Node) -> str:
+def _content(node: Node) -> str:
     """Return a description of the node's content for messages."""
     if node.kind != "scalar":
         return {"mapping": "a mapping", "sequence": f"a list of {len(node.elements())}", "null": "nothing"}[node.kind]
@@ -169,7 +169,7 @@ def _found(node: Node) -> str:
 
 def _expected(node: Node, expected: str, hint: str = "") -> Any:
     """Report a wrong type; return INVALID."""
-    node.error(f"expected {expected}, got {_found(node)}{hint}")
+    node.error(f"expected {expected}, got {_content(node)}{hint}")
     return INVALID
 
 
@@ -197,7 +197,7 @@ def _bounded(node: Node, value: Any, meta: Mapping[str, Any]) -> Any:
     choices, (low, high) = meta.get("choices"), meta.get("range") or (None, None)
     if choices is not None and value not in choices:
         hint = nearest(str(value), map(str, choices))
-        node.error(f"{_found(node)} is not one of {', '.join(map(str, choices))}" + (hint if "mean" in hint else ""))
+        node.error(f"{_content(node)} is not one of {', '.join(map(str, choices))}" + (hint if "mean" in hint else ""))
         return INVALID
     numeric = isinstance(value, int | float) and not isinstance(value, bool)
     lowest, highest = -math.inf if low is None else low, math.inf if high is None else high
@@ -333,7 +333,7 @@ def _fields(node: Node, cls: type[Any]) -> Any:
             values[entry.name] = _fields(node, hints[entry.name])
         elif not entry.metadata.get("derived"):
             _field(node, entry, hints[entry.name], values)
-    return INVALID if any(value is INVALID for value in values.values()) else _made(node, cls, values)
+    return INVALID if any(value is INVALID for value in values.values()) else _construct(node, cls, values)
 
 
 def _field(node: Node, entry: dataclasses.Field[Any], target: Any, values: _Values) -> None:
@@ -350,7 +350,7 @@ def _required(entry: dataclasses.Field[Any]) -> bool:
     return entry.default is MISSING and entry.default_factory is MISSING
 
 
-def _made(node: Node, cls: type[Any], values: _Values) -> Any:
+def _construct(node: Node, cls: type[Any], values: _Values) -> Any:
     """Create the dataclass; a ValueError of its `__post_init__` is reported as an error in the file."""
     try:
         return cls(**values)

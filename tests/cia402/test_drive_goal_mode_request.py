@@ -141,7 +141,7 @@ def test_only_what_0x6061_shows_or_an_ask_for_what_it_shows_confirms(state):
             assert trigger in (ModeTrigger.SHOWN, ModeTrigger.OVERDUE_STAYED)
         if state in FAILED and after not in FAILED:
             assert trigger in (ModeTrigger.ASK, ModeTrigger.ASK_AGAIN), "until somebody asks again"
-    assert TABLE[state][ModeTrigger.ASK] is ModeState.ASKED
+    assert TABLE[state][ModeTrigger.ASK] is ModeState.REQUESTED
 
 
 STEPS = st.one_of(

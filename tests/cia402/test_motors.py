@@ -46,8 +46,8 @@ def test_an_object_of_an_axis_has_its_place_in_the_device(motors, address, place
 
 
 def test_a_part_of_an_answer_is_that_of_its_motor():
-    assert ObjectPlace(0x6041, 0, 16, 16).taken(bytes((1, 2, 3, 4))) == bytes((3, 4))
-    assert ObjectPlace(0x60FF, 2).taken(bytes(4)) == bytes(4)
+    assert ObjectPlace(0x6041, 0, 16, 16).part_of(bytes((1, 2, 3, 4))) == bytes((3, 4))
+    assert ObjectPlace(0x60FF, 2).part_of(bytes(4)) == bytes(4)
 
 
 def test_a_mapping_is_split_into_the_objects_of_the_axes(motors):

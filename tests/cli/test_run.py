@@ -183,11 +183,11 @@ def test_what_forks_share_is_taken_back_at_the_end_of_a_run_that_does_not_begin(
     def prepare(*_arguments, **_options):
         allow_forks()
         eds.keep_files()
-        shared.append((fork._allowed, eds._kept))
+        shared.append((fork._allowed, eds._cache))
         raise ConfigError("not today")
 
     monkeypatch.setattr(run, "_prepare", prepare)
     assert main(["run", "robby"]) == 2
     assert shared == [(True, {})]
-    assert (fork._allowed, eds._kept) == (False, None)
+    assert (fork._allowed, eds._cache) == (False, None)
     assert "not today" in capsys.readouterr().err

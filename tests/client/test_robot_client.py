@@ -378,7 +378,7 @@ def test_what_has_come_is_yielded_before_the_end_is_told(robot, client):
 
 
 def test_what_nobody_fetches_is_dropped_and_counted(client, monkeypatch):
-    monkeypatch.setattr("canopen_control.rpc.client._KEPT", 3)
+    monkeypatch.setattr("canopen_control.rpc.client._MAX_PUSHED", 3)
     push(client, 5)
     assert client.dropped == 2
     assert [event.time for event in client.messages(0)] == [2, 3, 4]

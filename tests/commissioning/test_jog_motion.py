@@ -44,7 +44,7 @@ def test_ctrl_c_ends_a_jog_by_keys(key):
     motion = jog()
     motion.key("up", 0)
     motion.key(key, MS)
-    assert (motion.ended, motion.command) == (JogEnd.ASKED, 0.0)
+    assert (motion.ended, motion.command) == (JogEnd.REQUESTED, 0.0)
 
 
 def test_the_speed_of_keys_stays_within_its_limit():
@@ -71,7 +71,7 @@ def test_any_key_ends_a_motion_that_was_not_held():
     motion.key("focus-in", 0)
     assert motion.ended is JogEnd.NONE
     motion.key("right", 0)
-    assert (motion.ended, motion.command) == (JogEnd.ASKED, 0.0)
+    assert (motion.ended, motion.command) == (JogEnd.REQUESTED, 0.0)
 
 
 def test_a_position_is_from_where_the_drive_is_and_ends_there():
@@ -111,7 +111,7 @@ def test_a_current_beyond_its_limit_ends_it_as_a_failure(current, ended):
 def test_a_drive_that_is_not_enabled_any_more_ends_it_and_the_first_reason_counts():
     motion = jog(seconds=5.0)
     at(motion, 0.0, enabled=False)
-    motion.end(JogEnd.ASKED)
+    motion.end(JogEnd.REQUESTED)
     assert (motion.ended, motion.ended.failed) == (JogEnd.STATE, True)
 
 

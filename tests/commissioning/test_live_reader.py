@@ -174,7 +174,7 @@ def test_a_robot_that_is_gone_is_told_and_asked_again_later(monkeypatch):
 
 def test_what_no_scan_reads_is_not_read(bench):
     bench.watch("1", bench.desk(), OD[0x6041, 0])
-    assert bench.reader._wanted
+    assert bench.reader._requests
     domain = next((entry for entry in OD if entry.data_type.name == "DOMAIN"), None)
     bench.watch("1", bench.desk(), *([domain] if domain is not None else []))
-    assert not bench.reader._wanted
+    assert not bench.reader._requests

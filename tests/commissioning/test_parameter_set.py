@@ -45,7 +45,7 @@ def node(**changes):
 
 def test_parameters_are_read_twice_and_progress_is_told():
     session, told = node(s6081=b"\x40\x06\0\0"), []
-    found, left_out = read_parameters(session, told=lambda done, of: told.append((done, of)))
+    found, left_out = read_parameters(session, progress=lambda done, of: told.append((done, of)))
     assert (found.values[0x6081, 0], left_out) == (1600, [])
     assert session.transfers.reads.count((0x6081, 0)) == 2
     assert told[-1] == (len(told), told[0][1])

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from canopen_control.commissioning.quantity import JogScale, number_that, parse_quantity, whole_between
 from canopen_control.errors import ConfigError
 
-TOLD, GUESSED = JogScale(4096.0, told=True), JogScale(4096.0, told=False)
+TOLD, GUESSED = JogScale(4096.0, is_known=True), JogScale(4096.0, is_known=False)
 
 
 @pytest.mark.parametrize(
@@ -60,12 +60,12 @@ def test_people_read_turns_where_these_are_known_and_counts_elsewhere():
 
 def test_how_finely_a_drive_counts_is_not_known_of_a_joint_in_rad():
     assert TOLD.resolution == pytest.approx(math.tau / 4096)
-    assert JogScale(math.tau, told=True, of_joint=True).resolution == 0.0
+    assert JogScale(math.tau, is_known=True, of_joint=True).resolution == 0.0
 
 
 @given(st.floats(-1e6, 1e6), st.floats(1, 1e7))
 def test_counts_come_back_as_they_were_whatever_a_turn_has(value, counts):
-    scale = JogScale(counts, told=False)
+    scale = JogScale(counts, is_known=False)
     assert scale.si(parse_quantity(f"{value!r}counts", "position")) * counts / math.tau == pytest.approx(value)
 
 

@@ -70,8 +70,8 @@ def test_one_shot_is_taken_and_told_with_the_cycles_of_the_robot():
     (named,) = scope.shots
     assert (named.names, named.units) == (("left_drive:0x606C",), ("counts/s",))
     assert [row[0] for _, row in named.shot.rows] == [1.0, 2.0, 3.0, 4.0]
-    assert (scope.over, scope.good, scope.taken) == (True, True, 1)
-    assert scope.words == "1 shot; the robot made 100 cycles meanwhile and missed 0"
+    assert (scope.over, scope.good, scope.captures) == (True, True, 1)
+    assert scope.words == "1 capture; the robot made 100 cycles meanwhile and missed 0"
 
 
 def test_a_trigger_has_what_was_before_it_and_a_fault_needs_no_statusword_among_the_signals():
@@ -100,7 +100,7 @@ def test_rolling_goes_on_until_it_is_ended_and_keeps_only_the_newest():
     scope._connect = story
     scope.run()
     assert scope.over
-    assert scope.taken >= 2 * KEPT
+    assert scope.captures >= 2 * KEPT
     assert len(scope.shots) == KEPT
 
 

@@ -53,7 +53,7 @@ def test_too_few_samples_are_told():
         step_metrics([0.0, 0.1], [0.0, 1.0], 1.0)
 
 
-SCALE = JogScale(4096.0, told=True)
+SCALE = JogScale(4096.0, is_known=True)
 IDENTIFY = TuneRequest(TuneTest.IDENTIFY, 4.0, 0.01, torque=150.0)
 STEP = TuneRequest(TuneTest.STEP, 2.0, 0.01, speed=parse_quantity("1rad/s", "velocity"))
 

@@ -22,7 +22,7 @@ from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.robot import MappedValue, ProcessData
 from canopen_control.rpc.messages.state import AxisReading, CycleTimes, JointReading, NodeReading, StateSample
 
-SCALE = JogScale(4096.0, told=True)
+SCALE = JogScale(4096.0, is_known=True)
 LIMITS_OF_TUNE_REQUEST = JogLimits(math.tau, 60.0, 200.0)
 
 
@@ -234,7 +234,7 @@ def test_a_refused_command_ends_it():
             return Done()
 
     run, moved = tune(), motion()
-    run._told = True
+    run._has_torque = True
     moved.tick(10**9)
     run._command(taking := Taking(), moved)
     assert (taking.asked[0].values, taking.asked[0].dead_man, taking.asked[0].source) == ([3.0], True, "tune")

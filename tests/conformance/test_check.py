@@ -8,12 +8,12 @@ from canopen_control.conformance.checked_node import CheckFailed
 
 
 def test_an_answer_that_is_no_abort_fails_with_what_came_and_was_due(bench):
-    with pytest.raises(CheckFailed, match=r"answer 43 00 10 00 .*; due: abort 0x06020000"):
+    with pytest.raises(CheckFailed, match=r"answer 43 00 10 00 .*; expected: abort 0x06020000"):
         expect_abort(bench(), bytes((0x40, *mux(0x1000), 0, 0, 0, 0)), AbortCode.NO_OBJECT)
 
 
 def test_another_abort_fails_by_its_name(bench):
-    with pytest.raises(CheckFailed, match=r"abort 0x06020000 \(object does not exist.*due: abort 0x06010002"):
+    with pytest.raises(CheckFailed, match=r"abort 0x06020000 \(object does not exist.*expected: abort 0x06010002"):
         expect_abort(bench(), bytes((0x40, *mux(0x1004), 0, 0, 0, 0)), AbortCode.READ_ONLY)
 
 

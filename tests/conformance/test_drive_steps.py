@@ -15,5 +15,5 @@ def test_a_drive_is_brought_to_a_state_and_loses_its_power_at_the_end(bench):
 
 
 def test_a_state_that_is_not_reached_is_named(bench):
-    with pytest.raises(CheckFailed, match=r"\(SWITCH_ON_DISABLED\) after 0.1 s; due: FAULT"):
+    with pytest.raises(CheckFailed, match=r"\(SWITCH_ON_DISABLED\) after 0.1 s; expected: FAULT"):
         reaches(bench(), State.FAULT, 0.1)

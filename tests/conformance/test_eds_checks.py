@@ -30,7 +30,7 @@ def test_the_bundled_files_pass_and_none_is_skipped_without_a_reason(bench):
     assert {result.verdict for result in verdicts(bench()).values()} == {"passed"}
     node = bench()
     node.eds = None
-    assert {result.came for result in verdicts(node).values()} == {"there is no EDS; give one with --eds"}
+    assert {result.observed for result in verdicts(node).values()} == {"there is no EDS; give one with --eds"}
 
 
 @pytest.mark.parametrize("check", MUTANTS)
@@ -46,4 +46,4 @@ def test_a_failure_names_the_line(bench):
     node = bench()
     node.eds = parse_eds(TEXT.replace("[1000]\n", "[1000]\nnonsense\n").encode(), 5)
     line = TEXT[: TEXT.index("[1000]\n")].count("\n") + 2
-    assert verdicts(node)["E01"].came.startswith(f"line {line}: ")
+    assert verdicts(node)["E01"].observed.startswith(f"line {line}: ")

@@ -78,7 +78,7 @@ def test_the_known_failures_of_the_master_of_another_library_are_found(monkeypat
         program.close()
         port.close()
     assert program.states == ["OPERATION ENABLED"]
-    failed = {result.id: result.came for result in report.results if result.verdict == "failed"}
+    failed = {result.id: result.observed for result in report.results if result.verdict == "failed"}
     of_machine = {"MY06", "MP03"}  # jitter, and an RPDO whose thread is not that of SYNC
     assert failed.keys() - of_machine == KNOWN.keys()
     assert [check_id for check_id, came in KNOWN.items() if not failed[check_id].startswith(came)] == []

@@ -50,7 +50,7 @@ def test_robby_passes_in_virtual_time(monkeypatch):
     run.close()
     report = run.report()
     robot.close()
-    assert {result.id: result.came for result in report.results if result.verdict == "failed"} == {}
+    assert {result.id: result.observed for result in report.results if result.verdict == "failed"} == {}
     skipped = {result.id for result in report.results if result.verdict == "skipped"}
     assert not any(check_id.startswith("MF") for check_id in skipped), skipped
     assert report.count("passed") >= 58

@@ -10,7 +10,7 @@ def test_a_drive_without_bounds_is_not_moved(bench):
     for index, subindex in ((o.MAX_PROFILE_VELOCITY, 0), (o.FEED_CONSTANT, 1), (o.POSITION_ENCODER_RESOLUTION, 1)):
         node.device.store.set(index, subindex, 0)
     result = run_checks(node, [check for check in MOTION_CHECKS if check.id == "D50"]).results[0]
-    assert (result.verdict, result.came) == (
+    assert (result.verdict, result.observed) == (
         "skipped",
         "the objects give no bounds of a motion; give --speed and --distance",
     )

@@ -32,7 +32,7 @@ def test_junit_has_failures_for_what_must_pass_only():
         "skipped": "1",
     }
     failure = root.find("testsuite/testcase/failure")
-    assert failure.attrib["message"] == "came: ? came; due: 60; CiA 301 7.2"
+    assert failure.attrib["message"] == "observed: ? came; expected: 60; CiA 301 7.2"
     assert failure.text == "< 585 80"
 
 

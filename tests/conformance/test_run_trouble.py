@@ -24,7 +24,7 @@ def run_with(node, act, at=3):
 
 
 def reasons(report):
-    return {result.came for result in report.results if result.came.startswith("not made: ")}
+    return {result.observed for result in report.results if result.observed.startswith("not made: ")}
 
 
 def test_a_device_that_answers_late_is_named_with_its_time(bench):
@@ -60,7 +60,7 @@ def test_a_device_that_floods_the_bus_ends_in_a_report_that_says_so(bench):
         node.reactor.call_later(1_000_000, send)
 
     report = run_checks(node, READING[:12], lambda done, _total: send() if done == 3 else node.listen(0.3))
-    assert "0x085 came 5" in report.results[-2].came
+    assert "0x085 came 5" in report.results[-2].observed
     assert report.results[-2].verdict == "failed"
     assert len(report.results) == 14
 
@@ -93,5 +93,5 @@ def test_the_eds_of_another_device_is_refused(bench):
     assert vendor
     node.eds = read_eds(EDS, 5)
     node.eds.od.entries[0x1018, 1] = replace(node.eds.od[0x1018, 1], default=0x1234)
-    with pytest.raises(ConfigError, match="describes another device: its vendor is 0x00001234, that of node 5 is 0x"):
+    with pytest.raises(ConfigError, match="describes another device: its vendor is 0x00001234, node 5 has 0x"):
         run_checks(node, READING)

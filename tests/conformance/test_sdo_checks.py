@@ -15,7 +15,7 @@ def verdicts(report):
 @pytest.mark.parametrize("eds", ["generic_cia402.eds", "TMCM-1270.eds", "generic_cia401.eds"])
 def test_no_check_fails_at_our_own_devices(bench, eds):
     report = run_checks(bench(eds), choose("all", NOT_STORED))
-    failed = {result.id: (result.came, result.due) for result in report.results if result.verdict == "failed"}
+    failed = {result.id: (result.observed, result.expected) for result in report.results if result.verdict == "failed"}
     if eds != "TMCM-1270.eds":
         assert failed.pop("O07v")[0] == "vendor id 0"  # a generic file is that of no vendor
     else:

@@ -41,7 +41,7 @@ def local_node():
 
 def test_the_known_failures_of_another_library_are_found(local_node):
     report = run_checks(local_node, choose("301", [CheckTouch.READ]))
-    failed = {result.id: result.came for result in report.results if result.verdict == "failed"}
+    failed = {result.id: result.observed for result in report.results if result.verdict == "failed"}
     assert failed.keys() == KNOWN.keys()
     assert [check_id for check_id, came in KNOWN.items() if not failed[check_id].startswith(came)] == []
     assert report.failed

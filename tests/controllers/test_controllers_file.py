@@ -96,7 +96,7 @@ def test_what_is_wrong_is_refused_and_changes_nothing(control, wanted, error, wh
     spawned = SpawnedControllers(control)
     with pytest.raises(error, match=why):
         spawned.set([text("new.type", KIND), wanted])
-    assert (spawned.given, list(control.controllers)) == ({}, ["forward"])
+    assert (spawned.arguments, list(control.controllers)) == ({}, ["forward"])
 
 
 CONFIG = Path(__file__).parents[2] / "config"

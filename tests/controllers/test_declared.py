@@ -30,7 +30,7 @@ def read_gripper(params):
 def base():
     params = Params.of(WHEELS)
     read_params(params)
-    return {each.name: each for each in declared_by(params.taken, ("cmd_vel_timeout", "linear.x.*"))}
+    return {each.name: each for each in declared_by(params.source, ("cmd_vel_timeout", "linear.x.*"))}
 
 
 def test_names_types_values_and_bounds_are_those_of_the_class(base):
@@ -70,7 +70,7 @@ def test_the_gains_of_each_joint_have_its_name():
          "gains": {"a": {"p": 2.0}}}
     )  # fmt: skip
     read_trajectory_params(params, "arm")
-    rows = {each.name: each for each in declared_by(params.taken, ("gains.*",))}
+    rows = {each.name: each for each in declared_by(params.source, ("gains.*",))}
     assert (rows["gains.a.p"].value, rows["gains.a.p"].read_only) == (2.0, False)
     assert rows["gains.a.i_clamp_max"].plain == math.inf
     assert "legacy" in rows["gains.a.antiwindup_strategy"].choices
@@ -127,5 +127,5 @@ def test_a_section_whose_names_the_file_gives_is_one_parameter_for_each():
 def test_sections_of_other_controllers_have_the_names_of_their_keys(read, given, name, plain):
     params = Params.of(given)
     read(params)
-    rows = {each.name: each for each in declared_by(params.taken)}
+    rows = {each.name: each for each in declared_by(params.source)}
     assert rows[name].plain == plain

@@ -46,14 +46,14 @@ AXES = ("linear.x", "angular.z")
 def test_each_axis_goes_from_where_it_was_and_from_standstill_after_it_was_forgotten():
     twist = LimitedTwist(AXES)
     twist.set_limits("base", [TwistAxisLimits(max_acceleration=1.0), TwistAxisLimits()])
-    fill(twist.wanted, 1.0)
+    fill(twist.desired, 1.0)
     for wanted in (0.1, 0.2):
         twist.limit(0.1)
         twist.step()
         assert twist.limited == [pytest.approx(wanted), 1.0]
     twist.forget()
-    assert all(map(math.isnan, twist.wanted))
-    fill(twist.wanted, 1.0)
+    assert all(map(math.isnan, twist.desired))
+    fill(twist.desired, 1.0)
     twist.limit(0.1)
     assert twist.limited[0] == pytest.approx(0.1)
 
@@ -62,19 +62,19 @@ def test_standstill_rests_after_three_steps_until_something_is_wanted_or_the_lim
     twist = LimitedTwist(AXES)
     limits = [TwistAxisLimits(max_acceleration=1.0), TwistAxisLimits()]
     twist.set_limits("base", limits)
-    fill(twist.wanted, 1.0)
+    fill(twist.desired, 1.0)
     twist.limit(0.1)
     twist.step()
-    fill(twist.wanted, 0.0)
+    fill(twist.desired, 0.0)
     rests = []
     for _ in range(5):
         rests.append(twist.is_standstill)
         twist.limit(0.1)
         twist.step()
     assert rests == [False, False, False, True, True]
-    twist.wanted[0] = 1.0
+    twist.desired[0] = 1.0
     assert not twist.is_standstill
-    fill(twist.wanted, 0.0)
+    fill(twist.desired, 0.0)
     assert twist.is_standstill
     twist.set_limits("base", limits)
     assert not twist.is_standstill
@@ -85,7 +85,7 @@ def test_limits_that_exclude_each_other_are_told_with_controller_and_axis_and_ch
     wrong = [TwistAxisLimits(max_velocity=0.5), TwistAxisLimits(max_velocity=1.0, min_velocity=2.0)]
     with pytest.raises(RobotConfigError, match=r"base: angular\.z: .*a minimum is above its maximum"):
         twist.set_limits("base", wrong)
-    fill(twist.wanted, 3.0)
+    fill(twist.desired, 3.0)
     twist.limit(0.1)
     assert twist.limited == [3.0, 3.0]
 

@@ -45,7 +45,7 @@ def test_it_is_a_bicycle_of_its_two_joints_and_sizes():
     assert (given.radius, given.reference_timeout, given.position_feedback) == (0.11, 20.0, True)
     assert given.limits[0].limits().max_velocity == 0.5
     assert math.isnan(given.limits[1].limits().max_velocity)
-    assert params.taken is given
+    assert params.source is given
 
 
 @pytest.mark.parametrize(

@@ -131,7 +131,7 @@ def test_whatever_happens_an_axis_moves_only_after_an_enable_and_the_drive_is_to
         enabled = trigger is PhaseTrigger.ENABLE or (enabled and trigger not in ENDS_ENABLE)
         assert enabled or power.state not in UP
         assert power.following is command.enabled is (power.state is AxisPhase.FOLLOWING)
-        assert (machine.goal is DriveGoal.ENABLED) is (power.wanted or power.falling)
+        assert (machine.goal is DriveGoal.ENABLED) is (power.enable_requested or power.falling)
         if trigger is PhaseTrigger.ENABLE:
             assert not power.following, "a command must be newer"
         if power.state is AxisPhase.RISING:
@@ -148,8 +148,8 @@ class Joint:
         self.can_enable = self.at_rest = False
 
     @property
-    def wanted(self):
-        return self.power.wanted
+    def enable_requested(self):
+        return self.power.enable_requested
 
     def has_settled(self, now):
         return self.at_rest
@@ -174,9 +174,9 @@ def test_the_joints_of_a_group_are_let_up_together_and_stop_together(cycles):
         for number, what in cycle:
             joint = group.joints[number]
             if what == "stop":
-                moved = [each for each in group.joints if each.wanted]
+                moved = [each for each in group.joints if each.enable_requested]
                 assert group.stop(now) == moved
-                assert not any(each.wanted for each in group.joints)
+                assert not any(each.enable_requested for each in group.joints)
             elif isinstance(what, PhaseTrigger):
                 joint.power.fire(what, now)
             else:

@@ -21,8 +21,8 @@ class Joint:
         self.stopped = False
 
     @property
-    def wanted(self):
-        return self.power.wanted
+    def enable_requested(self):
+        return self.power.enable_requested
 
     @property
     def state(self):

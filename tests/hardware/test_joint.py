@@ -17,7 +17,7 @@ def test_before_its_node_is_there_nothing_is_known_and_nothing_enabled():
     bench = Bench("parts1", drives=())
     joint = bench.joint(LEFT)
     assert (joint.state, joint.statusword, joint.claimed) == (None, None, None)
-    assert (joint.enabled, joint.following, joint.wanted, joint.homed) == (False, False, False, False)
+    assert (joint.enabled, joint.following, joint.enable_requested, joint.homed) == (False, False, False, False)
     assert joint.age_ns(0) is None
     assert joint.has_settled(0)
     assert joint.tracking.figures() is None

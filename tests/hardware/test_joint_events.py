@@ -31,19 +31,19 @@ def make(action="stop", *, inputs=None):
 
 def test_each_is_told_when_it_begins_and_not_while_it_lasts():
     watch, *_ = make()
-    assert [each.kind for each in watch.look(WARNING, PV, None)] == ["warning"]
-    assert watch.look(WARNING | 0x27, PV, None) == []
-    assert watch.look(0x27, PV, None) == []
-    assert [each.kind for each in watch.look(WARNING, PV, None)] == ["warning"]
+    assert [each.kind for each in watch.check(WARNING, PV, None)] == ["warning"]
+    assert watch.check(WARNING | 0x27, PV, None) == []
+    assert watch.check(0x27, PV, None) == []
+    assert [each.kind for each in watch.check(WARNING, PV, None)] == ["warning"]
 
 
 @pytest.mark.parametrize(("action", "told", "stops"), [("stop", 1, True), ("warn", 1, False), ("ignore", 0, None)])
 def test_a_following_error_leads_to_the_action_that_was_chosen(action, told, stops):
     watch, *_ = make(action)
-    found = watch.look(FOLLOWING, CSP, None)
+    found = watch.check(FOLLOWING, CSP, None)
     assert len(found) == told
     assert all(each.stops is stops for each in found)
-    assert make(action)[0].look(FOLLOWING, PV, None) == [], "bit 13 means something else there"
+    assert make(action)[0].check(FOLLOWING, PV, None) == [], "bit 13 means something else there"
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_a_following_error_leads_to_the_action_that_was_chosen(action, told, sto
 def test_a_limit_closes_the_side_of_its_switch_else_that_of_the_motion(speed, inputs, blocked):
     watch, axis, velocity, _ = make(inputs=inputs)
     velocity.value = speed
-    (event,) = watch.look(LIMIT, PV, SimpleNamespace(interface="velocity"))
+    (event,) = watch.check(LIMIT, PV, SimpleNamespace(interface="velocity"))
     assert axis.limits.blocked == blocked
     assert ("positive" if blocked > 0 else "negative") in event.text
 
@@ -60,19 +60,19 @@ def test_a_limit_closes_the_side_of_its_switch_else_that_of_the_motion(speed, in
 def test_the_side_of_a_position_target_is_where_it_lies():
     watch, axis, _, position = make()
     position.value = -100
-    watch.look(LIMIT, CSP, SimpleNamespace(interface="position"))
+    watch.check(LIMIT, CSP, SimpleNamespace(interface="position"))
     assert axis.limits.blocked == -1
 
 
 def test_a_limit_is_left_by_going_back_and_not_by_standing_still():
     watch, axis, velocity, _ = make()
     velocity.value = 5
-    watch.look(LIMIT, PV, None)
+    watch.check(LIMIT, PV, None)
     assert not watch.leaves_limit(), "it shows still"
-    assert watch.look(0, PV, None) == []
+    assert watch.check(0, PV, None) == []
     assert not watch.leaves_limit()
-    assert watch.look(LIMIT, PV, None) == [], "touched again"
-    watch.look(0, PV, None)
+    assert watch.check(LIMIT, PV, None) == [], "touched again"
+    watch.check(0, PV, None)
     axis.raw_position = -1
     assert watch.leaves_limit()
     assert axis.limits.blocked == 0

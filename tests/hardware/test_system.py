@@ -27,11 +27,11 @@ def make(count=2):
             power=SimpleNamespace(state=AxisPhase.OFF),
             group=group,
             enabled=0,
-            wanted=False,
+            enable_requested=False,
             stopped=False,
         )
         joint.stop = lambda now, joint=joint: setattr(joint, "stopped", True)
-        joint.enable = lambda joint=joint: vars(joint).update(enabled=joint.enabled + 1, wanted=True)
+        joint.enable = lambda joint=joint: vars(joint).update(enabled=joint.enabled + 1, enable_requested=True)
         group.joints.append(joint)
     events = []
     return Recovery(group.joints, events.append), group.joints, events
@@ -258,6 +258,6 @@ def test_a_fault_reset_enables_nothing_nor_does_the_end_of_a_fault(robby):
     robby.robot.axis(Action.FAULT_RESET, "all", lambda _error: None)
     robby.until(lambda: not robby.joint(LEFT).machine.fault)
     robby.run(1000)
-    assert not any(joint.wanted or joint.resume or joint.enabled for joint in robby.robot.joints.values())
+    assert not any(joint.enable_requested or joint.resume or joint.enabled for joint in robby.robot.joints.values())
     robby.robot.axis(Action.ENABLE, "all", lambda _error: None)
     robby.until(lambda: all(joint.enabled for joint in robby.robot.joints.values()))

@@ -42,7 +42,7 @@ def process_signals(monkeypatch):
 def test_a_signal_of_a_process_interrupts_it_until_it_has_finished(process_signals, monkeypatch, number):
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(number)
-    assert process_signals.came
+    assert process_signals.received
     process_signals.finish()
     signal.raise_signal(number)
     monkeypatch.setattr(os, "_exit", interrupt_with_code)

@@ -106,7 +106,7 @@ def test_a_heartbeat_confirms_a_command_and_silence_says_so(bus):
     bus.write(3, 0x1017, 0, (10).to_bytes(2, "little"))
     (confirmed,) = bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, 3, 5.0)
     assert isinstance(confirmed, NmtConfirmed)
-    assert bus.heard[3] is NmtState.PRE_OPERATIONAL
+    assert bus.states[3] is NmtState.PRE_OPERATIONAL
 
 
 def test_of_all_nodes_those_tell_that_boot(bus):
@@ -138,7 +138,7 @@ def test_listening_hears_heartbeats_boot_ups_and_guarding_answers():
     with OnBus("memory:listen", cores=(Stubborn(),)) as others, DirectBus.open("memory:listen") as bus:
         others.send(CanFrame(0x709, b"\0"), CanFrame(0x70A, b"\x85"), CanFrame(0x70B, b"\x33"), CanFrame(0x70C, b""))
         bus.listen(0.05)
-        assert bus.heard == {9: NmtState.INITIALISING, 10: NmtState.OPERATIONAL, 11: None}
+        assert bus.states == {9: NmtState.INITIALISING, 10: NmtState.OPERATIONAL, 11: None}
 
 
 @pytest.mark.alone  # a scan takes an answer after 20 ms for none
@@ -213,7 +213,7 @@ def test_a_heartbeat_among_the_segments_is_heard_and_disturbs_nothing(bus, monke
 
     monkeypatch.setattr(bus.port, "receive", interrupted)
     assert bus.read(5, 0x2000, block=True) == data
-    assert bus.heard == {9: NmtState.OPERATIONAL}
+    assert bus.states == {9: NmtState.OPERATIONAL}
     assert (bus.client(5).retried, bus.client(5).ignored) == (0, 0)
 
 

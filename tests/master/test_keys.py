@@ -108,7 +108,7 @@ def test_a_heartbeat_goes_before_guarding_and_guarding_before_the_default_heartb
 
 def test_keys_without_effect_are_accepted_whatever_they_hold_and_others_are_not(tmp_path):
     node = read("dcf: x.eds\npolling: [1]\nboot: false\n")
-    assert convert(node, NodeConfig, ignored=UNUSED_NODE).boot.wanted is False
+    assert convert(node, NodeConfig, ignored=UNUSED_NODE).boot.enabled is False
     node = read("dcf: x.eds\npoling: true\n")
     assert convert(node, NodeConfig, ignored=UNUSED_NODE).identity.dcf == "x.eds"
     assert "unknown key 'poling'" in node.problems.errors[0].message

@@ -134,7 +134,7 @@ def test_the_whole_dictionary_is_there_in_the_words_of_the_verb(objects):
 
 
 def test_what_is_in_sight_is_read_and_shown(objects):
-    looked_at(objects).look(["0x6081:00", "0x6041:00", "nothing"])
+    looked_at(objects).watch(["0x6081:00", "0x6041:00", "nothing"])
     assert objects._reader.watched[-1] == ("left_drive", [0x6081, 0x6041])
     objects._node.keep(LiveObject(OD[0x6041, 0], 0x0637))
     objects._node.keep(LiveObject(OD[0x1017, 0], 100))

@@ -184,7 +184,7 @@ def test_commands_reach_the_robot_or_say_why_not(link):
 def test_a_robot_that_hangs_is_not_shown_as_connected(link, monkeypatch):
     with running(real_time=True):
         assert eventually(lambda: link.connected)
-        link._heard -= 1.1  # as if the last sample had come so long ago
+        link._last_message -= 1.1  # as if the last sample had come so long ago
         assert not link.connected
 
 
@@ -295,7 +295,7 @@ def test_what_matters_is_logged_and_cyclic_traffic_is_not(bus):
 
 
 def test_joints_show_the_target_of_the_mode(bus):
-    axis = bus.table._heard(3, START).axes[0] = _Axis()
+    axis = bus.table._update_node(3, START).axes[0] = _Axis()
     axis.mode, axis.values = 3, {0x60FF: 500, 0x607A: 7, 0x606C: 499}
     row = bus.table.content(START, "", ()).joints["3/0"]
     assert [cell.text for cell in row] == ["left (device units)", "500", "499", "-", "-"]

@@ -183,5 +183,5 @@ def test_what_an_upload_brought_is_fitted_to_its_type_or_refused(data, data_type
 
 
 def test_bytes_that_the_server_did_not_count_are_cut():
-    assert fitted(b"\x40\x06\xaa\xbb", DataType.UNSIGNED16, told=False) == b"\x40\x06"
-    assert fitted(b"\x40\x06\xaa\xbb", DataType.UNSIGNED64, told=False) is None
+    assert fitted(b"\x40\x06\xaa\xbb", DataType.UNSIGNED16, length_known=False) == b"\x40\x06"
+    assert fitted(b"\x40\x06\xaa\xbb", DataType.UNSIGNED64, length_known=False) is None

@@ -82,7 +82,7 @@ assert len(requests) == 1
 def test_a_refusal_has_a_result_for_who_asks_and_what_nobody_cancelled_is_aborted(run):
     run("""
 from canopen_control.ros import action_goals
-action_goals._KEPT = 2
+action_goals._MAX_RESULTS = 2
 handles = []
 for number in range(3):
     future = send(number)

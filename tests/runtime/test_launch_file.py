@@ -22,7 +22,7 @@ def test_python_gives_arguments_and_files_of_the_package_around_it(tmp_path):
     path = make_package(tmp_path)
     found = launched_robot(path, {})
     assert found.arguments == {"use_mock_hardware?": "false"}
-    assert found.doubts == ()
+    assert found.uncertainties == ()
     assert found.files == {
         "description": tmp_path / "robby_bringup/urdf/base/robby.urdf.xacro",
         "controllers": tmp_path / "robby_bringup/config/first/ros2_controllers.yaml",
@@ -195,7 +195,7 @@ def generate_launch_description():
 
 def test_packages_and_files_may_be_arguments_and_the_bus_one_of_the_description(tmp_path):
     found = launched_robot(make_package(tmp_path, ALL_BY_ARGUMENTS), {})
-    assert found.doubts == ()
+    assert found.uncertainties == ()
     assert found.files == {
         "description": tmp_path / "robby_bringup/urdf/base/robby.urdf.xacro",
         "controllers": tmp_path / "robby_bringup/config/first/ros2_controllers.yaml",
@@ -255,9 +255,9 @@ def test_what_cannot_be_obeyed_is_refused(tmp_path, words, options, why):
 
 
 def test_an_argument_that_reaches_nothing_is_told(tmp_path):
-    told = [text for _, _, text in read(tmp_path, "gui:=true").told]
+    told = [text for _, _, text in read(tmp_path, "gui:=true").notices]
     assert any(text.startswith("gui:=true reaches neither") for text in told)
-    assert not any("mock:=false" in text for _, _, text in read(tmp_path / "b", "mock:=false").told)
+    assert not any("mock:=false" in text for _, _, text in read(tmp_path / "b", "mock:=false").notices)
 
 
 # --- as the examples of ros2_control write them: paths by `/`, folders that CMake installs elsewhere, spawners ---
@@ -369,7 +369,7 @@ def test_files_are_found_where_sources_have_what_cmake_installs_elsewhere(source
         "description": package / "description/urdf/rrbot.urdf.xacro",
         "controllers": package / "bringup/config/rrbot.yaml",
     }
-    assert found.doubts == ()
+    assert found.uncertainties == ()
     assert found.arguments == {"prefix?": ""}  # a shell takes the quotes of '""' away
 
 
@@ -392,7 +392,7 @@ def test_included_files_are_followed_with_the_arguments_that_they_are_given(sour
     found = launched_robot(sources / "two.launch.py", {})
     assert found.spawned == ("joint_state_broadcaster", "trajectory_controller")
     assert found.arguments == {"prefix?": "left_"}
-    assert found.doubts == ()  # a simulator's own files are nothing of the robot
+    assert found.uncertainties == ()  # a simulator's own files are nothing of the robot
     assert launched_robot(sources / "two.launch.py", {"which": "other"}).idle == ()
 
 
@@ -406,7 +406,7 @@ def test_variables_of_a_parameter_file_are_the_arguments_of_the_launch_file(sour
 def test_an_included_file_that_is_not_there_is_a_doubt_with_its_line(sources):
     path = sources / "lone.launch.py"
     path.write_text(INCLUDES.replace("/launch/rrbot.launch.py", "/launch/gone.launch.py"))
-    doubts = launched_robot(path, {}).doubts
+    doubts = launched_robot(path, {}).uncertainties
     assert any(f"{path}:3: an included launch file is not read: there is no " in doubt for doubt in doubts)
 
 
@@ -416,7 +416,7 @@ def test_a_second_file_of_parameters_is_a_doubt_with_its_line(sources):
     second.write_text("{}")
     text = path.read_text()
     path.write_text(text.replace("parameters=[", f"parameters=[{str(second)!r}, ", 1))
-    (doubt,) = launched_robot(path, {}).doubts
+    (doubt,) = launched_robot(path, {}).uncertainties
     line = next(number for number, each in enumerate(path.read_text().splitlines(), 1) if "--param-file" in each) - 1
     assert doubt.startswith(f"{path}:{line}: rrbot.yaml is not read beside more.yaml; put its parameters into")
 

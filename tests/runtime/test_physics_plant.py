@@ -89,7 +89,7 @@ def test_without_physics_there_is_nothing_to_measure(tmp_path):
     try:
         assert world_sensors(bench.setup) == {}
         assert sensed_world(bench.setup, bench.setup.description.hardware[0]) is None
-        assert not SensedValues(bench.robot.sensed, {}).wanted
+        assert not SensedValues(bench.robot.sensed, {}).needed
     finally:
         bench.close()
 

@@ -45,11 +45,11 @@ def test_a_drive_whose_statusword_cannot_be_sent_is_none_to_run():
 
 def test_counts_are_those_of_the_eds_or_a_guess():
     told = axis(shape(drop=(0x608F,), extra=record(0x608F, "Resolution", 10_000, 4)))
-    assert (told.counts, told.told) == (2500, True)
+    assert (told.counts, told.is_known) == (2500, True)
     guess = axis(shape(drop=(0x608F,)))
-    assert (guess.counts, guess.told) == (GUESSED_COUNTS, False)
+    assert (guess.counts, guess.is_known) == (GUESSED_COUNTS, False)
     zero = axis(shape(drop=(0x608F,), extra=record(0x608F, "Resolution", 0, 1)))
-    assert not zero.told
+    assert not zero.is_known
 
 
 def test_a_feed_constant_is_the_users_unit_and_one_to_one_says_nothing():

@@ -274,7 +274,7 @@ def findings(written, words):
 def test_counts_of_one_in_all_factors_are_a_guess_that_check_warns_of(tmp_path):
     written = new_robot(tmp_path, EDITS / "ones.eds")
     axis = written.robot.joints[0].axis
-    assert (axis.told, axis.counts) == (False, GUESSED_COUNTS)
+    assert (axis.is_known, axis.counts) == (False, GUESSED_COUNTS)
     text = (written.folder / "bus.yml").read_text()
     assert "A GUESS" in text
     assert "guesses: [counts_per_revolution]" in text
@@ -290,7 +290,7 @@ def test_counts_of_one_in_all_factors_are_a_guess_that_check_warns_of(tmp_path):
 def test_a_feed_constant_of_one_means_the_same_to_the_robot_and_to_the_drive(tmp_path):
     written = new_robot(tmp_path, EDITS / "feedrpm.eds")
     axis = written.robot.joints[0].axis
-    assert (axis.counts, axis.told, axis.rpm) == (2000, True, 1.0)
+    assert (axis.counts, axis.is_known, axis.rpm) == (2000, True, 1.0)
     counts, turn = turned(written.folder, "velocity_controller")
     assert 0.3 < turn / counts < 1.1
 

@@ -93,7 +93,7 @@ def test_frames_are_tampered_with_for_a_while(played, kind):
 
 def test_a_plant_takes_numbers_and_a_strange_frame_passes(played):
     label = []
-    played.robot.wires[BUS_NAME].heard.append(lambda _now, sender, _record: label.append(sender))
+    played.robot.wires[BUS_NAME].listeners.append(lambda _now, sender, _record: label.append(sender))
     played.do("frame", values=(0x7E5, 1, 2)).run(0.1)
     assert "stranger" in label
     played.do("plant", 3, plant=(("rated_velocity", 5.0),)).run(0.1)

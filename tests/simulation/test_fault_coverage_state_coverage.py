@@ -15,7 +15,7 @@ def test_the_machines_have_the_edges_of_their_tables():
 def test_a_robot_that_is_enabled_stopped_and_killed_walks_what_it_does(played: Played):
     view = WireView(played.robot.setup.bus)
     for wire in played.robot.wires.values():
-        wire.heard.append(view.hear)
+        wire.listeners.append(view.hear)
     coverage = StateCoverage(played.robot, [view])
     played.run(0.3)
     played.do("stop").run(1.0)

@@ -80,7 +80,7 @@ def test_running_is_a_lie_while_a_claimed_drive_is_off(judged, monkeypatch):
 
 @pytest.mark.sources
 def test_a_command_is_not_taken_while_its_drives_are_off(judged, monkeypatch):
-    judged.robot.observers.append(Watch(taken=judged.rules.taken))
+    judged.robot.observers.append(Watch(applied=judged.rules.applied))
     judged.do("axis", name="disable").run(1.0).drive(5.0, 5.0, seconds=0.1).run(0.3)
     assert (judged.told, judged.player.refused) == ([], 1)
     monkeypatch.setattr(ControllerManager, "_require_enabled", lambda self, controller: None)

@@ -31,7 +31,7 @@ def test_motion_without_a_command_is_told_once(judged):
 
 def test_motion_after_a_stop_that_was_asked_is_told(judged):
     judged.drive(5.0, 5.0, seconds=4.0).run(1.0)
-    judged.rules.asked(judged.robot.now_ns, ScenarioEvent(0, "stop"))
+    judged.rules.requested(judged.robot.now_ns, ScenarioEvent(0, "stop"))
     judged.run(1.0)
     assert judged.broken == ["stop_late"] * 2 + ["enabled_still"] * 2
 
@@ -45,7 +45,7 @@ def test_motion_after_a_stop_that_was_asked_is_told(judged):
     ],
 )
 def test_a_drive_that_stands_and_is_kept_enabled_after_a_stop_is_told(judged, act, told):
-    judged.rules.asked(judged.robot.now_ns, act)
+    judged.rules.requested(judged.robot.now_ns, act)
     judged.run(0.4)
     assert judged.broken == []
     judged.run(1.0)
@@ -92,7 +92,7 @@ def test_a_robot_that_is_started_while_its_drives_turn_stops_them(judged):
 
 def test_an_enable_while_stop_is_latched_does_not_count(judged):
     judged.do("latch").run(0.3)
-    judged.rules.asked(judged.robot.now_ns, ScenarioEvent(0, "axis", name="enable"))
+    judged.rules.requested(judged.robot.now_ns, ScenarioEvent(0, "axis", name="enable"))
     judged.robot.core.latch.by = None
     judged.blind = True
     judged.do("axis", name="enable").run(0.5)

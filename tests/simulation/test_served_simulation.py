@@ -103,7 +103,7 @@ def test_what_it_commands_moves_the_robot_and_is_no_breach(served):
 
 
 def test_a_command_that_nobody_was_seen_to_ask_for_is_one(served, monkeypatch):
-    monkeypatch.setattr(served.player, "asked", lambda _act: None)
+    monkeypatch.setattr(served.player, "requested", lambda _act: None)
     program = served.program()
     program.ask(CommandController(controller=FORWARD, values=[5.0, 5.0]))
     served.pass_by(2.0)

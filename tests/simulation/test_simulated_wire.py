@@ -19,7 +19,7 @@ class Bench:
         self.time = VirtualTime()
         self.wire = SimulatedWire(self.time, "test", 1_000_000)
         self.passed = []
-        self.wire.heard.append(lambda now, label, record: self.passed.append((now, label, *frames_of(record))))
+        self.wire.listeners.append(lambda now, label, record: self.passed.append((now, label, *frames_of(record))))
         for label in ("a", "b", "c"):
             self.wire.members[label] = Actor(self.time, label, Timing(), "1")
         self.a, self.b, self.c = (self.wire.open(label) for label in ("a", "b", "c"))

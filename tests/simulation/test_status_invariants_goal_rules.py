@@ -25,8 +25,8 @@ class Rules:
     def __init__(self, judged, views, tell):
         self.faces = StatusInvariants(judged.robot, views, judged.disturbed, tell)
         self.goals = GoalInvariants(judged.robot, judged.player, self.faces, tell)
-        judged.robot.observers.append(Watch(goal=self.goals.taken))
-        self.asked = self.goals.asked
+        judged.robot.observers.append(Watch(goal=self.goals.applied))
+        self.requested = self.goals.requested
 
     def sampled(self, now):
         self.faces.sampled(now)

@@ -44,11 +44,11 @@ class Watch(_Calls, SimulationObserver):
     def played(self, now, act):
         self._call("played", now, act)
 
-    def asked(self, now, act):
-        self._call("asked", now, act)
+    def requested(self, now, act):
+        self._call("requested", now, act)
 
-    def taken(self, now, act):
-        self._call("taken", now, act)
+    def applied(self, now, act):
+        self._call("applied", now, act)
 
     def goal(self, now, act, goal):
         self._call("goal", now, act, goal)

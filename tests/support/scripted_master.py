@@ -228,5 +228,5 @@ class ScriptedMaster:
     def verdicts(self):
         """Return what came, by the ids of the checks that have failed, and the ids of those that have passed."""
         results = self.judge.report(self.now).results
-        failed = {result.id: result.came for result in results if result.verdict == "failed"}
+        failed = {result.id: result.observed for result in results if result.verdict == "failed"}
         return failed, {result.id for result in results if result.verdict == "passed"}

@@ -72,15 +72,15 @@ class Judged(Played):
         self.disturbed = DisturbedNodes(self.robot)
         views = {name: WireView(bus) for name, bus in self.robot.setup.buses.items()}
         for name, view in views.items():
-            self.robot.wires[name].heard.append(view.hear)
+            self.robot.wires[name].listeners.append(view.hear)
         self.rules = make(self, views, lambda rule, text: self.told.append((rule, text)))
         self.blind = False
-        self.robot.observers.append(Watch(asked=self._asked, played=self.disturbed.troubled))
+        self.robot.observers.append(Watch(requested=self._asked, played=self.disturbed.troubled))
         self.run(0.2)
 
     def _asked(self, now, act):
-        if not self.blind and hasattr(self.rules, "asked"):
-            self.rules.asked(now, act)
+        if not self.blind and hasattr(self.rules, "requested"):
+            self.rules.requested(now, act)
 
     @property
     def broken(self):

@@ -69,7 +69,7 @@ def test_events_and_states_of_the_robot_are_in_the_file_and_the_robot_tells_wher
     assert "flight runs" in " ".join(event.text for event in file.events)  # from before the recorder was there
     told = [event for event in robot.status().events if event.kind == "flight"]
     assert len(told) <= 1
-    assert recorder.said == [] or told == []
+    assert recorder.unsent == [] or told == []
 
 
 @pytest.mark.rest
@@ -96,7 +96,7 @@ def test_a_copy_writes_while_the_recorder_goes_on(reactor, robot, monkeypatch):
     path = newest(flight_folder("flight"))
     assert read_flight(path).meta.reason.text == "aside"
     hear(reactor, recorder, f"flight recording: {path} (a page of it: canopen-control report)")
-    assert recorder.said == []
+    assert recorder.unsent == []
     recorder.finish()
 
 
@@ -106,7 +106,7 @@ def test_a_copy_that_dies_is_told(reactor, monkeypatch):
     monkeypatch.setattr(FlightRecorder, "write", lambda *_: os._exit(3))
     recorder._write_aside(FAULT)
     assert reactor.run_until(lambda: recorder._writer is None, 10 * SECOND)
-    assert "could not write" in recorder.said[0]
+    assert "could not write" in recorder.unsent[0]
     recorder.finish()
 
 
@@ -115,9 +115,9 @@ def test_a_folder_that_cannot_be_written_costs_a_sentence(reactor, monkeypatch, 
     recorder = FlightRecorder(reactor, "nobody", {})
     recorder._on_event(FAULT)
     recorder.finish()
-    assert "could not write" in recorder.said[0]
+    assert "could not write" in recorder.unsent[0]
     recorder.finish()
-    assert len(recorder.said) == 1
+    assert len(recorder.unsent) == 1
 
 
 @pytest.mark.process

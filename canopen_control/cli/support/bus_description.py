@@ -151,25 +151,25 @@ def _linear_axes(config: str, bus: BusConfig) -> LinearAxes:
         return frozenset()
 
 
-def _chosen(buses: Mapping[str, T], name: str | None, whose: str) -> T:
+def _chosen(buses: Mapping[str, T], name: str | None, owner: str) -> T:
     """Return the selected one of several buses."""
     if not buses:
-        raise ConfigError(f"{whose} has no bus: it runs on mock hardware, or simulated")
+        raise ConfigError(f"{owner} has no bus: it runs on mock hardware, or simulated")
     if name is None and len(buses) == 1:
         return next(iter(buses.values()))
     if name is None or name not in buses:
-        problem = f"{whose} has several buses" if name is None else f"{whose} has no bus {name!r}"
+        problem = f"{owner} has several buses" if name is None else f"{owner} has no bus {name!r}"
         raise ConfigError(f"{problem}; choose with --bus: {', '.join(buses)}")
     return buses[name]
 
 
 def _robot_on(channel: str) -> tuple[str, BusLayout | None]:
     """Return name and layout of the robot on `channel`; empty name and None without a robot."""
-    if not find_robots() or (found := robot_on(channel)) is None:
+    if not find_robots() or (running := robot_on(channel)) is None:
         return "", None
-    with RobotClient.connect(found[0]) as robot:
+    with RobotClient.connect(running[0]) as robot:
         layouts = robot.ask(GetLayout()).buses.values()
-    return found[0], next((layout for layout in layouts if layout.channel == channel), None)
+    return running[0], next((layout for layout in layouts if layout.channel == channel), None)
 
 
 def _report(network: NetworkDescription) -> None:

@@ -157,11 +157,11 @@ def the_controller(robot: RobotClient, name: str | None, tells: str, title: str)
     """
     controllers = robot.ask(ListControllers())
     if name is not None:
-        meant = next((controller for controller in controllers if controller.name == name), None)
-        if meant is None:
+        named = next((controller for controller in controllers if controller.name == name), None)
+        if named is None:
             loaded = ", ".join(controller.name for controller in controllers)
             raise ConfigError(f"no controller {name!r} is loaded; there are {loaded}")
-        return meant
+        return named
     matching = [controller for controller in controllers if controller.tells == tells and controller.active]
     if len(matching) != 1:
         names = ", ".join(controller.name for controller in matching)

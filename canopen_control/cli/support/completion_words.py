@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from canopen_control.rpc.messages.declare import Request
 
-    Found = Iterable[tuple[str, str]]
+    Candidates = Iterable[tuple[str, str]]
 
 
 # The nodes of running robots by the words of their users: node name, joint name or node id.
@@ -142,7 +142,7 @@ def _attach_completers(parser: argparse.ArgumentParser, verb: str) -> None:
 class _Completer:
     """Completer for one option or positional."""
 
-    def __init__(self, kind: Callable[[argparse.Namespace], Found]) -> None:
+    def __init__(self, kind: Callable[[argparse.Namespace], Candidates]) -> None:
         self.kind = kind
 
     def __call__(
@@ -160,7 +160,7 @@ class _Completer:
         return words
 
 
-def _robots(_line: argparse.Namespace) -> Found:
+def _robots(_line: argparse.Namespace) -> Candidates:
     from canopen_control.client import find_robots
 
     return [(name, "running") for name in find_robots()]
@@ -173,13 +173,13 @@ def _ask(line: argparse.Namespace, request: Request[A]) -> A:
         return robot.ask(request)
 
 
-def _controllers(line: argparse.Namespace) -> Found:
+def _controllers(line: argparse.Namespace) -> Candidates:
     from canopen_control.rpc.messages.robot import ListControllers
 
     return [(controller.name, controller.state) for controller in _ask(line, ListControllers())]
 
 
-def _nodes(line: argparse.Namespace) -> Found:
+def _nodes(line: argparse.Namespace) -> Candidates:
     if getattr(line, "can", None) is not None:
         return []  # a bare bus: node ids
     from canopen_control.rpc.messages.robot import GetNodes
@@ -187,78 +187,78 @@ def _nodes(line: argparse.Namespace) -> Found:
     return [(node.name, f"node {node.node_id}") for node in _ask(line, GetNodes()).nodes]
 
 
-def _nodes_or_all(line: argparse.Namespace) -> Found:
+def _nodes_or_all(line: argparse.Namespace) -> Candidates:
     yield "all", "every node"
     yield from _nodes(line)
 
 
-def _drives(_line: argparse.Namespace) -> Found:
+def _drives(_line: argparse.Namespace) -> Candidates:
     """Return the nodes of all running robots, in the form expected by `fault` and `bus fault`."""
     return [(node.name, f"node {node.node_id}") for node in known_nodes()]
 
 
-def _channels(_line: argparse.Namespace) -> Found:
+def _channels(_line: argparse.Namespace) -> Candidates:
     from canopen_control.host.sockets import list_sockets
 
     yield from ((f"local:{name}", "embedded bus") for name in list_sockets("bus"))
     yield from _interfaces(_line)
 
 
-def _interfaces(_line: argparse.Namespace) -> Found:
+def _interfaces(_line: argparse.Namespace) -> Candidates:
     for folder in sorted(Path("/sys/class/net").glob("*")):
         with contextlib.suppress(OSError):
             if (folder / "type").read_text().strip() == _CAN_HARDWARE:
                 yield folder.name, "SocketCAN"
 
 
-def _configs(_line: argparse.Namespace) -> Found:
+def _configs(_line: argparse.Namespace) -> Candidates:
     from canopen_control.data_files import data_names
 
     return [*((name, "bundled robot") for name in data_names("config")), (DIRS, "")]
 
 
-def _eds(_line: argparse.Namespace) -> Found:
+def _eds(_line: argparse.Namespace) -> Candidates:
     from canopen_control.data_files import data_names
 
     return [*((name, "bundled EDS") for name in data_names("eds") if name.endswith(".eds")), (FILES, "")]
 
 
-def _verbs(_line: argparse.Namespace) -> Found:
+def _verbs(_line: argparse.Namespace) -> Candidates:
     return VERBS.items()
 
 
-def _quirks(_line: argparse.Namespace) -> Found:
+def _quirks(_line: argparse.Namespace) -> Candidates:
     from canopen_control.virtual.quirks import QUIRKS
 
     return [(quirk.name, quirk.does) for quirk in QUIRKS.values()]
 
 
-def _personalities(_line: argparse.Namespace) -> Found:
+def _personalities(_line: argparse.Namespace) -> Candidates:
     from canopen_control.personality import personality_names, read_personality
 
     return [(name, read_personality(name).title) for name in personality_names()]
 
 
-def _faults(_line: argparse.Namespace) -> Found:
+def _faults(_line: argparse.Namespace) -> Candidates:
     from canopen_control.virtual.fault_table import FAULTS
 
     return [(fault.name, fault.does) for fault in FAULTS.values()]
 
 
-def _services(_line: argparse.Namespace) -> Found:
+def _services(_line: argparse.Namespace) -> Candidates:
     from canopen_control.trace.decoder import SERVICES
 
     return [(service, "") for service in SERVICES]
 
 
-def _modes(_line: argparse.Namespace) -> Found:
+def _modes(_line: argparse.Namespace) -> Candidates:
     from canopen_control.cia402.modes import OperationMode
 
     return [(mode.name, f"mode {mode.value}") for mode in OperationMode if mode]
 
 
 #: (verb, option or positional), option or positional, or metavar -> what it may be
-_KINDS: Final[dict[tuple[str, str] | str, Callable[[argparse.Namespace], Found]]] = {
+_KINDS: Final[dict[tuple[str, str] | str, Callable[[argparse.Namespace], Candidates]]] = {
     "--as": lambda _line: (),  # a new one
     ("help", "verb"): _verbs,
     ("fault", "name"): _faults,

@@ -134,7 +134,7 @@ class JogRun:
         self._sender = AxisCommand(drive, kind.value, _SOURCE)
         self._sample: StateSample | None = None
         self._current = DriveCurrent(drive)
-        self._gone = False
+        self._terminal_closed = False
         self.ended = JogEnd.NONE  # why it ended, and how far it went in rad
         self.travelled = 0.0
 
@@ -158,13 +158,13 @@ class JogRun:
         if motion.ended.failed:
             return 1
         # what ended by a lost terminal may have been commanded since the last position only
-        text = None if motion.ended is JogEnd.GONE else motion.nothing_turned(self._scale.resolution)
+        text = None if motion.ended is JogEnd.TERMINAL_CLOSED else motion.nothing_turned(self._scale.resolution)
         if text is not None:
             raise CanopenError(f"{self._drive.title}: {text}")
         return 0
 
     def _leave(self) -> None:
-        self._gone = True
+        self._terminal_closed = True
 
     def _begin(self, client: RobotClient) -> JogMotion:
         """Choose the mode, enable, and return the motion from now on."""
@@ -186,9 +186,9 @@ class JogRun:
             now = time.monotonic_ns()
             self._take_keys(keyboard, decoder, motion, now)
             motion.tick(time.monotonic_ns())
-            self._look(client, motion)
-            if self._gone or (keyboard is not None and keyboard.ended):
-                motion.end(JogEnd.GONE)
+            self._check_sample(client, motion)
+            if self._terminal_closed or (keyboard is not None and keyboard.ended):
+                motion.end(JogEnd.TERMINAL_CLOSED)
             self._command(client, motion)
             if self._sample is not None:
                 line.show(lambda: self._words(motion))
@@ -202,7 +202,7 @@ class JogRun:
         for key in decoder.feed(data, now) if data else decoder.tick(now):
             motion.key(key, now)
 
-    def _look(self, client: RobotClient, motion: JogMotion) -> None:
+    def _check_sample(self, client: RobotClient, motion: JogMotion) -> None:
         """Read the newest sample, and the current a few times a second."""
         for message in client.messages(0):
             if isinstance(message, StateSample):

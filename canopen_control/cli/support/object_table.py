@@ -38,11 +38,11 @@ def live_objects(session: NodeSession, entries: Sequence[Entry], *, title: str =
 def _paced(entries: Sequence[Entry], session: NodeSession, progress: Progress) -> Iterator[Entry]:
     """Yield entries at a limited rate on a running robot."""
     gap = 1.0 / READS_PER_S if session.robot else 0.0
-    due = time.monotonic()
+    next_read = time.monotonic()
     for number, entry in enumerate(entries):
-        if (wait := due - time.monotonic()) > 0:
+        if (wait := next_read - time.monotonic()) > 0:
             time.sleep(wait)
-        due = time.monotonic() + gap
+        next_read = time.monotonic() + gap
         progress.at(number, len(entries))
         yield entry
 

@@ -84,7 +84,7 @@ def running_drive(
     drive = drive_of_robot(client, args.node, args.axis, mode)
     text = f"node {args.node} is {drive.joint} of the running robot {client.robot}, and moved through it"
     print(text, file=sys.stderr if getattr(args, "json", False) else sys.stdout)
-    return drive, JogScale(args.counts or math.tau, told=True, of_joint=True)
+    return drive, JogScale(args.counts or math.tau, is_known=True, of_joint=True)
 
 
 def look_at_drive(args: argparse.Namespace, *, with_fault: bool = False) -> Device:
@@ -177,7 +177,7 @@ def backup_file(word: str) -> ParameterSet:
 def read_all(session: NodeSession, *, twice: bool = True) -> Side:
     """Read all parameters of a node, with progress."""
     with Progress(f"reading {session}", "objects") as progress:
-        parameters, left_out = read_parameters(session, twice=twice, told=progress.at)
+        parameters, left_out = read_parameters(session, twice=twice, progress=progress.at)
     return Side(parameters, tuple(left_out))
 
 

@@ -85,7 +85,7 @@ class Progress:
         self._begin = clock()
         self._rated_from = self._begin, 0  # time and amount of the last look before anything was over
         self._last: tuple[int, int | None] = 0, None
-        self._due = self._begin + (SOON_S if self._live else PLAIN_S)
+        self._next_output = self._begin + (SOON_S if self._live else PLAIN_S)
         self._shown = False
 
     def __enter__(self) -> Progress:
@@ -100,9 +100,9 @@ class Progress:
         if not done or done < self._last[0] or total != self._last[1]:  # another transfer
             self._rated_from = now, done
         self._last = done, total
-        if self._quiet or now < self._due:
+        if self._quiet or now < self._next_output:
             return
-        self._due = now + (REDRAW_S if self._live else PLAIN_S)
+        self._next_output = now + (REDRAW_S if self._live else PLAIN_S)
         since, before = self._rated_from
         rate = _rate(done, total, done - before, now - since, self._unit) if self._rate else ""
         self._show(f"{self._what}{_amount(done, total, self._unit)}, {now - self._begin:.0f} s{rate}")

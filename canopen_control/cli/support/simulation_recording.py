@@ -66,15 +66,15 @@ class SimulationRecorder(SimulationObserver):
         self._lines: list[bytes] = []
         self._requests: list[bytes] = []
         for number, wire in enumerate(self._robot.wires.values()):
-            wire.heard.append(self._recorder(number))
+            wire.listeners.append(self._recorder(number))
         self._robot.time.later(_SAMPLE_NS, self._sample)
         self._robot.observers.append(self)
 
     def _recorder(self, number: int) -> Callable[[int, str, bytes], object]:
-        def heard(now: int, _label: str, record: bytes) -> None:
+        def record_frame(now: int, _label: str, record: bytes) -> None:
             self._frames.append(KeptFrame(now, number, record))
 
-        return heard
+        return record_frame
 
     def _sample(self) -> None:
         if self._robot.up:
@@ -85,7 +85,7 @@ class SimulationRecorder(SimulationObserver):
         """Record an event."""
         self._events.append(event_message(event, self._robot.core.wall_offset_ns))
 
-    def asked(self, now: int, act: ScenarioEvent) -> None:
+    def requested(self, now: int, act: ScenarioEvent) -> None:
         """Record a request of a client."""
         for request in _requests_of(act, self._robot.core.manager.states):
             method = ROBOT.of(type(request)).name

@@ -207,15 +207,15 @@ class BusTransfers(Transfers):
     def nmt_state(self) -> NmtState | None:
         """Listen for the node's next heartbeat, if it sends any."""
         bus, node_id = self._bus, self._node_id
-        bus.heard.pop(node_id, None)
+        bus.states.pop(node_id, None)
         try:
             period_ms = int.from_bytes(self.read(*_HEARTBEAT)[:2], "little")
         except CanopenError:
             period_ms = 0
         self._mute = not period_ms
-        if period_ms and bus.heard.get(node_id) is None:
-            bus.serve([], lambda: bus.heard.get(node_id) is not None, min(_LONGEST_S, _HEARTBEATS * period_ms / 1e3))
-        return bus.heard.get(node_id)
+        if period_ms and bus.states.get(node_id) is None:
+            bus.serve([], lambda: bus.states.get(node_id) is not None, min(_LONGEST_S, _HEARTBEATS * period_ms / 1e3))
+        return bus.states.get(node_id)
 
     def taken_out(self) -> bool:
         """Return True: no robot uses the node."""

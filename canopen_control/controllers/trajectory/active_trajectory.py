@@ -228,14 +228,14 @@ class ActiveTrajectory(JointSetpoint):
         self._fitted = _NONE
         self._from, self._to = Point(), Point()
         self._end: Point | None = None
-        self._seen: Point | None = None  # by a look ahead, at that time
+        self._ahead: Point | None = None  # by a look ahead, at that time
         self._seen_at = 0
         self.shift: list[float] = []
         self._shifted = False
 
     def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
         """Set the state of the joints before the first point, and compute their whole turns."""
-        self.before_time, self._fitted, self._seen = time, _NONE, None
+        self.before_time, self._fitted, self._ahead = time, _NONE, None
         before = self.before
         before.take(point)
         if not all(map(math.isfinite, before.effort)):  # what is commanded before the first cycle
@@ -354,14 +354,14 @@ class ActiveTrajectory(JointSetpoint):
         """Write the state at any time to `out`, see `JointSetpoint`."""
         reached, self.reached = self.reached, 0
         result = self.sampled and self.sample(t, out, ahead=True)
-        self.reached, self._seen = reached, None  # `out` is not the follower's
+        self.reached, self._ahead = reached, None  # `out` is not the follower's
         return result
 
     def _between(self, index: int, t: int, out: Point, *, ahead: bool) -> None:
         """Write the interpolated state between a point and the next one."""
-        seen, self._seen = self._seen, None
-        if seen is not None and not ahead and t == self._seen_at and index == self._fitted:
-            out.take(seen)
+        sampled, self._ahead = self._ahead, None
+        if sampled is not None and not ahead and t == self._seen_at and index == self._fitted:
+            out.take(sampled)
             return
         if index != self._fitted:
             self._fit(index)
@@ -375,7 +375,7 @@ class ActiveTrajectory(JointSetpoint):
             self._shift(out)
         out.time = 0 if index == _BEFORE else self._to.time
         if ahead:
-            self._seen, self._seen_at = out, t
+            self._ahead, self._seen_at = out, t
 
     def _fit(self, index: int) -> None:
         """Compute the segment from a point to the next one."""

@@ -500,8 +500,8 @@ class JointTrajectoryController(Controller):
         begin = self._follower.start_positions(message.stamp)
         if (wrong := self._acceptance.mistake(message, now, begin)) is not None:
             raise TrajectoryRefused(str(self.refusal(f"refuses the trajectory: {wrong.text}")), wrong.code)
-        if (doubt := self._acceptance.unreachable_part(message)) is not None:
-            self.report("unreachable", f"{doubt}; until then it is behind")
+        if (problem := self._acceptance.unreachable_part(message)) is not None:
+            self.report("unreachable", f"{problem}; until then it is behind")
 
     def _queue(self, message: JointTrajectory, now: int) -> None:
         self._follower.follow(message)

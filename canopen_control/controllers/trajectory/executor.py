@@ -39,12 +39,12 @@ MOST_WAITING: Final = 8
 
 
 class _Track:
-    """Motion and its joints; `said` is its last sample."""
+    """Motion and its joints; `sample` is its last sample."""
 
-    __slots__ = ("joints", "motion", "said")
+    __slots__ = ("joints", "motion", "sample")
 
     def __init__(self, motion: JointSetpoint, joints: list[int]) -> None:
-        self.motion, self.joints, self.said = motion, joints, Point()
+        self.motion, self.joints, self.sample = motion, joints, Point()
 
 
 class _Waiting:
@@ -70,8 +70,8 @@ class Blend(JointSetpoint):
 
     def take(self, trajectory: ActiveTrajectory, handoff: int, joints: Sequence[int]) -> None:
         """Queue a trajectory that takes over these joints at `handoff`; one queued for later is dropped."""
-        kept = [queued for queued in self._waiting if queued.handoff < handoff][: MOST_WAITING - 1]
-        self._waiting = [*kept, _Waiting(trajectory, handoff, list(joints))]
+        remaining = [queued for queued in self._waiting if queued.handoff < handoff][: MOST_WAITING - 1]
+        self._waiting = [*remaining, _Waiting(trajectory, handoff, list(joints))]
         self.start = trajectory.start or handoff
         trajectory.begin(handoff)
 
@@ -117,9 +117,9 @@ class Blend(JointSetpoint):
         self._lead(coming)
         tracks = []
         for track in self._tracks:
-            left = [joint for joint in track.joints if joint not in coming.joints]
-            if left:
-                tracks.append(_Track(track.motion, left))
+            remaining = [joint for joint in track.joints if joint not in coming.joints]
+            if remaining:
+                tracks.append(_Track(track.motion, remaining))
         self._tracks = [*tracks, _Track(coming.trajectory, coming.joints)]
 
     def _lead(self, coming: _Waiting) -> None:
@@ -137,7 +137,7 @@ class Blend(JointSetpoint):
             out.accelerations[:] = [0.0] * joints
         complete = True
         for track in self._tracks:
-            motion, point = track.motion, track.said
+            motion, point = track.motion, track.sample
             said_it = motion.query(t, point) if query else motion.sample(t, point, ahead=ahead)
             if said_it:
                 _copy(point, out, track.joints)
@@ -249,7 +249,7 @@ class SpeedScaling:
 
     def __init__(self, factor: float = 1.0, *, allowed: bool = False) -> None:
         self.allowed = allowed
-        self.factor = self._wanted = factor if allowed else 1.0
+        self.factor = self._requested = factor if allowed else 1.0
         self._state: StateInterface | None = None
         self._command: CommandInterface | None = None
 
@@ -265,7 +265,7 @@ class SpeedScaling:
 
     def set(self, factor: float) -> None:
         """Run at a factor from the next cycle on."""
-        self._wanted = self.factor = factor
+        self._requested = self.factor = factor
 
     def update(self) -> None:
         """Read and write the interfaces, in the cycle."""
@@ -273,7 +273,7 @@ class SpeedScaling:
             factor = self._state.value
             self.factor = factor if 0.0 <= factor < math.inf else 0.0
         if self._command is not None:
-            self._command.value = self._wanted
+            self._command.value = self._requested
 
 
 NS: Final = 1_000_000_000
@@ -296,7 +296,7 @@ class TrajectoryExecutor:
         self._params, self._group, self._period_ns = params, group, period_ns
         self._splines = params.interpolation_method == "splines"
         self._queued: JointTrajectory | StopMotion | None = None
-        self._taken: JointTrajectory | StopMotion | None = None
+        self._message: JointTrajectory | StopMotion | None = None
         self._hold = JointTrajectory(params.joints, [Point()])
         self._stay = Point()
         self._hold.points = [self._stay]
@@ -311,7 +311,7 @@ class TrajectoryExecutor:
     def begin(self) -> None:
         """Begin with the measured state; `hold` keeps the group there."""
         group = self._group
-        self.motion = self._queued = self._taken = None
+        self.motion = self._queued = self._message = None
         self._last_time = 0
         self._last = group.actual.copy()
         self.desired, self.output = group.blank(), group.blank()
@@ -328,7 +328,7 @@ class TrajectoryExecutor:
 
     def clear(self, *, holding: bool) -> None:
         """Clear the trajectory."""
-        self.motion = self._queued = self._taken = None
+        self.motion = self._queued = self._message = None
         self.holding = holding
 
     def set_gains(self, params: TrajectoryParams) -> None:
@@ -372,9 +372,9 @@ class TrajectoryExecutor:
     def take_queued(self) -> None:
         """Start the queued trajectory; joints outside it hold, or continue if it is blended in."""
         message, group = self._queued, self._group
-        if message is self._taken:
+        if message is self._message:
             return
-        follows, self._taken = self.follows, message
+        follows, self._message = self.follows, message
         if message is None or isinstance(message, StopMotion):
             self.motion = message
             return
@@ -395,7 +395,7 @@ class TrajectoryExecutor:
     @property
     def follows(self) -> JointSetpoint | None:
         """Trajectory into which a new one is blended, None if it replaces it at once."""
-        message, motion = self._taken, self.motion
+        message, motion = self._message, self.motion
         if not (self._params.allow_trajectory_replacement and self._splines) or motion is None or motion.is_over:
             return None
         return (
@@ -499,7 +499,7 @@ class TrajectoryExecutor:
 
     def _begin(self, motion: JointSetpoint, now: int, scaling: float) -> None:
         """Set the state before the first point: the desired one, or after a hold the actual one."""
-        wrap = () if self._taken is self._hold else self._group.wrap
+        wrap = () if self._message is self._hold else self._group.wrap
         if self._params.from_desired and self._last.positions:
             self._last_time = self._last_time or now
             if isinstance(motion, StopMotion):

@@ -27,7 +27,7 @@ from ctypes import (
 from typing import Any, Final, TypeVar
 
 T = TypeVar("T")
-_kept: Final[list[object]] = []
+_referenced: Final[list[object]] = []
 
 SLOTS: Final = 512
 """How many types `callbacks.c` has room for."""
@@ -40,7 +40,7 @@ CONVERT_TO_PY = PYFUNCTYPE(c_void_p, c_void_p)
 
 def keep(value: T) -> T:
     """Keep a reference to memory that C points to."""
-    _kept.append(value)
+    _referenced.append(value)
     return value
 
 

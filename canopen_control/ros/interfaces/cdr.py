@@ -36,7 +36,7 @@ class Codecs:
 
     def __init__(self, structure_of: Callable[[str], Structure], class_of: Callable[[str], type]) -> None:
         self._structure_of, self.class_of = structure_of, class_of
-        self._made: dict[str, Codec] = {}
+        self._codecs: dict[str, Codec] = {}
 
     def encode(self, name: str, message: object) -> bytes:
         """Return the body of a message; ValueError for a field with an unsuitable value."""
@@ -56,9 +56,9 @@ class Codecs:
 
     def codec(self, name: str) -> Codec:
         """Return the codec of a structure."""
-        if name not in self._made:
-            self._made[name] = self._make(name)
-        return self._made[name]
+        if name not in self._codecs:
+            self._codecs[name] = self._make(name)
+        return self._codecs[name]
 
     def _make(self, name: str) -> Codec:
         fields = [(field.name, self._of_type(field.type)) for field in self._structure_of(name).fields]

@@ -117,7 +117,7 @@ class Callbacks:
         self._dropped_in_all = c_uint32.in_dll(self._library, "dropped_in_all")
         self._slot = _declared(self._library.slot, c_void_p, c_uint)
         self._names: list[str] = []
-        self._told, self._told_in_all = [0] * SLOTS, 0
+        self._reported, self._reported_in_all = [0] * SLOTS, 0
 
     def __getitem__(self, name: str) -> int:
         """Return the address of a function."""
@@ -134,12 +134,12 @@ class Callbacks:
 
     def newly_dropped(self) -> list[str]:
         """Return the types whose messages were dropped for another layout since the last call."""
-        if self._dropped_in_all.value == self._told_in_all:
+        if self._dropped_in_all.value == self._reported_in_all:
             return []
-        self._told_in_all = self._dropped_in_all.value
+        self._reported_in_all = self._dropped_in_all.value
         counts = list(self._dropped)
-        names = [name for slot, name in enumerate(self._names) if counts[slot] != self._told[slot]]
-        self._told = counts
+        names = [name for slot, name in enumerate(self._names) if counts[slot] != self._reported[slot]]
+        self._reported = counts
         return names
 
 

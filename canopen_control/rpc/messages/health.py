@@ -110,15 +110,15 @@ def diagnose_node(node: NodeReading) -> Verdict:
     """Return the verdict for a node with all its axes."""
     states = [axis.state for axis in node.axes]
     error = node.error or next((axis.error for axis in node.axes if axis.error), None)
-    return judge(states, ready=node.ready, nmt=_seen(node), error=error)
+    return judge(states, ready=node.ready, nmt=_nmt_of(node), error=error)
 
 
 def diagnose_axis(node: NodeReading, axis: AxisReading | None) -> Verdict:
     """Return the verdict for one axis of a node, or for a node without axes."""
     states = [] if axis is None else [axis.state]
     error = (axis.error if axis is not None else None) or node.error
-    return judge(states, ready=node.ready, nmt=_seen(node), error=error)
+    return judge(states, ready=node.ready, nmt=_nmt_of(node), error=error)
 
 
-def _seen(node: NodeReading) -> str | None:
+def _nmt_of(node: NodeReading) -> str | None:
     return None if node.age is None else node.nmt_state

@@ -57,15 +57,15 @@ class ObjectsTab:
         self._reader = context.panel.robot.live_reader  # of this robot, also when another one is there
         self._list: ObjectList | None = None
         self._tree: ObjectTree | None = None
-        self._seen: list[str] = []
-        self._is_left, self._is_heard, self._turns = False, False, 0
+        self._addresses: list[str] = []
+        self._is_left, self._has_addresses, self._turns = False, False, 0
         with ui.element("section").classes("cc-panel"):
             with ui.element("div").classes("cc-row cc-acts"):
                 self._undo = ui.button("Undo", color="blue-grey-8", on_click=self._take_back).props("unelevated dense")
                 self._last = Html("cc-o-last")
-            self._told = Html()
+            self._message = Html()
             self._place = ui.element("div")
-        self._told.show(sentence(_READING))
+        self._message.show(sentence(_READING))
         background_tasks.create(self._begin(), name="objects")
 
     async def _begin(self) -> None:
@@ -73,12 +73,12 @@ class ObjectsTab:
         try:
             od = await in_thread(self._context.desk.dictionary)
         except CanopenError as error:
-            self._told.show(sentence(str(error), BAD))
+            self._message.show(sentence(str(error), BAD))
             return
         if od is None:
-            self._told.show(sentence(_NO_EDS, WARN))
+            self._message.show(sentence(_NO_EDS, WARN))
             return
-        self._told.show("")
+        self._message.show("")
         self._list = await in_thread(lambda: ObjectList(od, self._context.place.node_id))
         rows = await in_thread(lambda: self._list.rows if self._list is not None else [])
         if not self._place.is_deleted:
@@ -93,14 +93,14 @@ class ObjectsTab:
         if self._is_left:
             self._is_left = False
             self._watch()
-        if self._tree is not None and self._list is not None and self._is_heard:
+        if self._tree is not None and self._list is not None and self._has_addresses:
             self._turns += 1
             if not self._turns % _ANEW:  # a browser that was away for a moment has not heard all
                 self._show_values()
             if news := self._list.news(desk.live):
                 self._tree.values(news)
-            lost = desk.lost if self._seen and not content.lost else ""
-            self._told.show(sentence(lost, BAD))
+            lost = desk.lost if self._addresses and not content.lost else ""
+            self._message.show(sentence(lost, BAD))
         last = desk.history.last
         self._undo.set_enabled(last is not None and self._context.panel.teleop and not content.lost)
         self._last.show(sentence(f"last write: {last.words}" if last is not None else "nothing was written yet"))
@@ -114,17 +114,17 @@ class ObjectsTab:
 
     def seen(self, addresses: list[str]) -> None:
         """Read the visible objects."""
-        self._seen, self._is_heard = addresses, True
+        self._addresses, self._has_addresses = addresses, True
         self._show_values()
         if not self._is_left:
             self._watch()
 
     def _show_values(self) -> None:
         if self._tree is not None and self._list is not None:
-            self._tree.values(self._list.known(self._context.desk.live, self._seen))
+            self._tree.values(self._list.known(self._context.desk.live, self._addresses))
 
     def _watch(self) -> None:
-        entries = self._list.entries_with_mode(self._seen) if self._list is not None else []
+        entries = self._list.entries_with_mode(self._addresses) if self._list is not None else []
         self._reader.watch(self._page, self._context.desk, entries)
 
     def search(self, text: str) -> None:
@@ -191,7 +191,7 @@ class StatusTab:
             with section("Teleop by target: hold a button"):
                 self._drives = TargetPanel(context.panel, context.node)
             with section("Controlled by"):
-                self._who = Html("cc-stale")
+                self._commander = Html("cc-stale")
             with section("Error history (0x1003)"):
                 self._errors = Html()
                 ui.button("Read again", color="blue-grey-6", on_click=self._read).props("outline dense")
@@ -205,7 +205,7 @@ class StatusTab:
         if reading is not None:
             self._facts.show(facts_table(reading))
             self._bits.show("".join(_bits(axis) for axis in reading.axes) or _GONE)
-            self._who.show(_movers(content, reading))
+            self._commander.show(_movers(content, reading))
         if self._power is not None:
             self._power.show(content)
         if self._drives is not None:
@@ -331,8 +331,8 @@ class DriveView:
             self._choice.props('dense options-dense outlined aria-label="node"').classes("cc-node")
             self._state = Html("cc-node-state")
             with ui.tabs() as tabs:
-                made = {slot.key: ui.tab(slot.key, label=slot.title) for slot in TABS}
-            tabs.value = made[self._key]
+                tab_of = {slot.key: ui.tab(slot.key, label=slot.title) for slot in TABS}
+            tabs.value = tab_of[self._key]
             tabs.on_value_change(lambda event: self._turn(str(event.value)))
             tabs.props("dense no-caps inline-label outside-arrows mobile-arrows align=left").classes("cc-drive-tabs")
 

@@ -55,7 +55,7 @@ class ScopeTab:
         self._context, self._desk, self._client = context, context.desk, ui.context.client
         self._shown: NamedShot | None = None
         self._overlay: NamedShot | None = None
-        self._seen: tuple[ScopeRun | None, int] = (None, 0)
+        self._last_shown: tuple[ScopeRun | None, int] = (None, 0)
         with section("Signals"):
             self._make_form()
             self._state = Html()
@@ -156,9 +156,9 @@ class ScopeTab:
         if run is None:
             return
         tone = IDLE if goes_on else GOOD if run.good else BAD
-        self._state.show(sentence(run.words if not goes_on else f"{run.words}; {run.taken} taken", tone))
-        if (run, run.taken) != self._seen and run.shots:
-            self._seen = run, run.taken
+        self._state.show(sentence(run.words if not goes_on else f"{run.words}; {run.captures} taken", tone))
+        if (run, run.captures) != self._last_shown and run.shots:
+            self._last_shown = run, run.captures
             self._draw(run.shots[-1])
 
     def leave(self) -> None:
@@ -242,9 +242,9 @@ class ScopeTab:
 
     async def _save_png(self) -> None:
         """Save the picture as shown, with zoom and cursors."""
-        look = {"type": "png", "pixelRatio": 2, "backgroundColor": "#ffffff"}
+        options = {"type": "png", "pixelRatio": 2, "backgroundColor": "#ffffff"}
         try:
-            address = await self._chart.run_chart_method("getDataURL", look, timeout=5.0)
+            address = await self._chart.run_chart_method("getDataURL", options, timeout=5.0)
         except TimeoutError:
             address = ""
         head, _, data = str(address).partition(",")

@@ -103,7 +103,7 @@ def show_notice(title: str, text: str) -> None:
 
 LARGEST: Final = {"velocity": 10.0, "position": 3.14, "effort": 1.0}
 """The end of a slider where no limit is known: rad/s, rad, and the unit of efforts."""
-LOOK: Final = "<p class='cc-note'>This page only looks. To drive: <code>canopen-control view --teleop</code></p>"
+READ_ONLY: Final = "<p class='cc-note'>This page only looks. To drive: <code>canopen-control view --teleop</code></p>"
 
 
 def value_slider(label: str, low: float, high: float, step: float, value: float) -> ui.slider:
@@ -121,13 +121,13 @@ def hold_buttons(
     """Create buttons that send `motion(key)` (nothing for None) while held; the page ends the motion."""
     client = ui.context.client
 
-    def told(why: str) -> None:
+    def on_end(why: str) -> None:
         with client:
             show_notice("Not driven", why)
 
     def hold(key: str) -> None:
         command = motion(key)
         if command is not None:
-            context.hold(client.id, command, told)
+            context.hold(client.id, command, on_end)
 
     return HoldButtons(list(buttons), hold, lambda: context.release(client.id), kind)

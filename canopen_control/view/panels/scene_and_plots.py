@@ -37,9 +37,9 @@ class PlotsPanel:
     def __init__(self, context: PanelContext) -> None:
         plots = charts(context.robot.info.joints, context.robot.info.buses)
         with ui.tabs().props("dense align=left no-caps") as tabs:
-            made = {group: ui.tab(group, title) for group, title in _TABS.items()}
-        with ui.tab_panels(tabs, value=made["joints"], animated=False, keep_alive=True).classes("cc-stale"):
-            for group, tab in made.items():
+            tab_of = {group: ui.tab(group, title) for group, title in _TABS.items()}
+        with ui.tab_panels(tabs, value=tab_of["joints"], animated=False, keep_alive=True).classes("cc-stale"):
+            for group, tab in tab_of.items():
                 with ui.tab_panel(tab):
                     StripCharts([chart for chart in plots if chart.group == group], context.robot.history.names, SPAN_S)
 

@@ -14,7 +14,7 @@ from nicegui import ui
 
 from canopen_control.rpc.messages.robot import AxisRequest
 from canopen_control.view.elements.nicegui_elements import HoldButton
-from canopen_control.view.panels.panel import LARGEST, LOOK, hold_buttons, show_notice, value_slider
+from canopen_control.view.panels.panel import LARGEST, READ_ONLY, hold_buttons, show_notice, value_slider
 from canopen_control.view.robot_connection import SOURCE, joint_motion
 from canopen_control.view.targets import MODES, DriveTarget, drive_targets
 
@@ -112,8 +112,8 @@ class TargetPanel:
         self._frame.visible = False
         self._whole = ui.element("div")
         self._rows: dict[str, _Row] = {}
-        self._look = ui.html(LOOK, sanitize=False)
-        self._look.visible = not context.teleop
+        self._read_only = ui.html(READ_ONLY, sanitize=False)
+        self._read_only.visible = not context.teleop
 
     def show(self, content: PageContent) -> None:
         """Update drives, modes and positions."""

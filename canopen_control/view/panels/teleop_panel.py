@@ -16,7 +16,7 @@ from nicegui import ui
 from canopen_control.rpc.messages.robot import SwitchControllers
 from canopen_control.urdf.joint_element import UrdfLimits
 from canopen_control.view.elements.nicegui_elements import HoldButton
-from canopen_control.view.panels.panel import LARGEST, LOOK, hold_buttons, show_notice, value_slider
+from canopen_control.view.panels.panel import LARGEST, READ_ONLY, hold_buttons, show_notice, value_slider
 from canopen_control.view.robot_connection import joint_motion, trajectory_motion, twist_motion
 from canopen_control.view.targets import TargetSliders, drive_targets
 from canopen_control.view.trajectory_player import follows_trajectories
@@ -61,7 +61,7 @@ class TeleopPanel:
         self._positions: dict[str, float | None] = {}
         self._targets: TargetSliders | None = None
         self._arm: TeleopCommands | None = None  # what is held, while the sliders stay as they are
-        self._asked: object = None
+        self._requested: object = None
         self._sliders: dict[str, ui.slider] = {}
         self._shown: object = None
         self._frame = ui.context.slot.parent
@@ -95,7 +95,7 @@ class TeleopPanel:
         active = [taker for taker in takers if taker.state == "active"]
         with self._whole:
             if not self._context.teleop:
-                ui.html(LOOK, sanitize=False)
+                ui.html(READ_ONLY, sanitize=False)
             elif not active:
                 names = escape(", ".join(taker.name for taker in takers))
                 ui.html(_INACTIVE.format(names) if names else _NOTHING, sanitize=False)
@@ -164,8 +164,8 @@ class TeleopPanel:
         def motion(_key: str) -> TeleopCommands | None:
             begins = not targets.driven
             positions = targets.targets(self._positions), float(share.value)
-            if begins or positions != self._asked:  # a slider was set; the way to it begins where the arm is now
-                self._asked = positions
+            if begins or positions != self._requested:  # a slider was set; the way to it begins where the arm is now
+                self._requested = positions
                 self._arm = self._trajectory(controller, *positions)
             return self._arm
 
@@ -203,8 +203,8 @@ class TeleopPanel:
 
     def _range(self, joint: str, interface: str) -> tuple[float, float]:
         """Return the range of a slider by the limits of the description."""
-        found = self._joints.get(joint)
-        limits = found.limits if found is not None else UrdfLimits()
+        own_limits = self._joints.get(joint)
+        limits = own_limits.limits if own_limits is not None else UrdfLimits()
         if interface == "position" and math.isfinite(limits.lower) and math.isfinite(limits.upper):
             return limits.lower, limits.upper if limits.lower < limits.upper else limits.lower + 1.0
         largest = LARGEST.get(interface, 1.0)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 _TOO_LONG: Final = f"{MOST_BYTES} bytes at most are read here; canopen-control trajectory play takes longer files"
-_LOOK: Final = "<p class='cc-note'>To play: <code>canopen-control view --teleop</code></p>"
+_READ_ONLY: Final = "<p class='cc-note'>To play: <code>canopen-control view --teleop</code></p>"
 
 
 class TrajectoryPanel:
@@ -73,9 +73,9 @@ class TrajectoryPanel:
                 ).props("unelevated")
                 self._close = ui.button("Close preview", color="blue-grey-6", on_click=self._forget).props("outline")
             if not self._context.teleop:
-                ui.html(_LOOK, sanitize=False)
+                ui.html(_READ_ONLY, sanitize=False)
         self._bar = ui.linear_progress(0.0, show_value=False).props("instant-feedback")
-        self._told = Html()
+        self._message = Html()
         self._feed = Feed()
         self._presence = PresenceElement(lambda: self._context.player.here(page))
         self._arrange()
@@ -89,7 +89,7 @@ class TrajectoryPanel:
         if self._playing is not None and self._loaded is not None:
             sample = content.state.samples_of(TrajectorySample).get(self._playing)
             self._bar.value, text = progress_of(sample, self._loaded.duration)
-            self._told.show(sentence(text))
+            self._message.show(sentence(text))
         elif self._loaded is not None:
             self._show_point()
 
@@ -120,12 +120,12 @@ class TrajectoryPanel:
             self._hold(loaded)
 
     def _refuse(self, why: str) -> None:
-        self._told.show(sentence(f"Not loaded. {why}", BAD))
+        self._message.show(sentence(f"Not loaded. {why}", BAD))
 
     def _hold(self, loaded: LoadedTrajectory | None) -> None:
         """Preview a trajectory, or end the preview."""
         self._loaded = loaded
-        self._told.show("")
+        self._message.show("")
         if loaded is not None:
             self._slider.props["max"] = max(1, len(loaded.points) - 1)
             self._slider.update()
@@ -187,12 +187,12 @@ class TrajectoryPanel:
         self._playing = None
         with self._client:
             self._begin_or_end()
-            self._told.show(sentence(played.text, GOOD if played.reached else BAD))
+            self._message.show(sentence(played.text, GOOD if played.reached else BAD))
 
     def _begin_or_end(self) -> None:
         self._bar.value = 0.0
         self._table.show("")
         self._place.show("")
-        self._told.show("")
+        self._message.show("")
         self._feed_ghost()
         self._arrange()

@@ -33,7 +33,7 @@ class WorldPanel:
 
     def __init__(self, context: PanelContext) -> None:
         self._context = context
-        self._asked: frozenset[str] | None = None
+        self._drives: frozenset[str] | None = None
         self._whole = ui.expansion("Let something happen in the world").props("dense").classes("cc-stale w-full")
         self._whole.set_visibility(False)
         robot = context.robot
@@ -60,11 +60,11 @@ class WorldPanel:
     def show(self, content: PageContent) -> None:
         """Update the panel after a change of the drives."""
         drives = frozenset(content.faults.drives) if content.faults is not None else frozenset()
-        if drives != self._asked:
-            self._asked = drives
-            background_tasks.create(self._look())
+        if drives != self._drives:
+            self._drives = drives
+            background_tasks.create(self._update_visibility())
 
-    async def _look(self) -> None:
+    async def _update_visibility(self) -> None:
         changeable = await in_thread(self._context.robot.world_client.changeable)
         self._whole.set_visibility(changeable)
 

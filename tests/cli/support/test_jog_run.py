@@ -63,7 +63,7 @@ LIMITS = JogLimits(2.0, 10.0, 1000.0)
 
 
 def jog(value=1.0):
-    return JogRun(DRIVE, JogScale(4096, told=True), JogKind.VELOCITY, value, LIMITS, 5.0)
+    return JogRun(DRIVE, JogScale(4096, is_known=True), JogKind.VELOCITY, value, LIMITS, 5.0)
 
 
 def motion():

@@ -56,7 +56,7 @@ def played(act, od=OD):
 
 def finish(run, *shots):
     run.shots.extend(shots)
-    run.taken += len(shots)
+    run.captures += len(shots)
     run.words, run.over = "1 shot", True
 
 
