@@ -64,7 +64,7 @@ BUS_YML: dict[str, dict[str, str]] = {
         "mandatory": "ros2_canopen's word for `required`",
         "required": "the robot does not start without the node; absent: what `mandatory` says, else true. Where one "
         "of them says true, the loss of a node that moves nothing stops all axes",
-        "allow_unsupervised": "accepts a drive that nothing would stop when the master dies",
+        "allow_unsupervised": "accepts a drive that nothing would stop when the master is lost",
         "reset_communication": "false: a node that runs already is kept alive instead of being reset",
         "software_version": "what 0x1F56:01 must show; 0: anything",
         "configuration_file": "a DCF or concise DCF (`.bin`) that is written before `sdo`; "

@@ -437,7 +437,7 @@ def up_commands(
     kind = link.kind if link is not None else next((kind for kind in _VIRTUAL if name.startswith(kind)), "can")
     if kind in _VIRTUAL:
         if bitrate is not None or sample_point is not None:
-            raise ConfigError(f"{name} is a {kind} interface and has no bit rate; leave the option away")
+            raise ConfigError(f"{name} is a {kind} interface and has no bit rate; omit the option")
         return _up_virtual(name, kind, link)
     if link is None:
         raise ConfigError(

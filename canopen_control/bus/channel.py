@@ -131,7 +131,7 @@ def _python_can(text: str, interface: str, name: str) -> ChannelSpec:
         if key in _KEY_PLACES:
             raise ConfigError(f"channel {text!r}: {key} is said {_KEY_PLACES[key]}, as in pcan:PCAN_USBBUS1@500000")
         if keys.count(key) > 1:
-            raise ConfigError(f"channel {text!r}: {key} is given twice; leave one of them away")
+            raise ConfigError(f"channel {text!r}: {key} is given twice; omit one of them")
     spec = ChannelSpec(ChannelKind.PYTHON_CAN, channel, interface, int(rate) if rate else None, options)
     if interface == _SOCKETCAND:
         _check_socketcand(spec, text)

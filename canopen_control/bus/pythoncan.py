@@ -440,7 +440,7 @@ def open_python_can(
     the message of python-can, or `ConfigError` if a package is missing that the adapter needs.
     """
     if interface not in can.VALID_INTERFACES:
-        raise InterfaceNotFound(channel, f"python-can knows no {interface!r}, but: {', '.join(known_interfaces())}")
+        raise InterfaceNotFound(channel, f"python-can has no {interface!r}, but: {', '.join(known_interfaces())}")
     if (package := missing_package(interface)) is not None:
         raise ConfigError(f"bus {channel}: {interface} needs {package}, which is not installed: pip install {package}")
     keywords: dict[str, Any] = {key: can.util.cast_from_string(value) for key, value in options}

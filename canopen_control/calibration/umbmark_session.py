@@ -71,7 +71,7 @@ class TrueEnds:
     def end(self, text: str, driven: Driven) -> tuple[float, float]:
         """Return the end by the simulation."""
         if driven.truth is None:
-            raise ControlError(f"{text}: the simulation has told no true pose")
+            raise ControlError(f"{text}: the simulation has reported no true pose")
         return driven.truth[0], driven.truth[1]
 
 

@@ -139,7 +139,7 @@ def _does(listener: Listener) -> list[str]:
     return words + ([scope] if scope else [])
 
 
-_HEARS = {None: "hears some identifiers", -1: "hears everything", 0: "only sends", 1: "hears one identifier"}
+_HEARS = {None: "receives some identifiers", -1: "receives everything", 0: "only sends", 1: "receives one identifier"}
 
 
 EXAMPLE = """canopen-control bus list

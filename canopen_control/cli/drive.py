@@ -201,7 +201,7 @@ def _run_buses(args: argparse.Namespace) -> int:
     """Run the drives of a file of several buses."""
     options = [name for name in ("node_id", "can", "eds", "status", "quirk", *_FILES) if getattr(args, name)]
     if options:
-        raise ConfigError(f"--buses: its file says everything; leave --{options[0].replace('_', '-')} away")
+        raise ConfigError(f"--buses: its file says everything; omit --{options[0].replace('_', '-')}")
     from canopen_control.personality import read_personality
     from canopen_control.virtual.bus_group import run_group
 

@@ -3,8 +3,8 @@
 It writes bus.yml, a URDF with <ros2_control> and ros2_controllers.yaml, with comments, and copies the EDS. `check`
 accepts it, and `demo NAME` moves it at once on virtual drives. Values missing from the EDS (counts per revolution, gear
 ratio, dimensions) are filled with guesses and marked as such (`guesses` in bus.yml, which `check` names). What prevents
-a run, such as a drive that would not stop when the master dies, is marked in bus.yml as a PROBLEM, and printed. Before
-you use real drives, run `preflight`.
+a run, such as a drive that would not stop when the master is lost, is marked in bus.yml as a PROBLEM, and printed.
+Before you use real drives, run `preflight`.
 
 Exit codes: 0 good, the files are written; 2 wrong usage, not an EDS, or no robot can be built from it.
 """
@@ -79,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--allow-unsupervised",
         action="store_true",
-        help="accept drives that would not stop, and outputs that would stay on, when this computer dies",
+        help="accept drives that would not stop, and outputs that would stay on, when this computer fails",
     )
     parser.add_argument("--force", action="store_true", help="overwrite the files of an existing folder")
     parser.add_argument(
@@ -192,7 +192,7 @@ def _from_bus(args: argparse.Namespace) -> list[Device]:
     from canopen_control.cli.scan import match_files, survey_channel
 
     if args.node_id:
-        raise ConfigError("--can finds the node ids itself; leave --node-id away")
+        raise ConfigError("--can finds the node ids itself; omit --node-id")
     files = [find_eds(name) for name in args.eds]
     bundled = [find_eds(name) for name in data_names("eds") if name.lower().endswith(".eds")]
     survey = survey_channel(args.can, args.timeout)

@@ -157,7 +157,7 @@ def _bit_timing(args: argparse.Namespace, bus: DirectBus) -> int:
     rate = args.bitrate
     index = AUTOMATIC_BIT_TIMING if rate == AUTO else bit_timing_index(int(rate)) if rate.isdecimal() else None
     if index is None:
-        raise ConfigError(f"bit rate {rate!r}: LSS knows {_rates()} bit/s and {AUTO}")
+        raise ConfigError(f"bit rate {rate!r}: LSS supports {_rates()} bit/s and {AUTO}")
     bus.lss(lambda master: master.configure_bit_timing(index))
     text = f"bit rate {rate}: accepted; `lss activate` changes to it now, `lss store` keeps it for the next power-on"
     print_result(args, {"bitrate": rate if rate == AUTO else int(rate)}, text)

@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--peer-merge", action="store_true", help="let `defaults` of bus.yml take precedence over the nodes' own keys"
     )
     parser.add_argument(
-        "--allow-unsupervised", action="store_true", help="accept drives that do not stop when the master dies"
+        "--allow-unsupervised", action="store_true", help="accept drives that do not stop when the master is lost"
     )
 
 

@@ -166,7 +166,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb; 1 if the bus was lost, or the disk was full."""
     _understand_old_form(args)
     if (args.output is None) is (args.bag is None):
-        raise ConfigError("say where to record to, as in: canopen-control record -o run.log, or record --bag run")
+        raise ConfigError("give a destination, as in: canopen-control record -o run.log, or record --bag run")
     if args.bag is not None:
         return _bag(args)
     format_of(args.output, writing=True)  # a wrong name is reported before a bus is opened

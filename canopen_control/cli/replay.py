@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="serve the recording as a robot, for view and monitor; ROBOT gives its description",
     )
-    parser.add_argument("--force", action="store_true", help="play even if a master or its nodes are alive")
+    parser.add_argument("--force", action="store_true", help="play even if a master or its nodes are active")
     add_network_arguments(parser)
     add_view_arguments(parser)
 
@@ -125,7 +125,7 @@ def _be_watched(args: argparse.Namespace) -> int:
 def _end_with_a_robot(reactor: Reactor, name: str) -> None:
     """End the replay once a real robot runs, so that STOP refers to that robot only."""
     if robots := [socket for socket in list_sockets("robot") if socket != name]:
-        print(f"canopen-control: robot {robots[0]} runs now; the recording makes way for it", file=sys.stderr)
+        print(f"canopen-control: robot {robots[0]} runs now; the recording ends", file=sys.stderr)
         reactor.stop()
     else:
         reactor.call_later(_LOOK_NS, lambda: _end_with_a_robot(reactor, name))
@@ -205,10 +205,10 @@ def _refuse_used_bus(recording: Source, channel: str) -> None:
     node_ids = node_ids_in(recording)
     active, has_master = _listen(channel)
     if has_master:
-        raise ConfigError(f"on {channel} a master is alive: its SYNC or NMT was heard; --force plays all the same")
+        raise ConfigError(f"on {channel} a master is active: its SYNC or NMT was received; --force plays all the same")
     if alive := sorted(active & node_ids or _answering(channel, node_ids)):
         names = ", ".join(str(node_id) for node_id in alive)
-        raise ConfigError(f"on {channel} node {names} of {recording.path} is alive; --force plays all the same")
+        raise ConfigError(f"on {channel} node {names} of {recording.path} is active; --force plays all the same")
 
 
 def _listen(channel: str) -> tuple[set[int], bool]:

@@ -47,9 +47,7 @@ def run_shared(args: argparse.Namespace) -> int:
     for name in _OF_THE_FILE:
         if getattr(args, name):
             option = name.replace("_", "-")
-            raise ConfigError(
-                f"--{option}: without a robot --world runs all that its file names; leave --{option} away"
-            )
+            raise ConfigError(f"--{option}: without a robot --world runs all that its file names; omit --{option}")
     _require_shared_parts(args)
     from canopen_control.runtime.shared_world import SharedRun, read_shared
 
@@ -204,7 +202,7 @@ def add_file_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--allow-unsupervised",
         action="store_true",
-        help="accept drives that do not stop when this program dies, as `allow_unsupervised: true` in bus.yml does",
+        help="accept drives that do not stop when this program ends, as `allow_unsupervised: true` in bus.yml does",
     )
 
 
@@ -390,7 +388,7 @@ def _check_like(args: argparse.Namespace, setup: RobotSetup) -> None:
     from canopen_control.virtual.quirks import quirks_of
 
     if setup.reaches_real_drives or args.mock or args.no_drives:
-        raise ConfigError("--like is for virtual drives that this program starts; leave it away")
+        raise ConfigError("--like is for virtual drives that this program starts; omit it")
     quirks_of(read_personality(args.like))
 
 
@@ -402,7 +400,7 @@ def _check_physics(args: argparse.Namespace, setup: RobotSetup) -> None:
     require_physics()
     check_physics(setup)
     if args.no_drives:
-        raise ConfigError("--physics is of the virtual drives that a run starts; leave --no-drives away")
+        raise ConfigError("--physics is of the virtual drives that a run starts; omit --no-drives")
 
 
 def _plant(args: argparse.Namespace, setup: RobotSetup) -> Path | None:
@@ -411,9 +409,7 @@ def _plant(args: argparse.Namespace, setup: RobotSetup) -> Path | None:
         return None
     for name in ("physics", "real", "mock", "no_drives"):
         if getattr(args, name):
-            raise ConfigError(
-                f"--plant is of the virtual drives that a run starts; leave --{name.replace('_', '-')} away"
-            )
+            raise ConfigError(f"--plant is of the virtual drives that a run starts; omit --{name.replace('_', '-')}")
     from canopen_control.bus.channel import parse_channel
     from canopen_control.virtual.plant_file import read_world
 
@@ -508,7 +504,7 @@ def read_setup(args: argparse.Namespace, files: RobotFiles | None = None, *, kee
     if setup.real:
         setup.require_places(files.hardware.real_word or "--real")
         if args.no_drives:
-            raise ConfigError(f"{files.hardware.real_word} starts no virtual drives; leave --no-drives away")
+            raise ConfigError(f"{files.hardware.real_word} starts no virtual drives; omit --no-drives")
     return setup
 
 
@@ -516,7 +512,7 @@ def world_of(args: argparse.Namespace, files: RobotFiles) -> Path | None:
     """Return the world file of --world or of an argument; ConfigError if the two differ."""
     path = None if getattr(args, "world", None) is None else Path(args.world).resolve()
     if path is not None and files.world not in (None, path):
-        raise ConfigError(f"{files.hardware.world_word} contradicts --world {args.world}; leave one of them away")
+        raise ConfigError(f"{files.hardware.world_word} contradicts --world {args.world}; omit one of them")
     return path or files.world
 
 
@@ -554,7 +550,7 @@ class _EventPrinter(RobotObserver):
 
 
 _NO_DEMO = (
-    "demo moves the robot by itself, and never real drives; leave that away for virtual ones, "
+    "demo moves the robot by itself, and never real drives; omit that for virtual ones, "
     "or: canopen-control run ROBOT --real --can CHANNEL"
 )
 _VIEW = "view"

@@ -285,7 +285,7 @@ def _setup(args: argparse.Namespace) -> RobotSetup:
     from canopen_control.runtime.setup import read_robot
 
     if args.can:
-        raise ConfigError(f"--can {args.can[0]}: a simulation has buses of its own; leave the option away")
+        raise ConfigError(f"--can {args.can[0]}: a simulation has buses of its own; omit the option")
     files = find_files(args)
     files.refuse_hardware("a simulation has drives and buses of its own")
     setup = read_robot(

@@ -288,7 +288,7 @@ def _errors(state: Snapshot) -> dict[str, str]:
 def _unsupervised(state: Snapshot) -> list[str]:
     """Return the drives that do not stop if the robot's program ends."""
     return [
-        f"  {_marked(name, node)}: NOTHING stops this drive when the robot's program dies (allow_unsupervised): "
+        f"  {_marked(name, node)}: NOTHING stops this drive when the robot's program ends (allow_unsupervised): "
         f"{node.unsupervised}"
         for name, node in state.nodes.items()
         if node.unsupervised

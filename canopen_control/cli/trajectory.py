@@ -176,7 +176,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _play(args: argparse.Namespace) -> int:
     if (args.file is None) is (args.waypoints is None):
-        raise ConfigError("say what to play: a file, or --waypoints; as in: canopen-control trajectory play wave.yaml")
+        raise ConfigError("give what to play: a file, or --waypoints; as in: canopen-control trajectory play wave.yaml")
     joints, points = read_trajectory(sample_or_file(args.file)) if args.file is not None else ([], [])
     with RobotClient.connect(args.name) as robot:
         controller = _controller(robot, args)

@@ -165,7 +165,7 @@ def _check_gains(args: argparse.Namespace) -> None:
     if args.store and not (args.apply or args.revert):
         raise ConfigError("--store: nothing is set without --apply or --revert")
     if args.gain and not args.apply:
-        raise ConfigError("--gain says which objects --apply sets; leave it away, or say --apply")
+        raise ConfigError("--gain says which objects --apply sets; omit it, or give --apply")
     if args.json and args.revert:
         raise ConfigError("--json prints what a test has found; --revert is none")
     for gain in args.gain:
@@ -240,7 +240,7 @@ def _confirm(lines: list[str], args: argparse.Namespace, say: Callable[[str], No
     if args.yes:
         return
     if not sys.stdin.isatty():
-        raise ConfigError("nothing moves unless the limits are confirmed: say --yes, or ask at a terminal")
+        raise ConfigError("nothing moves unless the limits are confirmed: give --yes, or confirm at a terminal")
     question = "the shaft is free, and it may move so? [y/N] "
     if args.json:
         say(question)

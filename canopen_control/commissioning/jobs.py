@@ -201,7 +201,7 @@ class MotionOptions:
         None, "position counts per turn, if neither EDS nor drive gives them", metavar="N", read=_positive
     )
     axis: int = option(0, "axis number of a drive with several", metavar="N", read=whole_between(0, 7, "axis: 0 to 7"))
-    allow_unsupervised: bool = option(False, "accept a drive that would not stop when this computer dies")
+    allow_unsupervised: bool = option(False, "accept a drive that would not stop when this computer fails")
 
 
 @dataclass(frozen=True, slots=True)

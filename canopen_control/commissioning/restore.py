@@ -333,7 +333,7 @@ def _wait_for_answer(session: NodeSession) -> None:
         except SdoTimeout:
             continue
         return
-    raise DriveError(f"{session}: no answer {_STORE_S:g} s after it was told to store; do not switch it off yet")
+    raise DriveError(f"{session}: no answer {_STORE_S:g} s after the store command; do not switch it off yet")
 
 
 # What a drive held before a change, as a DCF in the user's state folder that outlasts this process.
@@ -497,7 +497,7 @@ def refuse_other_drive(file: ParameterSet, session: NodeSession) -> None:
     if serial is None or serial != file.identity.serial_number:
         raise ConfigError(
             f"{file.where} is of node {file.node_id}, and {session} is another drive; nothing was written: name node "
-            f"{file.node_id}, or say --any-node if it is meant to have these parameters"
+            f"{file.node_id}, or give --any-node if it is meant to have these parameters"
         )
 
 

@@ -41,7 +41,7 @@ _TIMEOUT_S: Final = 2.0
 def capture_of(options: ScopeOptions, signals: int, faults: int = 0) -> ScopeCapture:
     """Return the memory for a number of signals, followed by that of `faults` statuswords; ConfigError."""
     if not signals:
-        raise ConfigError("choose what to look at: one signal at least")
+        raise ConfigError("choose at least one signal")
     if signals > MOST_SIGNALS:
         raise ConfigError(f"{signals} signals are too many for one look; {MOST_SIGNALS} at most")
     if options.before is not None and not options.trigger:

@@ -357,7 +357,7 @@ def settable_gains(
             )
         raise ConfigError(
             f"{session}: it is unknown which of its objects hold {' and '.join(missing)} "
-            "or what their numbers are worth, if it has such loops (a stepper has none); leave --apply away, or name "
+            "or what their numbers are worth, if it has such loops (a stepper has none); omit --apply, or name "
             "them: --gain velocity_p=0x3210:01*0.001"
         )
     return objects

@@ -76,4 +76,4 @@ def unlimited_warning(key: str, timeout: float | None, interfaces: Iterable[str]
     """Return the warning about an explicit timeout of 0 for velocities or efforts, else None."""
     if timeout != 0.0 or not MOVING.intersection(interfaces):
         return None
-    return f"{key} is 0, so a command never ends by itself: what moves goes on when its sender dies"
+    return f"{key} is 0, so a command never ends by itself: what moves continues when its sender ends"

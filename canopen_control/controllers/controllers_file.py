@@ -86,7 +86,7 @@ class ManagerParams:
     }
 
     update_rate: int = setting(100, low=1, high=10_000, help="Hz of the controllers, at most that of the cycle")
-    use_sim_time: bool = setting(False, help="for simulated robots; elsewhere it is told to have no effect")
+    use_sim_time: bool = setting(False, help="for simulated robots; elsewhere it is reported to have no effect")
     enforce_command_limits: bool = setting(False, help="whether commands are kept within the limits of the description")
     handle_exceptions: bool = setting(True, help="has no effect: an exception of a controller never ends the cycle")
     lock_memory: bool = setting(False, help="has no effect: `run --realtime` locks it")

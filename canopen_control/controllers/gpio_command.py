@@ -55,7 +55,7 @@ class GpioParams(CommonParams):
         key="state_interfaces",
         section=True,
         factory=dict,
-        help="`.GPIO.interfaces`: the state interfaces that are told; none: every one of that gpio",
+        help="`.GPIO.interfaces`: the published state interfaces; none: every one of that gpio",
     )
     safe_values: dict[str, float] = setting(
         key="safe_values",

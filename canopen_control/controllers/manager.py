@@ -370,7 +370,7 @@ class ControllerManager:
         """Report a refusal of a controller once, until it accepts a command."""
         if name not in self._told_refusal and not isinstance(error, NotYetEnabled):
             self._told_refusal.add(name)
-            self._report("refused", name, f"{error} (from {source or 'not named'}; told once)")
+            self._report("refused", name, f"{error} (from {source or 'not named'}; reported once)")
 
     def _require_enabled(self, controller: Controller) -> None:
         """Raise NotEnabled, and count it, if no interface group is fully enabled."""

@@ -190,7 +190,7 @@ class CommonParams:
     update_rate: int = setting(0, low=0, help="Hz; 0: the controller manager's")
     use_sim_time: bool = setting(
         False,
-        help="for simulated robots, which publish /clock; elsewhere it is told to have no effect: stamps that "
+        help="for simulated robots, which publish /clock; elsewhere it is reported to have no effect: stamps that "
         "follow a `/clock` are the bridge's `use_sim_time`",
     )
     is_async: bool = setting(False, help="has no effect: all controllers run in the cycle")

@@ -52,7 +52,7 @@ class SteeringParams(BaseParams):
         (), help="joints where steering is measured; empty: the same"
     )
     open_loop: bool = setting(
-        False, help="odometry and the speeds of the wheels by the wanted curve instead of the measured one"
+        False, help="odometry and the speeds of the wheels from the desired curve instead of the measured one"
     )
     reduce_wheel_speed_until_steering_reached: bool = setting(
         False, help="drives slowly while the steering is 30 degrees or more off"

@@ -51,11 +51,11 @@ class AxisPhase(enum.Enum):
     BRAKING = "a controlled stop: its target ramps to zero"
     SETTLING = "a controlled stop: its target stands; waits until it and its group stand still"
     DISABLING = "told to disable by the drive's own ramp, and not seen disabled yet"
-    QUICK_STOPPING = "told to quick stop by a user"
+    QUICK_STOPPING = "commanded to quick stop by a user"
     QUICK_STOPPED = "stopped by a quick stop; with power or without, as the drive's 0x605A says"
-    ESCALATED = "its stop took too long: told to quick stop"
-    VOLTAGE_OFF = "its quick stop took too long: told to disable voltage, what turns coasts"
-    UNSTOPPED = "nothing it was told was seen to stop it"
+    ESCALATED = "its stop took too long: quick stop commanded"
+    VOLTAGE_OFF = "its quick stop took too long: voltage disabled, a turning motor coasts"
+    UNSTOPPED = "no stop command had a visible effect"
 
 
 class PhaseTrigger(enum.Enum):

@@ -192,9 +192,9 @@ _FAULTED = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 _MAY_HOME: Final = (AxisPhase.READY, AxisPhase.HOMING)
 _OVERDUE: Final = {
-    AxisPhase.ESCALATED: "has not stopped in time; told to quick stop",
+    AxisPhase.ESCALATED: "has not stopped in time; quick stop commanded",
     AxisPhase.VOLTAGE_OFF: "its quick stop was not seen to end; its voltage is disabled: what turns coasts",
-    AxisPhase.UNSTOPPED: "nothing it was told was seen to stop it: it may have power; cut its supply if it moves",
+    AxisPhase.UNSTOPPED: "no stop command had a visible effect: it may have power; cut its supply if it moves",
 }
 _LATE: Final = (
     "it is enabled and does not follow its set-points, which go on: it would leap to them; give it `enable_settle_ms` "

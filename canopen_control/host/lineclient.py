@@ -173,4 +173,4 @@ class LineClient:
         return bool(poll.poll(wait_ms))
 
     def _closed_error(self) -> RemoteError:
-        return RemoteError("BusClosed", f"{self.label} has closed the connection; it was shut down or has died")
+        return RemoteError("BusClosed", f"{self.label} has closed the connection; it was shut down or killed")

@@ -424,10 +424,10 @@ class _Reader:
             return plan
         accepts = "`allow_unsupervised: true` accepts that, or --allow-unsupervised"
         if self._allow_unsupervised:
-            accepted = "nothing stops this drive when the master dies, which --allow-unsupervised accepts"
+            accepted = "nothing stops this drive when the master is lost, which --allow-unsupervised accepts"
             warn("dcf", f"{accepted}: {plan.unsupervised}")
         elif not config.supervision.allow_unsupervised:
-            complain("dcf", f"nothing would stop this drive when the master dies: {plan.unsupervised}; {accepts}")
+            complain("dcf", f"nothing would stop this drive when the master is lost: {plan.unsupervised}; {accepts}")
         return plan
 
     def _note(self, key: str, text: str) -> None:

@@ -159,7 +159,7 @@ class DirectBus:
         """Return the error of a request; a missing answer is explained by heartbeats or the port if possible."""
         error = request.error
         if isinstance(error, SdoTimeout) and self._down:
-            return BusError(f"{self._down}; node {error.node_id} could not be asked")
+            return BusError(f"{self._down}; node {error.node_id} could not be read")
         if isinstance(error, SdoTimeout) and self.states.get(error.node_id) is NmtState.STOPPED:
             return SdoStopped(error)
         return error

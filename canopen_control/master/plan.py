@@ -303,7 +303,7 @@ def _check_identity(builder: PlanBuilder) -> None:
         ("product_code", expected.product_code, device.product_number),
     ):
         if value and actual and value != actual:
-            text = f"0x{value:X} is asked of the device, {builder.file} is for 0x{actual:X}; correct one of them"
+            text = f"0x{value:X} is required of the device, {builder.file} is for 0x{actual:X}; correct one of them"
             builder.warn(key, text)
 
 
@@ -438,7 +438,7 @@ def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
                 builder.write(CONSUMER, subindex, 0, "dcf", f"0x1016:{chosen:02X} watches the master", optional=True)
             else:
                 builder.write_downloaded(CONSUMER, subindex)
-    reason = "" if keys.heartbeat_consumer else "the node notices when the master dies"
+    reason = "" if keys.heartbeat_consumer else "the node notices when the master is lost"
     builder.write(CONSUMER, chosen, consumer_entry(master.node_id, timeout), "heartbeat_consumer", reason)
     builder.note_overruled(CONSUMER, chosen, "heartbeat_consumer")
 
@@ -461,19 +461,19 @@ def _plan_producer(builder: PlanBuilder) -> int:
     if not keys.heartbeat_producer:
         if (listed := builder.listed_value(PRODUCER)) is not None:
             if not listed:
-                builder.warn("sdo", "0x1017 is set to 0: the master does not notice when this node dies")
+                builder.warn("sdo", "0x1017 is set to 0: the master does not notice when this node is lost")
             return listed
         if fixed or not builder.can_write(PRODUCER, 0):
             if not fixed:
                 cannot = "cannot be written" if (PRODUCER, 0) in builder.od else f"is not in {builder.file}"
                 can_guard = builder.can_write(GUARD_TIME, 0) and builder.can_write(LIFE_TIME, 0)
                 way = "give it guard_time" if can_guard else "it has no node guarding (0x100C, 0x100D) either"
-                builder.warn("dcf", f"0x1017 {cannot}: the master does not notice when this node dies; {way}")
+                builder.warn("dcf", f"0x1017 {cannot}: the master does not notice when this node is lost; {way}")
             return fixed
         if period := builder.downloaded_value(PRODUCER):
             builder.write_downloaded(PRODUCER, 0)
             return period
-    reason = "" if keys.heartbeat_producer else "the master notices when the drive dies"
+    reason = "" if keys.heartbeat_producer else "the master notices when the drive is lost"
     builder.write(PRODUCER, 0, keys.heartbeat_ms, "heartbeat_producer", reason)
     builder.note_overruled(PRODUCER, 0, "heartbeat_producer" if keys.heartbeat_producer else "the default")
     return keys.heartbeat_ms
@@ -520,7 +520,7 @@ def _watches(builder: PlanBuilder, master: MasterConfig, *, guarded: bool) -> bo
         builder.warn(
             "heartbeat_consumer",
             f"0x1016 gives the master {min(times)} ms, and its heartbeat comes every {master.heartbeat_ms} ms: "
-            "the node takes it for dead again and again; give it three heartbeats",
+            "the node repeatedly regards it as lost; give it three heartbeats",
         )
     return bool(times)
 

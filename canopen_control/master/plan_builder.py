@@ -181,7 +181,7 @@ def _add_interpolation(builder: PlanBuilder, index: int, sync_period_us: int) ->
             builder.warn(
                 "dcf",
                 f"0x{index:04X}:02, the unit of the interpolation period, cannot be written, and {sync_period_us} us "
-                f"cannot be told in {unit}; done without ({reason})",
+                f"cannot be expressed in {unit}; done without ({reason})",
             )
             return
         value = fitting

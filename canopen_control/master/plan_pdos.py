@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 _SMALLEST_CHANGE: Final = 64  # of 32767: default of the change that causes a message
 _EVENT_TYPES: Final = (254, 255)
-_SAFE: Final = "outputs are safe when the master dies"
+_SAFE: Final = "outputs are safe when the master is lost"
 
 
 def plan_signals(builder: PlanBuilder, profile: Profile, axes: tuple[int, ...]) -> dict[str, Signal]:
@@ -175,7 +175,9 @@ def _plan_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
     keeping = [output for output in outputs if not _plan_safe(builder, output)]
     if keeping:
         places = ", ".join(f"0x{safe.output[0]:04X}:{safe.output[1]:02X}" for safe in keeping)
-        builder.warn("dcf", f"the outputs {places} keep their values when the master dies: nothing switches them off")
+        builder.warn(
+            "dcf", f"the outputs {places} keep their values when the master is lost: nothing switches them off"
+        )
 
 
 def warn_of_unwatched_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
@@ -183,7 +185,8 @@ def warn_of_unwatched_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -
     live = _mapped_signals(builder, "rpdo")
     if any(safe_output.output in live for safe_output in safe_outputs(signals, builder.od)):
         builder.warn(
-            "dcf", "the outputs are not switched off when the master dies: the node has no heartbeat consumer (0x1016)"
+            "dcf",
+            "the outputs are not switched off when the master is lost: the node has no heartbeat consumer (0x1016)",
         )
 
 

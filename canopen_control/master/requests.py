@@ -29,7 +29,7 @@ LETTERS = {
     "D": "another vendor",
     "E": "kept alive, but no heartbeat shows its state",
     "F": "kept alive, but guarding is not answered",
-    "G": "its software version cannot be told",
+    "G": "its software version cannot be read",
     "H": "another software version",
     "I": "another software version, and firmware is not downloaded",
     "J": "configuration failed",

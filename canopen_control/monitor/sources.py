@@ -124,7 +124,7 @@ class BusTable:
     def content(self, now: int, title: str, facts: tuple[str, ...]) -> MonitorContent:
         """Return the tables at `now`, Unix ns."""
         rows = sorted(self._nodes.items())
-        state = Cell("listening", Tone.GOOD) if rows else Cell("listening, no node is heard", Tone.WARN)
+        state = Cell("listening", Tone.GOOD) if rows else Cell("receiving, no node is seen", Tone.WARN)
         drives = {str(node_id): self._row(node_id, node, now) for node_id, node in rows}
         joints = {
             f"{node_id}/{number}": self._joint(node_id, number, axis)

@@ -468,7 +468,9 @@ class EntryReader:
         text, _, comment = (part.strip() for part in section.get("accesstype").lower().partition("#"))
         access = _ACCESS.get(text)
         if access is not None and comment:
-            said = f"AccessType={clip(section.get('accesstype'))}: the comment after # is cut off; CiA 306 knows ; only"
+            said = (
+                f"AccessType={clip(section.get('accesstype'))}: the comment after # is cut off; CiA 306 allows only ;"
+            )
             self.report.warning(section.line_of("accesstype"), "number-comment", said)
         if access is None:
             access = _ACCESS_ALIASES.get(text, "rw")

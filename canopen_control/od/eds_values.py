@@ -53,7 +53,7 @@ class Number(NamedTuple):
     issue: ValueIssue | None = None
 
 
-_COMMENT = ValueIssue("number-comment", Severity.WARNING, "the comment after # is cut off; CiA 306 knows ; only")
+_COMMENT = ValueIssue("number-comment", Severity.WARNING, "the comment after # is cut off; CiA 306 allows only ;")
 _SUFFIX = ValueIssue("number-suffix", Severity.WARNING, "the suffix is ignored")
 _WORD = ValueIssue("number-word", Severity.NOTE, "TRUE is taken as 1, FALSE as 0")
 _H = ValueIssue("number-suffix", Severity.WARNING, "the suffix h is taken as hexadecimal")

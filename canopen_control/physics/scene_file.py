@@ -205,7 +205,7 @@ def _check(file: WorldDescription, _problems: Problems) -> None:
 def _check_robots(file: WorldDescription) -> None:
     """Report invalid and duplicate names of robots, and steps for unknown robots."""
     if file.robots and file.start is not None:
-        file.robots[0].here.error("each robot has its own at and heading; leave `start` away")
+        file.robots[0].here.error("each robot has its own at and heading; omit `start`")
     names: set[str] = set()
     for robot in file.robots:
         if _NAME.fullmatch(robot.name) is None:  # it is also the name of a bus and of a ROS namespace

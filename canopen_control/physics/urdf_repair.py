@@ -172,7 +172,7 @@ def _check_inertia(link: ET.Element, description: UrdfDescription, notes: list[s
     moments, axes = np.linalg.eigh(matrix)
     listed = ", ".join(f"{moment:.4g}" for moment in moments)
     if moments[0] < _LEAST_MOMENT and (matrix.any() or _is_moved(description, name)):
-        advice = "correct it, or leave <inertial> away: then the shapes give it"
+        advice = "correct it, or omit <inertial>: then the shapes give it"
         problems.append(f"{place}: no body of {mass:g} kg has the moments of inertia {listed} kg m²; {advice}")
         return
     most = moments[0] + moments[1]

@@ -103,7 +103,7 @@ def check_physics(setup: RobotSetup) -> None:
     """Raise RobotConfigError if no virtual drives can move the robot in physics, PhysicsError for its world."""
     if setup.real or setup.mock:
         option = "--real" if setup.real else "--mock"
-        raise RobotConfigError(f"--physics is for virtual drives; leave {option} away")
+        raise RobotConfigError(f"--physics is for virtual drives; omit {option}")
     if setup.files.bus_alone:
         raise RobotConfigError(f"--physics: {setup.files.bus} has no description, so that there is nothing to move")
     for channel in setup.channels.values():

@@ -65,7 +65,7 @@ class AskedHardware:
         if can:
             if self.channel in {name_and_channel(text)[1] for text in can}:
                 return list(can)
-            raise RobotConfigError(f"{self.channel_word} contradicts --can {can[0]}; leave one of them away")
+            raise RobotConfigError(f"{self.channel_word} contradicts --can {can[0]}; omit one of them")
         if len(buses) > 1:
             names = " ".join(f"--can {name}=" for name in buses)
             raise RobotConfigError(
@@ -76,7 +76,7 @@ class AskedHardware:
     def is_real(self, *, option: bool) -> bool:
         """Return whether the drives are real, by `--real` or an argument; RobotConfigError if they contradict."""
         if option and self.real is False:
-            raise RobotConfigError(f"{self.real_word} contradicts --real; leave one of them away")
+            raise RobotConfigError(f"{self.real_word} contradicts --real; omit one of them")
         return option or bool(self.real)
 
 
@@ -154,7 +154,7 @@ class RobotFiles:
         """Raise RobotConfigError for an argument that requests an impossible channel or real drives."""
         word = self.hardware.channel_word or (self.hardware.real_word if self.hardware.real else "")
         if word:
-            raise RobotConfigError(f"{word}: {why}; leave the argument away")
+            raise RobotConfigError(f"{word}: {why}; omit the argument")
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -212,7 +212,7 @@ def find_robot(
     missing += _irregular((main, control, described, *more.values()))
     foreign = next((word for word in words if word not in hardware.names), None)
     if alone and foreign and launched is None:
-        missing.append(f"{main} is a bus without a description, so it has no arguments; leave {foreign}:= away")
+        missing.append(f"{main} is a bus without a description, so it has no arguments; omit {foreign}:=")
     if missing or (no_bus and (more or bus is not None)):
         needed = control == described == Path() or bool(more) or bus is not None
         _refuse_missing(launch if folder is None else None, launched, no_bus, missing, needed=needed)
@@ -303,7 +303,7 @@ def _refuse_unheeded(idle: Iterable[str]) -> None:
         if set(word.partition(":=")[0].lower().split("_")) & (_FAKE_WORDS | {"hardware"}):
             raise RobotConfigError(
                 f"{word} reaches neither the description nor a file of this robot, so it would choose nothing; leave "
-                "it away and say --mock, --real with --can CHANNEL, or none of these for virtual drives"
+                "it away and give --mock, --real with --can CHANNEL, or none of these for virtual drives"
             )
 
 

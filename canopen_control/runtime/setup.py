@@ -204,7 +204,7 @@ def read_robot(
     name = name or files.name
     real = files.hardware.is_real(option=real)
     if real and mock:
-        raise RobotConfigError(f"{files.hardware.real_word} contradicts --mock; leave one of them away")
+        raise RobotConfigError(f"{files.hardware.real_word} contradicts --mock; omit one of them")
     on_drives = real or physics or drives
     read = partial(_buses, files, peer_merge, allow_unsupervised)
     buses, description, control, buses_expected = _contents(
@@ -307,10 +307,10 @@ def _told_by_files(
 def _refuse_for_a_bus(files: RobotFiles, *, mock: bool) -> None:
     """Raise RobotConfigError for options without meaning on a bus without controllers."""
     if mock:
-        raise RobotConfigError(f"--mock: {files.bus} is a bus without controllers; leave the option away")
+        raise RobotConfigError(f"--mock: {files.bus} is a bus without controllers; omit the option")
     if files.arguments:
         arguments = ", ".join(f"{name}:=" for name in files.arguments)
-        raise RobotConfigError(f"{arguments}: a bus without controllers has no description; leave the arguments away")
+        raise RobotConfigError(f"{arguments}: a bus without controllers has no description; omit the arguments")
 
 
 def _buses(files: RobotFiles, peer_merge: bool, allow_unsupervised: bool) -> dict[str, BusConfig]:
@@ -394,14 +394,14 @@ def _choose_sync(
 def _require_kernel_sync(buses: Mapping[str, BusConfig], channels: Mapping[str, str], *, mock: bool) -> None:
     """Refuse kernel SYNC on a bus that does not support it, or without SYNC."""
     if mock or not buses:
-        raise RobotConfigError("--kernel-sync: there is no bus; leave the option away")
+        raise RobotConfigError("--kernel-sync: there is no bus; omit the option")
     for name, config in buses.items():
         if not config.master.sync_period:
             raise RobotConfigError(f"--kernel-sync: {config.path} has no sync_period, so that there is no SYNC to send")
         if parse_channel(channels[name]).kind is not ChannelKind.SOCKETCAN:
             raise RobotConfigError(
                 f"--kernel-sync: the kernel cannot send SYNC on {channels[name]}, where this program does it; "
-                "leave the option away, or use a SocketCAN interface such as --can vcan0"
+                "omit the option, or use a SocketCAN interface such as --can vcan0"
             )
 
 

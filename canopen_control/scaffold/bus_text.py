@@ -184,7 +184,7 @@ def _kept_pdos(robot: NewRobot, node: NewNode) -> list[str]:
     if not outputs or not robot.allow_unsupervised:
         return []
     text = remark(
-        "signals:", "NOTHING switches these outputs off when this computer dies: the device has no error modes"
+        "signals:", "NOTHING switches these outputs off when this computer fails: the device has no error modes"
     )
     return [text, *(f"  - {{name: {name}, safe: keep}}" for name in outputs)]
 
@@ -203,7 +203,7 @@ def _supervision(robot: NewRobot, node: NewNode) -> list[str]:
         lines.append(remark(f"guard_time: {robot.heartbeat_ms}", text))
         lines.append(remark("life_time_factor: 5", "0x100D: each side times out after five guard times"))
     if robot.allow_unsupervised and node.profile is Profile.DRIVE and not watched.stops_alone:
-        lines.append(remark("allow_unsupervised: true", "NOTHING stops this drive when this computer dies"))
+        lines.append(remark("allow_unsupervised: true", "NOTHING stops this drive when this computer fails"))
     lines.append(remark("missed_syncs: 10", "feedback is stale after ten SYNCs without it"))
     return lines
 

@@ -202,7 +202,7 @@ def plan_robot(
             barring.append(f"{device.eds}: {nodes[-1].unusable}")
         if not nodes[-1].supervision.stops_alone and not allow_unsupervised:
             barring.append(
-                f"{device.eds}: nothing stops node {device.node_id} when this computer dies: no heartbeat consumer "
+                f"{device.eds}: nothing stops node {device.node_id} when this computer fails: no heartbeat consumer "
                 "(0x1016) that can be set, no node guarding; with an emergency stop in reach, add --allow-unsupervised"
             )
     base = "none" if any(node.unusable for node in nodes) else base

@@ -178,7 +178,7 @@ class DescriptionReader:
         is_xacro = file.suffix == ".xacro" or "xmlns:xacro" in self._source
         required = [name for name in mappings or () if not name.endswith("?")]
         if required and not is_xacro:
-            raise RobotConfigError(f"{path}: it is not a xacro, so it has no arguments; leave {required[0]}:= away")
+            raise RobotConfigError(f"{path}: it is not a xacro, so it has no arguments; omit {required[0]}:=")
         self._xacro = XacroRun(file, mappings or {}) if is_xacro else None
 
     def __enter__(self) -> DescriptionReader:

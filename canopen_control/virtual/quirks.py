@@ -61,7 +61,7 @@ def parse_quirk(text: str) -> QuirkSetting:
     axis = None
     if at:
         if quirk.axis is None:
-            raise ConfigError(f"quirk {text!r}: {name} is about the node as a whole; leave @{place} away")
+            raise ConfigError(f"quirk {text!r}: {name} is about the node as a whole; omit @{place}")
         if not place.isdecimal() or int(place) > 7:
             raise ConfigError(f"quirk {text!r}: after @ comes the number of an axis, 0 to 7")
         axis = int(place)
@@ -72,7 +72,7 @@ def _strength(quirk: Quirk, text: str, number: str | None) -> float:
     strength = quirk.strength
     if strength is None:
         if number is not None:
-            raise ConfigError(f"quirk {text!r}: {quirk.name} has no strength; leave ={number} away")
+            raise ConfigError(f"quirk {text!r}: {quirk.name} has no strength; omit ={number}")
         return 0.0
     if number is None:
         return strength.default

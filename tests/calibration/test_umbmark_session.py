@@ -96,7 +96,7 @@ def test_measured_ends_count_less_what_odometry_said():
 
 
 def test_a_simulation_that_tells_no_pose_is_told():
-    with pytest.raises(ControlError, match="run 1: the simulation has told no true pose"):
+    with pytest.raises(ControlError, match="run 1: the simulation has reported no true pose"):
         TrueEnds(lambda _: None).end("run 1", Driven((0.0, 0.0, 0.0)))
 
 

@@ -185,7 +185,7 @@ def test_a_timeout_of_zero_is_for_ever(name, tmp_path):
     base = BASES[name][0] if name in BASES else FIRST[name]
     assert found(files) == [
         f"ros2_controllers.yaml:{line_of(files, 'controllers', f'{key}: 0.0')}: warning: {base}: {key} is 0, so a "
-        "command never ends by itself: what moves goes on when its sender dies; give the time after which silence is "
+        "command never ends by itself: what moves continues when its sender ends; give the time after which silence is "
         "a stop, such as 2 s"
     ]
 

@@ -180,5 +180,5 @@ def test_processes_serve_sockets_until_ctrl_c_or_the_end_of_the_robot(stage):
         stage.call("shutdown")
         assert private.wait() == 1
         assert client.recv(100) == b""
-    assert private.err == "canopen-control: robot gwp has closed the connection; it was shut down or has died\n"
+    assert private.err == "canopen-control: robot gwp has closed the connection; it was shut down or killed\n"
     assert not os.path.exists(path)

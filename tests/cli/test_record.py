@@ -142,7 +142,7 @@ def test_a_bus_that_nobody_has_is_no_bus_to_record(folders, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--can", "local:x"], "say where to record to, as in: canopen-control record -o run.log"),
+        (["--can", "local:x"], "give a destination, as in: canopen-control record -o run.log"),
         (["local:x"], "say where to record to"),
         (["local:x", "--can", "local:y", "-o", "run.log"], "two buses, local:x and local:y"),
         (["--can", "local:x", "-o", "run.db"], ".log, .asc, .blf, .trc"),

@@ -89,7 +89,7 @@ def test_where_a_master_is_alive_nothing_is_played(folders, log, capsys):
         stopped.set()
         thread.join()
         master.close()
-    assert "on local:bench a master is alive: its SYNC or NMT was heard" in capsys.readouterr().err
+    assert "on local:bench a master is active: its SYNC or NMT was received" in capsys.readouterr().err
     assert {frame.can_id for frame in frames_of(ear.receive())} == {0x080}
     ear.close()
 
@@ -129,7 +129,7 @@ def test_a_flight_recording_is_watched_as_a_robot_until_one_runs(stage, flight):
         assert "left_wheel_joint" in client.ask(GetDescription()).urdf
     other = stage.start("run", "robby", "--mock", "--for", "20")
     assert program.wait() == 0
-    assert "robot robby runs now; the recording makes way for it" in program.err
+    assert "robot robby runs now; the recording ends" in program.err
     again = stage.start("replay", flight, "--page")
     assert again.wait() == 2
     assert "robot robby runs, and STOP must always refer to one robot" in again.err

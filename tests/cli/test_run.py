@@ -52,7 +52,7 @@ def test_an_argument_that_names_a_world_is_for_physics_and_counts_as_the_option(
     assert read_setup(parse("robby", "--physics", "--world", str(hall))).world == hall
     for arguments, said in (
         (["robby", word], f"{word} is of a robot with physics; give --physics too"),
-        (["robby", "--physics", word, "--world", "o.yml"], f"{word} contradicts --world o.yml; leave one of them away"),
+        (["robby", "--physics", word, "--world", "o.yml"], f"{word} contradicts --world o.yml; omit one of them"),
     ):
         assert main(["run", *arguments]) == 2
         assert said in capsys.readouterr().err
@@ -93,12 +93,12 @@ def test_a_run_on_virtual_drives_in_this_process(capsys):
         (["robby", "--like", "emo"], "no personality 'emo', did you mean 'elmo'?"),
         (["robby", "--like", "elmo", "--mock"], "--like is for virtual drives that this program starts"),
         (["robby", "--like", "elmo", "--can", "vcan9", "--no-drives"], "--like is for virtual drives"),
-        (["robby", "--physics", "--mock"], "leave --mock away"),
-        (["robby", "--physics", "--no-drives"], "leave --no-drives away"),
+        (["robby", "--physics", "--mock"], "omit --mock"),
+        (["robby", "--physics", "--no-drives"], "omit --no-drives"),
         (["robby", "--physics", "--can", "memory:x"], "use --can local:NAME"),
-        (["robby", "--plant", "none.yml", "--mock"], "leave --mock away"),
-        (["robby", "--plant", "none.yml", "--no-drives"], "leave --no-drives away"),
-        (["robby", "--plant", "none.yml", "--physics"], "leave --physics away"),
+        (["robby", "--plant", "none.yml", "--mock"], "omit --mock"),
+        (["robby", "--plant", "none.yml", "--no-drives"], "omit --no-drives"),
+        (["robby", "--plant", "none.yml", "--physics"], "omit --physics"),
         (["robby", "--plant", "none.yml", "--can", "memory:x"], "use --can local:NAME"),
         (["robby", "--plant", "none.yml"], "none.yml"),
         (["robby", "--can", "left=can0"], "left"),

@@ -51,7 +51,7 @@ def test_a_scenario_is_played(capsys, tmp_path):
         (["robby", "--faults", "silnt"], "did you mean 'silent'?"),
         (["robby", "--faults", ""], "--faults '': a name is empty"),
         (["robby", "--faults", "silent,"], "--faults 'silent,': a name is empty"),
-        (["robby", "--can", "vcan0"], "leave the option away"),
+        (["robby", "--can", "vcan0"], "omit the option"),
         (["robby", "--record", "/proc/x/y.zip"], "nothing can be written to /proc/x"),
         (["robby", "--ros-args", "-p"], "--ros-args is for the ROS bridge; start it with --ros"),
         (["--world", "hall.yml", "--serve"], "--serve is of one robot"),

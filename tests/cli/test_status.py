@@ -152,7 +152,7 @@ def test_a_drive_that_nothing_stops_has_a_mark_and_a_line():
     lines = render(sample_of({**STATE, "nodes": {"left_drive": node}}))
     assert any(line.startswith("left_drive (5) !  ") for line in lines)
     assert lines[-1] == (
-        "  left_drive (5) !: NOTHING stops this drive when the robot's program dies (allow_unsupervised): "
+        "  left_drive (5) !: NOTHING stops this drive when the robot's program ends (allow_unsupervised): "
         "it has no 0x1016"
     )
 

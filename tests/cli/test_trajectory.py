@@ -88,7 +88,7 @@ def test_what_the_joints_do_is_recorded_and_played_again(arm, wave, tmp_path, ca
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["play"], "say what to play: a file, or --waypoints"),
+        (["play"], "give what to play: a file, or --waypoints"),
         (["play", "x.yaml", "--waypoints", "0"], "say what to play"),
         (["play", "--waypoints", "0 0"], "'0 0', is not one position for each of the 6 joints"),
         (["play", "--waypoints", "0", "--controller", "leg"], "no controller 'leg' is loaded"),

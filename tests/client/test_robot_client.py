@@ -324,7 +324,7 @@ def test_a_notification_is_not_answered(robot, client):
 
 def test_a_robot_that_dies_in_the_middle_of_a_call_is_one_sentence(robot, client):
     with pytest.raises(
-        RemoteError, match=r"^robot robby has closed the connection; it was shut down or has died$"
+        RemoteError, match=r"^robot robby has closed the connection; it was shut down or killed$"
     ) as caught:
         client.ask(Shutdown())
     assert caught.value.kind == "BusClosed"

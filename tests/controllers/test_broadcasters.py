@@ -304,7 +304,7 @@ def test_nothing_to_tell_is_refused_in_words():
             "error code 0x2310 (continuous over-current)",
         ),
         ({"nmt_state": 5.0, "statusword": 0x27, "error_code": 0.0, "age": 0.75}, 3, "no news for 0.75 s"),
-        ({}, 3, "nothing is heard of it"),
+        ({}, 3, "no message was received from it"),
     ],
 )
 def test_the_diagnostics_judge_a_joint_by_what_its_drive_says(values, level, message):

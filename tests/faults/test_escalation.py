@@ -51,7 +51,7 @@ def test_a_drive_that_does_not_stop_is_told_to_quick_stop_then_to_disable_voltag
     assert [text.split(": ")[1].split(";")[0] for text in bench.texts("stop_overdue")] == [
         "has not stopped in time",
         "its quick stop was not seen to end",
-        "nothing it was told was seen to stop it",
+        "no stop command had a visible effect",
     ]
     bench.bus.drop(None)
     bench.run(6000)  # it hears again, coasts, and is seen disabled

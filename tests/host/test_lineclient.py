@@ -63,7 +63,7 @@ def test_the_other_sides_end_is_an_error_after_its_last_words(pair):
     server.send(b'{"last": 1}\n{"half"')
     server.close()
     assert client.receive() == b'{"last": 1}'
-    with pytest.raises(RemoteError, match="robot robby has closed the connection; it was shut down or has died"):
+    with pytest.raises(RemoteError, match="robot robby has closed the connection; it was shut down or killed"):
         client.receive()
     with pytest.raises(RemoteError, match="closed") as caught:
         client.send(b"{}\n")

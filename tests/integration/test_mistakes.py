@@ -71,7 +71,7 @@ FILES = {
     "a tab": ("bus", "  baudrate", "\tbaudrate", PLACE),
     "an unknown key": ("bus", "sync_period:", "sync_perido:", PLACE + ".*did you mean 'sync_period'"),
     "an object the EDS lacks": ("bus", "index: 0x606C", "index: 0x5555", PLACE + ".*0x5555:00 is not in TMCM-1270.eds"),
-    "nobody to watch the master": ("bus", "consumer: true", "consumer: false", PLACE + ".*when the master dies"),
+    "nobody to watch the master": ("bus", "consumer: true", "consumer: false", PLACE + ".*when the master is lost"),
     "no target in any PDO": ("bus", "index: 0x60FF", "index: 0x6081", r"xacro:\d+: joint .*map 0x60FF"),
     "an unknown drive": ("description", "_drive</param>", "_driv</param>", r"xacro:\d+: joint .*mean 'left_drive'"),
     "no XML": ("description", "</robot>", "</robo>", r"robby\.urdf\.xacro: .*line"),

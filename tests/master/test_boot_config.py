@@ -487,7 +487,7 @@ def test_an_addition_that_the_node_refuses_is_done_without_and_told():
 def test_a_vital_addition_that_the_node_refuses_is_letter_j_with_the_way_out():
     device = Device(refuse={(0x1016, 0): READ_ONLY})
     with pytest.raises(BootError, match="allow_unsupervised"):
-        configured(device, u32(0x1016, 1, reason="the drive notices when the master dies"))
+        configured(device, u32(0x1016, 1, reason="the drive notices when the master is lost"))
 
 
 def test_an_object_that_cannot_be_read_is_written_and_not_verified():

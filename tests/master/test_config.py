@@ -301,7 +301,7 @@ def test_vendor_and_product_are_those_of_bus_yml_before_the_edss(tmp_path, keys,
     bus = with_node(tmp_path, keys)
     identity = bus.plans["right_drive"].identity
     assert (identity.vendor_id, identity.product_code) == (vendor, product)
-    told = [each for each in bus.notes if "is asked of the device" in each]
+    told = [each for each in bus.notes if "is required of the device" in each]
     assert len(told) == len(warned)
     assert all(key in text for key, text in zip(warned, told, strict=True))
 

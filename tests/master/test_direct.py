@@ -182,7 +182,7 @@ def test_a_silence_on_a_channel_that_is_down_is_told_as_that():
     with DirectBus.open("memory:down", timeout_s=0.05, retries=0) as bus:
         bus.port.events = lambda: [BusEvent(BusEventKind.DOWN, "bus x: unplugged")]
         bus._check_events()
-        with pytest.raises(BusError, match="bus x: unplugged; node 3 could not be asked"):
+        with pytest.raises(BusError, match="bus x: unplugged; node 3 could not be read"):
             bus.read(3, 0x1000)
         bus.port.events = lambda: [BusEvent(BusEventKind.UP, "")]
         bus._check_events()

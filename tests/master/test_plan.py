@@ -225,7 +225,7 @@ def test_guarding_is_advised_only_where_the_node_has_it(tmp_path, guarded, words
     text = text if guarded else text.replace("[100C]", "[500C]").replace("[100D]", "[500D]")
     (tmp_path / "silent.eds").write_text(text)
     _, notes, _ = read_plan(tmp_path, dcf="silent.eds")
-    (told,) = [note for note in notes if "the master does not notice when this node dies" in note]
+    (told,) = [note for note in notes if "the master does not notice when this node is lost" in note]
     assert words in told
 
 

@@ -156,7 +156,7 @@ def test_what_moves_an_axis_is_no_signal(tmp_path):
 def test_outputs_that_keep_what_they_have_are_told(tmp_path):
     assert warnings(tmp_path) == []
     kept = "    sdo: [{index: 0x6206, sub_index: 1, value: 0}]\n"
-    assert "the outputs 0x6200:01 keep their values when the master dies" in warnings(tmp_path, kept)[0]
+    assert "the outputs 0x6200:01 keep their values when the master is lost" in warnings(tmp_path, kept)[0]
     assert "no heartbeat consumer (0x1016)" in warnings(tmp_path, "    heartbeat_consumer: false\n")[0]
     text = EDS_OF_PLAN_SIGNALS.read_text()
     start, end = text.index("[6206]"), text.index("[6207]")

@@ -97,7 +97,7 @@ def test_robots_have_a_name_a_folder_and_a_place(tmp_path):
         ("name: b, ", "", "hall.yml:3:5: .*name"),
         ("robot: b,", "robot: bb,", "there is no robot 'bb' in this file"),
         ("robot: b,", "", "robot: say of which robot: a, b"),
-        ("robots:", "start: {at: [0, 0]}\nrobots:", "leave `start` away"),
+        ("robots:", "start: {at: [0, 0]}\nrobots:", "omit `start`"),
         ("heading: 90", "headnig: 90", "hall.yml:3:47: .*headnig.*did you mean.*heading"),
     ],
 )

@@ -112,7 +112,7 @@ def test_a_good_bus_is_good(tmp_path):
     report = check(write_drives(tmp_path, io=""))
     assert errors(report) == []
     told = [each.text for each in report.findings if each.severity is Severity.WARNING]
-    assert all("outputs" in each for each in told)  # which this I/O module leaves as they are when the master dies
+    assert all("outputs" in each for each in told)  # which this I/O module leaves as they are when the master is lost
     assert report.budgets["can"].fits
 
 

@@ -180,8 +180,8 @@ def test_a_simulation_plugin_gives_way_to_drives():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"real": True}, "leave --real away"),
-        ({"mock": True}, "leave --mock away"),
+        ({"real": True}, "omit --real"),
+        ({"mock": True}, "omit --mock"),
         ({"channels": {"can": "memory:a"}}, "use --can local:NAME"),
         ({"channels": {"can": "can0"}}, "real drives may be on can0"),
     ],

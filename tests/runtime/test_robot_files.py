@@ -292,7 +292,5 @@ def test_several_descriptions_are_named(package):
 def test_a_bus_alone_has_no_arguments(tmp_path):
     folder = robot(tmp_path / "r", "bus.yml")
     assert find_robot(str(folder)).bus_alone
-    with pytest.raises(
-        RobotConfigError, match="a bus without a description, so it has no arguments; leave side:= away"
-    ):
+    with pytest.raises(RobotConfigError, match="a bus without a description, so it has no arguments; omit side:="):
         find_robot(str(folder), arguments=["side:=left"])

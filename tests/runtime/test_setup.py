@@ -121,7 +121,7 @@ def test_one_option_accepts_drives_that_nothing_would_stop(tmp_path):
         read_robot(files)
     setup = read_robot(files, allow_unsupervised=True)
     assert all(node.supervision.allow_unsupervised for node in setup.bus.nodes.values())
-    assert any("nothing stops this drive when the master dies" in each for each in setup.notes)
+    assert any("nothing stops this drive when the master is lost" in each for each in setup.notes)
 
 
 @pytest.mark.parametrize("where", ["controller_manager", "robby_base_controller"])

@@ -62,7 +62,7 @@ def test_outputs_that_nothing_switches_off_need_a_word(tmp_path):
     path.write_text(io_eds())
     device = Device(5, path, read_eds(path, 5).od)
     written = write_robot(plan_robot("bare", [device]), tmp_path)
-    assert any("keep their values when the master dies" in each for each in written.warnings)
+    assert any("keep their values when the master is lost" in each for each in written.warnings)
     word = write_robot(plan_robot("bare", [device], allow_unsupervised=True), tmp_path, force=True)
     assert not any("keep their values" in each for each in word.warnings)
     assert "NOTHING switches these outputs off" in (word.folder / "bus.yml").read_text()
@@ -255,7 +255,7 @@ def test_pdos_that_are_off_and_cannot_be_put_on_are_no_way_to_a_drive(tmp_path):
 def test_a_drive_that_nothing_stops_needs_a_word(tmp_path, what):
     path = write_shape(tmp_path, UNWATCHED[what]())
     marked = new_robot(tmp_path, path, name="marked")
-    assert any("nothing would stop this drive when the master dies" in each for each in marked.problems)
+    assert any("nothing would stop this drive when the master is lost" in each for each in marked.problems)
     assert f"# PROBLEM, which keeps it from running: {marked.problems[0]}" in (marked.folder / "bus.yml").read_text()
     assert not check_robot(find_robot(str(marked.folder)), CheckOptions()).passes()
     written = new_robot(tmp_path, path, allow_unsupervised=True)

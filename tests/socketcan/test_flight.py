@@ -1,4 +1,4 @@
-"""The flight recorder on a real kernel's CAN: it hears everything, sends nothing, and has the kernel's times."""
+"""The flight recorder on a real kernel's CAN: it receives everything, sends nothing, and has the kernel's times."""
 
 import time
 

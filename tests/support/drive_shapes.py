@@ -219,7 +219,7 @@ MAKERS = {
     "Yiyou": (lambda: as_maker(shape(pdos=RAMPS), timers=False), "velocity", "PV"),
 }  # fmt: skip
 
-#: drives that nothing stops when the master dies
+#: drives that nothing stops when the master is lost
 UNWATCHED = {"neither heartbeat nor guarding": lambda: shape(drop=(0x1016, 0x1017, 0x100C, 0x100D))}
 
 

@@ -101,7 +101,7 @@ def _run(*words: str) -> str:
 class RawListener:
     """A raw CAN socket and a thread, nothing of ours; `frames` are (seconds by the kernel, identifier, data).
 
-    Without `identifiers` it hears everything, the frames with flags too.
+    Without `identifiers` it receives everything, the frames with flags too.
     """
 
     def __init__(self, interface: str, identifiers: tuple[int, ...] = ()) -> None:

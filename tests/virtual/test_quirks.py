@@ -40,12 +40,12 @@ def test_how_a_quirk_is_written(text, value, axis, written):
         ("brake_delay=soon", "quirk 'brake_delay=soon': its strength is a number, 0.001 to 60 s"),
         ("brake_delay=nan", "quirk 'brake_delay=nan': its strength is a number, 0.001 to 60 s"),
         ("one_mode=2.5", "quirk 'one_mode=2.5': its strength is a whole number, 1 to 10 mode"),
-        ("remote_never=1", "quirk 'remote_never=1': remote_never has no strength; leave =1 away"),
+        ("remote_never=1", "quirk 'remote_never=1': remote_never has no strength; omit =1"),
         ("remote_never@x", "quirk 'remote_never@x': after @ comes the number of an axis, 0 to 7"),
         ("remote_never@8", "quirk 'remote_never@8': after @ comes the number of an axis, 0 to 7"),
         ("", "no quirk ''; see: canopen-control quirk list (faults: fault list)"),
         ("@1", "no quirk ''; see: canopen-control quirk list (faults: fault list)"),
-        ("sdo_late@1", "quirk 'sdo_late@1': sdo_late is about the node as a whole; leave @1 away"),
+        ("sdo_late@1", "quirk 'sdo_late@1': sdo_late is about the node as a whole; omit @1"),
     ],
 )
 def test_what_is_no_quirk_is_one_sentence(text, sentence):

@@ -118,7 +118,7 @@ def dead_man_words(supervision: Supervision) -> str:
         )
     if supervision.guarding:
         return f"the drive is guarded (0x100C, 0x100D) and stops by itself {DEAD_MAN_S:g} s after the last guarding"
-    return "NONE: nothing stops the drive when this computer dies; have an emergency stop in reach"
+    return "NONE: nothing stops the drive when this computer fails; have an emergency stop in reach"
 
 
 @contextlib.contextmanager

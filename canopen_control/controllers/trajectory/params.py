@@ -324,7 +324,7 @@ class TrajectoryParams(CommonParams):
         "warn",
         choices=("warn", "refuse", "off"),
         help="what happens to a trajectory with a point that a joint cannot reach in time from the one before "
-        "within its velocity limit: `warn` (taken, and told), `refuse`, `off`",
+        "within its velocity limit: `warn` (accepted, with a warning), `refuse`, `off`",
     )
     continue_without_client: bool = setting(
         False, help="a goal goes on when the action client that sent it is gone, as upstream's does"

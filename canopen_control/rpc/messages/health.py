@@ -83,7 +83,7 @@ def stale(age: float | None, after: float, *, is_known: bool) -> Verdict | None:
     None if it is fresh.
     """
     if not is_known:
-        return Verdict(Health.STALE, "nothing is heard of it")
+        return Verdict(Health.STALE, "no message was received from it")
     if age is not None and age > after:
         return Verdict(Health.STALE, f"no news for {age:.2f} s")
     return None

@@ -48,7 +48,7 @@ def test_the_robot_of_one_drive_is_what_init_would_make(private_folders, interfa
 
 def test_a_drive_that_nothing_would_stop_is_refused_unless_that_is_accepted(private_folders):
     lonely = device(without=(0x1016, 0x100C, 0x100D))
-    with pytest.raises(RobotConfigError, match=r"nothing stops node 5 when this computer dies.*--allow-unsupervised"):
+    with pytest.raises(RobotConfigError, match=r"nothing stops node 5 when this computer fails.*--allow-unsupervised"):
         choose_jog(lonely, "velocity", allow_unsupervised=False)
     assert choose_jog(lonely, "velocity", allow_unsupervised=True).allow_unsupervised
 

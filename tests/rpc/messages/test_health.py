@@ -31,7 +31,7 @@ def test_no_news_is_stale():
     assert stale(0.1, 0.5, is_known=True) is None
     assert stale(None, 0.5, is_known=True) is None
     assert stale(0.75, 0.5, is_known=True) == (Health.STALE, "no news for 0.75 s")
-    assert stale(None, 0.5, is_known=False) == (Health.STALE, "nothing is heard of it")
+    assert stale(None, 0.5, is_known=False) == (Health.STALE, "no message was received from it")
 
 
 def test_a_node_is_judged_with_all_its_axes_and_an_axis_alone():
