@@ -115,10 +115,6 @@ def test_an_interface_that_is_off_the_bus_is_restarted(restart_ms, wanted, comma
     ]
 
 
-def test_no_output_is_no_interfaces():
-    assert parse_can_interfaces("") == []
-
-
 def test_an_interface_is_found_by_name():
     assert find_can_interface("can0", Shell(VCAN0, CAN0)).name == "can0"
     assert find_can_interface("can7", Shell(VCAN0, CAN0)) is None

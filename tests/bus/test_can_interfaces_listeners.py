@@ -112,7 +112,3 @@ def test_sockets_that_hear_are_counted_once_each_by_the_kernels_receive_lists(pr
         (proc.folder / f"net/can/rcvlist_{name}").write_text(HEAD.format(name) + rows)
     assert count_hearing("vcan0", proc.folder) == 4, "aa, bb, cc, ee"
     assert count_hearing("vcan1", proc.folder) == 2, "bb, dd"
-
-
-def test_a_kernel_without_can_has_nobody_who_listens(proc):
-    assert count_hearing("vcan0", proc.folder / "nowhere") == 0

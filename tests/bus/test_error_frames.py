@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from canopen_control.bus import error_frames
-from canopen_control.frame import EXTENDED_FLAG, CanFrame, pack_records
+from canopen_control.frame import CanFrame, pack_records
 
 ERR = 0x20000000
 
@@ -26,27 +26,9 @@ def test_the_layout_is_that_of_linux(frame, can_id, data):
     assert frame.is_error
 
 
-def test_only_our_overrun_carries_a_number():
-    assert error_frames.lost_frames(error_frames.overrun_frame(7)) == 7
-    assert error_frames.lost_frames(error_frames.overrun_frame(1 << 40)) == 0xFFFFFFFF
-    assert error_frames.lost_frames(error_frames.passive_frame()) == 0
-    assert error_frames.lost_frames(CanFrame(ERR | 0x4, bytes.fromhex("0001000000001122"))) == 0
-    assert error_frames.lost_frames(CanFrame(0x181, bytes(8))) == 0
-
-
 def test_one_error_frame_among_many_is_noticed_and_found():
     plain = [CanFrame(0x181 + n, bytes(n % 9)) for n in range(100)]
     assert not error_frames.has_error_frames(pack_records(plain))
     mixed = pack_records([*plain, error_frames.bus_off_frame(), CanFrame(0x700)])
     assert error_frames.has_error_frames(mixed)
     assert list(error_frames.error_frames(mixed)) == [error_frames.bus_off_frame()]
-
-
-def test_an_extended_frame_is_looked_at_and_not_taken_for_one():
-    records = pack_records([CanFrame(0x1ABCDEF0 | EXTENDED_FLAG, b"1")])
-    assert error_frames.has_error_frames(records)
-    assert list(error_frames.error_frames(records)) == []
-
-
-def test_no_records_hold_no_error_frames():
-    assert not error_frames.has_error_frames(b"")

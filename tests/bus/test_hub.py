@@ -17,11 +17,9 @@ import pytest
 from support.host import eventually
 from support.jsonserver import line_of
 
-from canopen_control.bus.arbitration import duration_ns, frame_bits
 from canopen_control.bus.hub import LINGER_NS, Hub
 from canopen_control.bus.local import LocalPort, open_local
 from canopen_control.bus.subscription import HELLO_SIZE, VERSION, pack_hello, parse_hello
-from canopen_control.errors import CanopenError
 from canopen_control.frame import CanFrame, frames_of, pack_records
 from canopen_control.host.lineclient import LineClient
 from canopen_control.host.reactor import Reactor
@@ -119,22 +117,6 @@ def test_who_asks_for_some_frames_is_not_woken_for_others(bench):
     bench.settle()
     assert received(left) == [frame(3, 0x183)]
     assert left.stats.tx == 1
-
-
-def test_a_hub_that_takes_no_such_wish_is_not_told(bench):
-    reader, left = (bench.join(label) for label in ("reader", "left"))
-    old = LocalPort("bench", left._socket, left.label)
-    old.set_filter([0x80])
-    bench.settle()
-    assert received(reader) == []
-
-
-def test_a_wish_to_a_hub_that_is_gone_does_no_harm(bench):
-    left = bench.join("left")
-    bench.hub.close()
-    left.set_filter([0x80])
-    with pytest.raises(CanopenError, match="hub process is gone"):
-        left.receive()
 
 
 def test_a_greeting_and_frames_may_come_in_any_pieces(bench):
@@ -297,20 +279,6 @@ def test_who_disappears_with_frames_under_way_disturbs_nobody(bench):
     assert [m["label"] for m in bench.ask("status")["result"]["members"]] == ["a", "c"]
 
 
-def test_a_bit_rate_delays_frames_by_their_bits(bench):
-    a, b = bench.join("a"), bench.join("b")
-    bench.ask("bitrate", bitrate=125_000)
-    a.send(pack_records([frame(1), frame(2)]))
-    bench.settle()
-    one = duration_ns(frame_bits(*frame(1)), 125_000)
-    bench.reactor.run_for(one - 1)
-    assert received(b) == []
-    bench.reactor.run_for(1)
-    assert received(b) == [frame(1)]
-    bench.reactor.run_for(one)
-    assert received(b) == [frame(2)]
-
-
 def test_a_paced_wire_pushes_back_and_loses_nothing(bench):
     a, b = bench.join("a"), bench.join("b")
     bench.ask("bitrate", bitrate=1_000_000)
@@ -322,15 +290,6 @@ def test_a_paced_wire_pushes_back_and_loses_nothing(bench):
         seen += received(b)
     assert seen == [frame(n) for n in range(count)]
     assert bench.ask("status")["result"]["load"] is not None
-
-
-def test_a_full_wire_is_fully_loaded(bench):
-    a, b = bench.join("a"), bench.join("b")
-    bench.ask("bitrate", bitrate=10_000)
-    a.send(pack_records([frame(n) for n in range(250)]))
-    bench.reactor.run_for(1_999 * MS)
-    assert bench.ask("status")["result"]["load"] == pytest.approx(1.0, abs=0.02)
-    assert received(b)
 
 
 def test_delay_and_clear_through_the_control_socket(bench):
@@ -349,24 +308,6 @@ def test_delay_and_clear_through_the_control_socket(bench):
     a.send(pack_records([frame(3)]))
     bench.settle()
     assert received(b) == [frame(3)]
-
-
-def test_bus_off_and_error_frames_reach_the_one_they_are_meant_for(bench):
-    a, b = bench.join("a"), bench.join("b")
-    bench.ask("bus_off", label="a")
-    bench.ask("error_frame", label="b", kind="error-passive")
-    assert [f.can_id for f in received(a)] == [0x20000040]
-    assert [f.can_id for f in received(b)] == [0x20000204]
-
-
-def test_a_second_hub_of_the_same_name_is_refused(bench):
-    with pytest.raises(CanopenError, match="in use"):
-        Hub(bench.reactor, "bench")
-
-
-def test_who_asks_before_anybody_has_joined_is_answered(bench):
-    assert bench.hub._control is None
-    assert bench.ask("status")["result"]["members"] == []
 
 
 def test_the_first_end_has_its_answer_before_the_control_socket_is_served(bench, monkeypatch):

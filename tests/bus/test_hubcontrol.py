@@ -12,7 +12,7 @@ from support.host import use_private_folders
 from support.properties import examples
 
 from canopen_control.bus.frame_router import FrameRouter
-from canopen_control.bus.hubcontrol import ERROR_FRAMES, HubControl
+from canopen_control.bus.hubcontrol import HubControl
 from canopen_control.frame import CanFrame, frames_of, pack_records
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import connect, listen, socket_path
@@ -117,10 +117,6 @@ def test_every_kind_of_error_frame_reaches_its_label_or_everybody(desk, kind):
     assert len(list(frames_of(desk.right.outbox))) == 1
 
 
-def test_each_kind_that_can_be_asked_for_has_its_frame():
-    assert set(ERROR_FRAMES) == set(get_args(ErrorKind))
-
-
 def test_the_bit_rate_is_set_and_taken_back(desk):
     desk.ask("bitrate", bitrate=500_000)
     assert desk.ask("status")["result"]["bitrate"] == 500_000
@@ -152,11 +148,6 @@ def test_a_wrong_request_is_answered_with_a_sentence_and_changes_nothing(desk, m
     assert message in answer["error"]["message"]
     assert answer["error"]["kind"] == kind
     assert desk.ask("status") == before
-
-
-def test_a_request_without_id_is_done_and_not_answered(desk):
-    assert desk.tell(b'{"method": "cut", "params": {"label": "left"}}\n') == []
-    assert desk.left.silent
 
 
 values = st.recursive(st.none() | st.booleans() | st.integers() | st.text(max_size=9), st.lists, max_leaves=3)

@@ -56,10 +56,6 @@ def test_a_bus_is_found_by_name_as_long_as_somebody_holds_it():
     assert MemoryBus.get("shared").ports == []
 
 
-def test_ports_without_a_label_get_one_of_their_own(bus):
-    assert [bus.open().label, bus.open().label] == ["port-1", "port-2"]
-
-
 def test_a_cut_record_is_refused_and_nothing_is_sent(bus, ports):
     with pytest.raises(LocalProtocolError):
         ports[0].send(b"123")

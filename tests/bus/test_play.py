@@ -52,11 +52,6 @@ def test_frames_are_sent_with_the_spacing_they_were_heard_with():
     assert (result.frames, heard, result.late_max) == (4, 4, 0.0)
 
 
-def test_a_speed_divides_the_spacing():
-    assert played([0, 20, 40], "play-fast", speed=10.0)[1] == [0, 2, 4]
-    assert played([0, 20, 40], "play-slow", speed=0.5)[1] == [0, 40, 80]
-
-
 def test_a_late_frame_does_not_delay_the_next_and_is_reported():
     result, sent_at, _ = played([0, 20, 40], "play-late", late=3 * MS)
     assert sent_at == [0, 23, 43]

@@ -16,7 +16,6 @@ import can
 import pytest
 from support.localbus import TIMEOUT_S, kill_hub, receive
 
-from canopen_control.bus.error_frames import bus_off_frame
 from canopen_control.bus.local import open_local
 from canopen_control.bus.plugin import LocalBus
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, CanFrame, pack_records
@@ -64,32 +63,10 @@ def test_frames_of_each_kind_go_both_ways(port, bus, frame, fields):
     assert message.channel == "local:plug"
 
 
-def test_many_frames_arrive_in_order(port, bus):
-    frames = [CanFrame(0x181, bytes([n])) for n in range(100)]
-    port.send(pack_records(frames))
-    assert [bus.recv(TIMEOUT_S).data[0] for _ in range(100)] == list(range(100))
-    assert bus.recv(0) is None
-
-
 def test_filters_are_python_cans(port, bus):
     bus.set_filters([{"can_id": 0x182, "can_mask": 0x7FF}])
     port.send(pack_records([CanFrame(0x181), CanFrame(0x182)]))
     assert bus.recv(TIMEOUT_S).arbitration_id == 0x182
-
-
-def test_an_error_frame_is_told(port, bus):
-    port.send(pack_records([bus_off_frame()]))
-    message = bus.recv(TIMEOUT_S)
-    assert message.is_error_frame
-    assert message.arbitration_id == 0x40
-
-
-def test_own_messages_come_back_on_request_alone(port, bus):
-    bus.send(can.Message(arbitration_id=5, is_extended_id=False))
-    assert bus.recv(0) is None
-    with LocalBus("local:plug", receive_own_messages=True) as loud:
-        loud.send(can.Message(arbitration_id=6, is_extended_id=False))
-        assert loud.recv(TIMEOUT_S).arbitration_id == 6
 
 
 def test_own_messages_come_back_in_their_place_as_copies_that_say_so(port):
@@ -189,11 +166,6 @@ def test_shutdown_ends_a_thread_that_receives(port, bus):
     thread.join(TIMEOUT_S)
     assert not thread.is_alive()
     assert errors == ["canopen_control local:plug: cannot operate on a closed bus"]
-
-
-def test_can_fd_is_refused_with_a_sentence(bus):
-    with pytest.raises(can.CanOperationError, match="CAN FD"):
-        bus.send(can.Message(arbitration_id=1, is_fd=True))
 
 
 def test_a_dead_hub_is_a_can_error(port, bus):

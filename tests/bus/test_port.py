@@ -13,12 +13,10 @@ from canopen_control.bus.port import (
     BusEvent,
     BusEventKind,
     BusEventLog,
-    PortStats,
     SendQueue,
     WakeDescriptor,
     whole_records,
 )
-from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records
 
 
@@ -52,13 +50,6 @@ def test_the_oldest_whole_frame_is_dropped_and_the_half_sent_one_stays():
     assert len(queue) == 2
 
 
-def test_clearing_counts_a_half_sent_frame_too():
-    queue = SendQueue()
-    queue.put(pack_records([frame(1), frame(2)])[3:])
-    assert queue.clear() == 2
-    assert len(queue) == 0
-
-
 @given(st.lists(st.tuples(st.integers(0, 12), st.integers(0, 100)), max_size=50), st.integers(1, 10))
 def test_a_reader_sees_whole_frames_in_order_and_every_gap_was_counted(steps, limit):
     queue, stream, number, dropped = SendQueue(limit), b"", 0, 0
@@ -90,15 +81,6 @@ def test_it_is_readable_from_set_to_clear():
     wake.close()
 
 
-def test_many_sets_never_block_and_one_clear_ends_them():
-    wake = WakeDescriptor()
-    for _ in range(100_000):
-        wake.set()
-    wake.clear()
-    assert not readable(wake)
-    wake.close()
-
-
 def test_a_closed_one_ignores_everything():
     wake = WakeDescriptor()
     wake.close()
@@ -111,12 +93,3 @@ def test_a_closed_one_ignores_everything():
 @pytest.mark.parametrize("kind", [bytes, bytearray, memoryview])
 def test_whole_records_are_counted_in_every_kind_of_buffer(kind):
     assert whole_records(kind(bytes(48))) == 3
-
-
-def test_a_cut_record_is_the_callers_mistake():
-    with pytest.raises(LocalProtocolError, match="17 bytes are not a whole number of 16-byte records"):
-        whole_records(bytes(17))
-
-
-def test_counters_begin_at_zero():
-    assert PortStats() == PortStats(rx=0, tx=0, lost=0, errors=0, queued=0)

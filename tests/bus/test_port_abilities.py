@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import time
-
 import pytest
 
 from canopen_control.bus.memory import MemoryBus
 from canopen_control.bus.port_abilities import Arrivals, Filtering, Stamping, UnixOffset, set_filter
-from canopen_control.bus.socketcan import SocketCanPort
 from canopen_control.errors import BusClosed
 from canopen_control.frame import CanFrame, frames_of, pack_records
 
@@ -69,17 +66,6 @@ def test_times_are_strictly_increasing_by_what_a_recording_can_keep(told, given)
     assert Arrivals(Knowing(told), lambda: 99_000).receive()[1] == given
 
 
-def test_times_go_on_from_one_reading_to_the_next():
-    port = Knowing([5000, 5000])
-    arrivals = Arrivals(port, lambda: 99_000)
-    assert arrivals.receive()[1] + arrivals.receive()[1] == [5000, 6000, 7000, 8000]
-
-
-def test_the_offset_to_unix_time_is_that_of_the_beginning():
-    before = time.time_ns() - time.monotonic_ns()
-    assert abs(Arrivals(Knowing([1])).unix_offset_ns - before) < S
-
-
 class Clocks:
     """Unix time is monotonic time and `offset`; between two readings `pauses` pass, 0 when there are none left."""
 
@@ -133,7 +119,3 @@ def test_a_port_that_cannot_filter_gives_everything():
     assert not isinstance(port, Filtering)
     set_filter(port, [0x80])
     port.close()
-
-
-def test_the_port_of_the_kernels_can_filters():
-    assert issubclass(SocketCanPort, Filtering)

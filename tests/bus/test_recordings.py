@@ -20,7 +20,6 @@ from canopen_control.bus.recordings import (
     interface_name,
     line_of,
     parse_line,
-    read_lines,
     read_trc,
 )
 from canopen_control.errors import ConfigError
@@ -106,13 +105,6 @@ def test_every_row_is_a_frame_or_counted(text, frames):
     assert [each and each[1] for each in read_trc(io.StringIO(text))] == frames
 
 
-def test_times_count_from_the_start_of_the_file():
-    first, second, *_ = read_trc(io.StringIO(V11))
-    assert abs(first[0] - (1_048_510_352_484_000_000 + 1_059_900_000)) < 10_000  # the day has ten decimals
-    assert second[0] - first[0] == 286_900_000
-    assert next(read_trc(io.StringIO(V10)))[0] == 1_841_000_000
-
-
 @pytest.mark.parametrize(
     ("status", "detail"), [("00 00 00 00", "40"), ("00 00 00 02", "01"), ("00 04 00 00", "30"), ("00 04 00 08", "3C")]
 )
@@ -179,23 +171,6 @@ def test_lines_of_candump_are_read(line, frame):
 )
 def test_a_raw_dlc_and_a_time_before_1970_are_read(line, time_ns, frame):
     assert parse_line(line) == (time_ns, frame)
-
-
-@pytest.mark.parametrize("time_ns", [-1000, -500_000_000, -5_250_000_000, 0])
-def test_a_time_before_1970_reads_back(time_ns):
-    assert parse_line(line_of(time_ns, "can0", CanFrame(0x80)).strip()) == (time_ns, CanFrame(0x80))
-
-
-def test_a_line_without_an_end_is_no_frame_and_costs_no_memory():
-    file = io.StringIO("x" * 100_000 + "\n(0000000001.000000) can0 080#\n")
-    found = list(read_lines(file))
-    assert found[-1] == (10**9, CanFrame(0x80))
-    assert set(found[:-1]) == {None}
-
-
-def test_what_is_no_classic_frame_is_none():
-    text = "(1.0) can0 123##01122\n\nhello\n(1.000000) can0 123#11\n"
-    assert list(read_lines(io.StringIO(text))) == [None, None, (10**9, CanFrame(0x123, b"\x11"))]
 
 
 def test_a_channel_becomes_a_name_that_other_programs_take():

@@ -16,7 +16,7 @@ from support.error_frames import DRIVER_FRAMES, NAMES
 from canopen_control.bus.error_frames import overrun_frame
 from canopen_control.bus.port import SEND_LIMIT, BusEventKind
 from canopen_control.bus.socketcan import SocketCanPort, open_socketcan
-from canopen_control.errors import BusClosed, BusError, InterfaceDown, InterfaceNotFound, LocalProtocolError
+from canopen_control.errors import BusClosed, BusError, InterfaceDown, InterfaceNotFound
 from canopen_control.frame import CanFrame, frames_of, pack_records
 
 S = 1_000_000_000
@@ -114,13 +114,6 @@ def test_what_overflowed_the_receive_buffer_is_counted_and_told_where_it_is_miss
     assert bench.kinds() == [BusEventKind.OVERRUN]
 
 
-def test_the_kernels_overflow_counter_may_wrap(bench):
-    bench.socket.put(ONE, overflows=0xFFFFFFFE)
-    bench.socket.put(TWO, overflows=3)
-    bench.received()
-    assert bench.port.stats.lost == 0xFFFFFFFE + 5
-
-
 def test_enobufs_makes_frames_wait_and_the_next_call_sends_them(bench):
     bench.socket.refusals = [None, failure(errno.ENOBUFS)]
     bench.send(ONE, TWO, THREE)
@@ -140,13 +133,6 @@ def test_eagain_makes_frames_wait_until_the_descriptor_is_writable(bench):
     bench.port.flush()
     assert bench.socket.sent == [ONE, TWO]
     assert bench.port.wants_write is False
-
-
-def test_order_is_kept_while_frames_wait(bench):
-    bench.socket.refusals = [failure(errno.ENOBUFS)]
-    bench.send(ONE)
-    bench.send(TWO)
-    assert bench.socket.sent == [ONE, TWO]
 
 
 def test_a_queue_that_stays_full_drops_the_oldest_and_says_so(bench):
@@ -181,13 +167,6 @@ def test_a_down_interface_is_told_once_loses_what_is_sent_and_is_told_up_again(b
     bench.send(THREE)
     assert bench.socket.sent == [THREE], "old commands do not arrive late"
     assert bench.kinds() == [BusEventKind.UP]
-
-
-def test_frames_read_before_the_interface_went_down_do_not_make_it_look_up(bench):
-    bench.socket.put(ONE)
-    bench.socket.incoming.append(failure(errno.ENETDOWN))
-    assert bench.received() == [ONE]
-    assert bench.kinds() == [BusEventKind.DOWN]
 
 
 def test_an_interface_that_only_listens_notices_it_is_up_by_the_first_frame(bench):
@@ -329,18 +308,6 @@ def test_a_clock_that_is_set_leaves_no_gap_and_no_frame_in_the_future(bench, clo
     assert bench.port.receive_stamped()[1] == [902 * S - 1000]
 
 
-def test_who_asks_for_no_stamps_pays_for_none(bench):
-    bench.socket.put(ONE)
-    bench.received()
-    assert bench.socket.options == {}
-
-
-def test_a_kernel_that_says_no_time_leaves_it_open(bench, clocks):
-    bench.port.ask_stamps()
-    bench.socket.put(ONE)
-    assert bench.port.receive_stamped()[1] == [0]
-
-
 def test_more_identifiers_than_the_kernel_can_choose_are_all_of_eleven_bits(bench):
     bench.port.set_filter(range(513))
     assert filters(bench) == [(0, 0x80000000)]
@@ -361,16 +328,6 @@ def test_what_a_driver_tells_is_an_event_of_the_port_and_stays_among_the_records
 
 BUS_OFF = CanFrame(0x20000040, bytes(8))
 RESTARTED = CanFrame(0x20000100, bytes(8))
-PASSIVE = CanFrame(0x20000204, bytes.fromhex("0020000000008000"))
-ACTIVE = CanFrame(0x20000204, bytes.fromhex("0040000000005f00"))
-NO_ACK = CanFrame(0x200000A8, bytes.fromhex("0000001900000000"))
-
-
-def test_error_passive_and_active_again_are_events_and_records(bench):
-    bench.socket.put(NO_ACK, PASSIVE, ONE, ACTIVE)
-    assert bench.received() == [NO_ACK, PASSIVE, ONE, ACTIVE]
-    assert bench.kinds() == [BusEventKind.ERROR_PASSIVE, BusEventKind.ERROR_ACTIVE]
-    assert (bench.port.stats.errors, bench.port.stats.rx) == (3, 4)
 
 
 def test_nothing_is_kept_for_a_controller_that_is_off_the_bus(bench):
@@ -386,13 +343,6 @@ def test_nothing_is_kept_for_a_controller_that_is_off_the_bus(bench):
     bench.send(THREE)
     assert bench.socket.sent == [THREE]
     assert bench.kinds() == [BusEventKind.BUS_OFF, BusEventKind.ERROR_ACTIVE]
-
-
-def test_bus_off_says_what_restarts_the_controller(bench):
-    bench.socket.put(BUS_OFF)
-    bench.received()
-    (event,) = bench.port.events()
-    assert event.text.endswith("Without --restart-ms it is restarted by: canopen-control bus up can0")
 
 
 def test_a_controller_that_restarts_without_a_word_is_back_with_the_first_frame(bench):
@@ -515,8 +465,3 @@ def test_a_closed_port_is_closed_once_and_says_so(bench):
     for verb in (bench.port.receive, lambda: bench.send(ONE)):
         with pytest.raises(BusClosed, match="can0: closed on this side"):
             verb()
-
-
-def test_a_cut_record_is_refused(bench):
-    with pytest.raises(LocalProtocolError):
-        bench.port.send(b"1")

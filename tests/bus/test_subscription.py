@@ -9,7 +9,6 @@ from canopen_control.bus.subscription import (
     HELLO_SIZE,
     LABEL_SIZE,
     MAGIC,
-    MARK,
     VERSION,
     Chunk,
     Subscription,
@@ -67,11 +66,6 @@ def test_who_asks_for_more_than_can_be_kept_hears_everything():
     wanted = Subscription()
     wanted.take(pack_subscription(range(5000)))
     assert wanted.ids is None
-
-
-def test_data_that_look_like_the_mark_are_data():
-    record = pack_records([CanFrame(0x181, MARK + b"abc")])
-    assert Subscription().take(record + pack_subscription([])) == record
 
 
 NOTHING = Chunk(0, own=False, records=b"")

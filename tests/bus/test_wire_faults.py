@@ -9,14 +9,6 @@ from canopen_control.bus.wire_faults import DropRule, WireFaults
 from canopen_control.frame import CanFrame, frames_of, pack_records
 
 
-def test_without_faults_nothing_needs_a_look():
-    faults = WireFaults()
-    assert not faults.active
-    records = pack_records([CanFrame(1)])
-    assert faults.survivors("a", records) is records
-    assert not faults.silences("a")
-
-
 def test_a_label_has_its_own_delay_or_that_of_everybody():
     faults = WireFaults()
     faults.delay("", 5)
