@@ -2,8 +2,7 @@
 
 import json
 
-import pytest
-from canopen_control_bench import history, runner
+from canopen_control_bench import runner
 from canopen_control_bench.figure import AT_LEAST, compared, limited
 from support.benches import MACHINE
 
@@ -28,23 +27,6 @@ def test_each_run_adds_a_row_of_what_is_judged(tmp_path):
     assert rows[0]["date"] == MACHINE["date"]
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"history": 3}', '{"history": [3, {"date": "today"}]}'])
-def test_a_file_without_rows_begins_anew(tmp_path, text):
-    path = tmp_path / "speed.json"
-    path.write_text(text)
-    assert history.kept_rows(path) == []
-    assert history.kept_rows(tmp_path / "none.json") == []
-
-
-def test_only_the_newest_runs_are_kept(tmp_path):
-    row = {"date": "", "package": "", "figures": {}}
-    path = tmp_path / "speed.json"
-    path.write_text(json.dumps({"history": [{**row, "date": str(n)} for n in range(history.MOST_RUNS + 5)]}))
-    report(1.0).write(path)
-    rows = json.loads(path.read_text())["history"]
-    assert (len(rows), rows[0]["date"]) == (history.MOST_RUNS, "6")
-
-
 def compared_report(ratio, *, idle=0.1, **machine):
     figures = [
         compared("cycle", "us", [(ratio, 1.0)], peer_name="canopen", limit=0.5),
@@ -61,13 +43,6 @@ def slower(tmp_path, before, now):
     before.write(path)
     now.put_beside(path)
     return now.slower
-
-
-def test_figures_of_one_name_are_told_apart_by_their_peers(tmp_path):
-    path = tmp_path / "speed.json"
-    compared_report(0.25).write(path)
-    (row,) = history.kept_rows(path)
-    assert list(row["figures"]["cycle"]) == ["cycle / canopen", "cycle / python-can", "boot", "frames"]
 
 
 def test_what_is_slower_than_the_last_time_is_named_where_it_can_be_compared(tmp_path):

@@ -54,16 +54,6 @@ def test_what_cannot_be_done_is_a_usage_error_of_one_sentence(words):
 
 
 @pytest.mark.embedded
-def test_a_robot_that_does_as_it_is_told_breaches_nothing(quiet):
-    done = campaign("--replay", quiet, "--for", "9s", "--json")
-    result = json.loads(done.stdout)
-    assert (done.returncode, result["breaches"]) == (0, []), done.stderr
-    assert result["moved_s"] > 1.0
-    assert result["by_kind"] == {"recover": 1, "stop": 1, "stream": 1}
-    assert not Path(result["folder"]).exists()
-
-
-@pytest.mark.embedded
 def test_motion_that_nobody_asked_for_is_told_with_how_to_play_it_again(tmp_path, monkeypatch):
     script = tmp_path / "script.txt"
     script.write_text("1 recover\n")

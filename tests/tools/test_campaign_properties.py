@@ -36,22 +36,3 @@ def test_a_test_of_many_values_runs_with_all_of_them(tmp_path, monkeypatch, capf
     assert properties.some_of(range(100)) == list(range(100))
     monkeypatch.setattr(properties, "FACTOR", None)
     assert properties.some_of(range(100)) == [0, 33, 66]
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--times", "0"], "--times is 0; give a factor from 0.01 to 1000"),
-        (["--seed", "x"], "invalid int value"),
-    ],
-)
-def test_arguments_that_make_no_sense_are_refused(words, said, capsys):
-    with pytest.raises(SystemExit) as error:
-        main(["--properties", *words])
-    assert error.value.code == 2
-    assert said in capsys.readouterr().err
-
-
-def test_a_run_that_tries_no_property_is_no_success(tmp_path, capfd):
-    assert main(["--properties", "--seed", "1", str(tmp_path)]) == 1
-    assert "no property was found" in capfd.readouterr().err

@@ -1,10 +1,6 @@
 """How much of each subpackage the tests reach: lines and branches, with a reason below the least."""
 
-import json
-
-import pytest
-import subpackage_coverage
-from subpackage_coverage import covered_by_subpackage, judged, main, subpackage_of
+from subpackage_coverage import covered_by_subpackage, judged
 
 
 def summary(lines, of_lines, branches=0, of_branches=0):
@@ -20,18 +16,6 @@ FILES = {
 }
 
 
-@pytest.mark.parametrize(
-    ("path", "subpackage"),
-    [
-        ("canopen_control/frame.py", "frame"),
-        ("canopen_control/bus/deep/b.py", "bus"),
-        ("/x/canopen_control/cli/main.py", "cli"),
-    ],
-)
-def test_the_subpackage_of_a_file(path, subpackage):
-    assert subpackage_of(path) == subpackage
-
-
 def test_lines_and_branches_count_and_a_room_without_any_is_left_out():
     assert covered_by_subpackage(FILES) == {"bus": 70.0, "frame": 95.0}
 
@@ -44,21 +28,3 @@ def test_a_room_below_the_least_needs_a_reason():
     text, good = judged(covered, {"bus": "its cards are in guests"})
     assert (text, good) == ("bus             70.0 %  its cards are in guests\nframe           95.0 %", True)
     assert judged(covered, {}, ["frame"]) == ("frame           95.0 %", True)
-
-
-def test_the_exit_code_says_that_a_reason_is_missing(tmp_path, capsys):
-    path = tmp_path / "coverage.json"
-    path.write_text(json.dumps({"files": {"canopen_control/nowhere/a.py": summary(1, 2)}}))
-    assert main([str(path)]) == 1
-    assert main([str(path), "frame", "-x"]) == 0
-    assert "nowhere" in capsys.readouterr().out
-
-
-def test_each_reason_is_of_a_room_that_there_is():
-    import tomllib
-    from pathlib import Path
-
-    root = Path(subpackage_coverage.__file__).parents[1]
-    reasons = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["subpackage_coverage"]["below"]
-    for subpackage in reasons:
-        assert any((root / "canopen_control" / name).exists() for name in (subpackage, f"{subpackage}.py")), subpackage
