@@ -45,6 +45,7 @@ _OF_CHECKS: Final = 450_000  # ruff and mypy take about as long as the tests in 
 _GIVING_WAY: Final = 3  # niceness of parts that only compute, beside tests that wait for other processes
 _LEAVING_ALL: Final = 19  # of parts that only compute, beside robots whose reactions have a limit in time
 _COMPILE: Final = "compile"
+_COMPILED_SHARE: Final = "0.1"  # of a property's examples: the sources have passed the same property with more
 _KEPT_OUT: Final = "not socketcan and not hardware"  # these need a kernel with CAN: the guests have one
 
 #: Marks that say that a test starts processes. tests/conftest.py requires that they stand in the test's own file.
@@ -169,7 +170,8 @@ def pytest(name: str, expression: str, *arguments: str, compiled: Path | None = 
     part = Part(name, (*python, "-m", selection, *arguments))
     part = replace(part, command=(*part.command, "-o", f"cache_dir={part.cache}"))
     if compiled:
-        part = replace(part, environment={"PYTHONPATH": str(compiled)}, needs=_COMPILE)
+        environment = {"PYTHONPATH": str(compiled), "CANOPEN_CONTROL_EXAMPLES_SHARE": _COMPILED_SHARE}
+        part = replace(part, environment=environment, needs=_COMPILE)
     if again:
         part = replace(part, second_look=(*_in_one_process(part.command), "--last-failed", "--maxfail=3", "-v"))
     return part
