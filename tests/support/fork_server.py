@@ -144,6 +144,9 @@ def serve(descriptor: int) -> None:
                 children[child.pid] = child
                 answer = child.pid
             print(answer, file=stream, flush=True)
+    for child in children.values():  # the tests were ended before they could
+        if child.poll() is None:
+            os.kill(child.pid, signal.SIGKILL)
 
 
 def _fork(fork: Any, request: dict[str, Any]) -> Any:
