@@ -134,7 +134,7 @@ def _does(listener: Listener) -> list[str]:
     if listener.protocol != "CAN_RAW":
         return [f"has a socket of {listener.protocol}"]
     identifiers = listener.identifiers
-    words = [_HEARS.get(identifiers, f"hears {identifiers} identifiers")]
+    words = [_HEARS.get(identifiers, f"receives {identifiers} identifiers")]
     scope = {None: "on an interface that only root can see", "": "of all interfaces"}.get(listener.interface)
     return words + ([scope] if scope else [])
 

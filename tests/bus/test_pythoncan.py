@@ -202,7 +202,7 @@ def test_a_can_fd_frame_is_counted_as_lost(scripted):
 
 
 def test_an_unknown_interface_is_answered_with_the_known_ones():
-    with pytest.raises(InterfaceNotFound, match=r"python-can knows no 'nosuchthing', but: .*virtual"):
+    with pytest.raises(InterfaceNotFound, match=r"python-can has no 'nosuchthing', but: .*virtual"):
         open_port("nosuchthing:0")
 
 

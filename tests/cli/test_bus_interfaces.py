@@ -60,7 +60,7 @@ def test_every_listener_is_one_line_that_says_what_it_does(kernel):
         hearing=9,
     )
     assert lines(VCAN0)[2:] == [
-        "  canopen-control run robby --can vcan0 (pid 9) hears 13 identifiers",
+        "  canopen-control run robby --can vcan0 (pid 9) receives 13 identifiers",
         "  canopen-control run robby --can vcan0 (pid 9) lets the kernel send 0x080 every 20 ms, "
         "lets the kernel send 0x090 every 1.5 ms",
         "  candump vcan0 (pid 10) receives everything",

@@ -103,7 +103,7 @@ def test_a_slave_that_refuses_is_an_error(slaves, capsys):
         (["inquire", "vendor"], 1, "no answer; is a slave there, and in configuration?"),
         (["node-id", "200"], 2, "node id 200: it is 1 to 127, or 255 for none"),
         (["node-id", "x"], 2, "is not a whole number of at most 32 bits, decimal or 0x"),
-        (["bit-timing", "3"], 2, "bit rate '3': LSS knows 1000000, 800000"),
+        (["bit-timing", "3"], 2, "bit rate '3': LSS supports 1000000, 800000"),
         (["activate", "70000"], 2, "delay 70000 ms: it is 0 to 65535"),
         (["switch", "configuration", "--vendor", "1"], 2, "--product, --revision, --serial missing"),
         (["switch", "sideways"], 2, "invalid choice: 'sideways'"),
