@@ -92,7 +92,7 @@ class _Followed:
         if not self.at:
             self.low, self.high = min(speed, low), max(speed, high)
         else:
-            way = slope * (now - self.at) / 1e9
+            way = slope * max(now - self.at, 0) / 1e9
             self.low = min(low, self.low + way)
             self.high = max(high, self.high - way)
         self.at = now
@@ -276,7 +276,8 @@ class TargetInvariants:
             if len(targets) > 1:
                 ends = limited(min(targets) * unit), limited(max(targets) * unit)
                 low, high = min(ends), max(ends)
-            axis.ramp(low, high, axis.slope(drive) if mode == _PV else _AT_ONCE, now, plant.velocity)
+            moved_at = drive.mover.time or now  # a drive that computes late still has an earlier speed
+            axis.ramp(low, high, axis.slope(drive) if mode == _PV else _AT_ONCE, moved_at, plant.velocity)
             bounds = axis.low, axis.high
             self._within(axis, drive, plant.velocity, targets, unit, bounds, "turns at {} counts/s")
 

@@ -11,7 +11,7 @@ from canopen_control.simulation.answer_invariants import AnswerInvariants
 from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.simulation_run import SimulationRun
-from canopen_control.simulation.target_invariants import TargetInvariants
+from canopen_control.simulation.target_invariants import TargetInvariants, _Followed
 from canopen_control.virtual.power_machine import DriveLimits
 
 
@@ -79,6 +79,31 @@ def test_a_place_at_every_sync_is_followed_within_the_window(monkeypatch):
     made.run(0.3)
     made.close()
     assert made.broken == ["target_missed"] * 6
+
+
+def test_the_range_of_a_speed_grows_only_with_the_time_of_the_shaft():
+    followed = _Followed(view=None)
+    followed.ramp(-3000.0, -3000.0, 13000.0, S, speed=0.0)
+    followed.ramp(-3000.0, -3000.0, 13000.0, S + 20 * MS, speed=-260.0)
+    assert (followed.low, followed.high) == (-3000.0, pytest.approx(-260.0))
+    followed.ramp(-3000.0, -3000.0, 13000.0, S + 20 * MS, speed=-260.0)  # the drive has not computed since
+    assert (followed.low, followed.high) == (-3000.0, pytest.approx(-260.0))
+
+
+@pytest.mark.sources
+def test_a_drive_that_computes_late_is_compared_with_the_speed_of_its_own_time(judged, monkeypatch):
+    times = []
+    ramp = _Followed.ramp
+
+    def recorded(self, low, high, slope, now, speed):
+        times.append(now)
+        ramp(self, low, high, slope, now, speed)
+
+    monkeypatch.setattr(_Followed, "ramp", recorded)
+    judged.drive(3.0, 3.0, seconds=1.0).run(0.5)
+    drives = [node.device.drives[0] for node in judged.robot.drives.values()]
+    judged.rules.sampled(judged.robot.now_ns + 15 * MS)  # no drive has computed for 15 ms
+    assert times[-2:] == [drive.mover.time for drive in drives]
 
 
 def test_the_controller_that_takes_values_joint_by_joint_says_where_they_go(judged):
