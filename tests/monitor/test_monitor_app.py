@@ -640,7 +640,7 @@ class FakeObjects:
     def rows(self):
         return {f"0x{index:04X}:00": tuple(Cell(str(index)) for _ in OBJECT_COLUMNS) for index in range(0x2000, 0x2100)}
 
-    def look(self, addresses):
+    def watch(self, addresses):
         self.looked = list(addresses)
 
     def leave(self):
