@@ -1,1 +1,1 @@
-"""Runtime: one thread for a robot's buses, its control loop, and the socket of its clients."""
+"""Runtime of a robot: a single thread runs its CAN buses, its control loop and the socket for its clients."""

@@ -1,4 +1,4 @@
-"""Server of a running robot's socket: the methods of `rpc/messages/robot.py`, and pushed messages."""
+"""API server of a running robot: answers the methods of `rpc/messages/robot.py` and pushes data to subscribers."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     from canopen_control.runtime.robot_clock import RobotClock
 
 
-# The API's methods about controllers and hardware components: what ros2_control's services do.
+# API methods about controllers and hardware components; they do what the services of ros2_control do.
 
 
 _RESTING: Final = ("inactive", "unconfigured")
@@ -73,13 +73,13 @@ _COMMUNICATING: Final = (LifecycleState.INACTIVE, LifecycleState.ACTIVE)
 
 
 def answer_control(robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
-    """Register the methods about controllers and hardware components on a server."""
+    """Register the API methods about controllers and hardware components on a server."""
     answers = server.answers
     answers(messages.ListControllers, lambda call: call.reply(_controllers(robot, unloaded=call.request.all)))
     answers(messages.ListControllerTypes, lambda call: call.reply(sorted(TYPES)))
     answers(messages.LoadController, lambda call: _load(robot, call))
     answers(messages.ConfigureController, lambda call: _configure(robot, call))
-    answers(messages.CleanupController, lambda call: _unload(robot, call))  # it keeps nothing between two loads
+    answers(messages.CleanupController, lambda call: _unload(robot, call))  # cleaned up means unloaded
     answers(messages.UnloadController, lambda call: _unload(robot, call))
     answers(messages.SwitchControllers, lambda call: _switch(robot, call))
     answers(messages.SetMeasuredStates, lambda call: _set_measured_states(robot, call))
@@ -130,9 +130,9 @@ def _set_measured_states(robot: RobotCore, call: Call[messages.SetMeasuredStates
 
 
 def _component(robot: RobotCore, component: HardwareComponent) -> HardwareReading:
-    """Return a component in the form of `list_hardware_components`.
+    """Return a hardware component as `list_hardware_components` of ROS 2 shows it.
 
-    Its interfaces are available while it is active.
+    Command interfaces are available while the component is active, state interfaces also while it is inactive.
     """
     tags = {tag.name: tag for tag in robot.setup.description.hardware}
     tag = tags.get(component.name)
@@ -154,7 +154,7 @@ def _component(robot: RobotCore, component: HardwareComponent) -> HardwareReadin
 
 
 def _set_hardware_state(robot: RobotCore, call: Call[messages.SetHardwareState]) -> None:
-    """Activate, deactivate or clean up a component; controllers that use it are deactivated first."""
+    """Activate, deactivate or clean up a hardware component, after deactivating the controllers that use it."""
     name, state = call.request.component, call.request.state
     component = next((component for component in robot.registry.components if component.name == name), None)
     if component is None:
@@ -173,11 +173,11 @@ def _set_hardware_state(robot: RobotCore, call: Call[messages.SetHardwareState])
     call.reply(ComponentState(component.state.value))
 
 
-# The API's methods about parameters: of controllers, and of the controller manager, as ROS 2 shows both.
+# API methods about the parameters of controllers and of the controller manager, as ROS 2 shows both.
 
 
 class ParameterMethods:
-    """Methods about parameters; values set by spawners are added to the file's controllers."""
+    """API methods that get and set parameters; controllers declared by spawners are added to those of the file."""
 
     def __init__(self, robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
         self._robot, self._spawned = robot, SpawnedControllers(robot.setup.controllers)
@@ -195,7 +195,7 @@ class ParameterMethods:
         else:
             own = {declared.name for declared in declared_by(self._robot.setup.controllers.manager)}
             foreign = [declared for declared in values if declared.name in own or "." not in declared.name]
-            checked(MANAGER, self._of_manager(), foreign)  # read-only, all of them, or not declared
+            checked(MANAGER, self._of_manager(), foreign)  # every such parameter is read-only or not declared
             self._spawned.set(values)
         call.reply(Done())
 
@@ -204,7 +204,7 @@ class ParameterMethods:
         return tuple(sorted((*own, *self._of_controllers()), key=lambda of_controller: of_controller.name))
 
     def _of_controllers(self) -> Iterator[ParameterReading]:
-        """Yield the settings of each controller in the manager's block, or of a spawner."""
+        """Yield the controller manager's parameters about each controller, such as `NAME.type`."""
         for name, config in self._robot.setup.controllers.controllers.items():
             yield ParameterReading(name=f"{name}.type", kind="string", value=config.type)
             for key, texts in (("fallback_controllers", config.fallbacks), ("node_options_args", config.node_options)):
@@ -216,17 +216,17 @@ class ParameterMethods:
                 yield ParameterReading(name=f"{name}.params_file", kind="string_array", value=value)
 
 
-# The API's methods about a simulation: pause it, let it go on, step it, bring it back, let something happen in it.
+# API methods that pause, resume, step, reset and disturb a simulation.
 #
-# Only a robot without buses can be simulated so, since drives have a time of their own. What
-# resumes or resets takes every command back, so that what moves next was commanded since.
+# Only a robot without buses can be paused, since drives have their own time. Resuming clears all commands, and a
+# reset restarts the active controllers, so that only commands from afterwards move the robot.
 
 
 _HEAVIEST: Final = "the heaviest link"
 
 
 class SimulationMethods:
-    """Methods about a simulation: pause, resume, step, reset, disturbances."""
+    """API methods that pause, resume, step, reset and disturb a simulation."""
 
     def __init__(self, robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
         self._robot = robot
@@ -240,7 +240,7 @@ class SimulationMethods:
             server.answers(kind, self._act)
 
     def _clock(self) -> RobotClock:
-        """Return the clock of the robot; ControlError if it is not simulated."""
+        """Return the clock of the simulated robot; ControlError if the robot has buses or is not simulated."""
         robot = self._robot
         if robot.cycle.clock.simulated:
             return robot.cycle.clock
@@ -255,7 +255,7 @@ class SimulationMethods:
         return Simulation(seconds=seconds, paused=clock.paused, period=period, changeable=bool(self._worlds()))
 
     def _worlds(self) -> list[HardwareComponent]:
-        """Return the component in physics, None without one."""
+        """Return the hardware components that move in a physics simulation."""
         return [component for component in self._robot.registry.components if component.changeable]
 
     def _get(self, call: Call[GetSimulation]) -> None:
@@ -281,11 +281,11 @@ class SimulationMethods:
         clock = self._clock()
         if not clock.paused:
             raise ControlError("the simulation is not paused, so that it cannot be stepped; pause it first")
-        clock.step(call.request.steps, self)  # which settles the request before
+        clock.step(call.request.steps, self)  # answers the previous request first
         self._stepping = call
 
     def settle(self, error: str | None) -> None:
-        """Answer the request for steps."""
+        """Answer the pending step request, with the state of the simulation or with `error`."""
         call, self._stepping = self._stepping, None
         if call is not None and error is None:
             call.reply(self._state())
@@ -293,7 +293,7 @@ class SimulationMethods:
             call.refuse(ControlError(error))
 
     def _act(self, call: Call[Any]) -> None:
-        """Apply a disturbance to the world of a simulation plugin; without drives a blocked joint reports no error."""
+        """Apply a disturbance, such as a push, to the physics simulation; ControlError if there is no physics."""
         self._clock()
         worlds = self._worlds()
         if not worlds:
@@ -310,7 +310,7 @@ class SimulationMethods:
         for component in robot.registry.components:
             component.reset(call.request.keyframe)
         active = manager.active
-        manager.switch(activate=active, deactivate=active)  # they hold and count from where the joints are now
+        manager.switch(activate=active, deactivate=active)  # they restart at the present joint positions
         for name in manager.bases:
             manager.base(name).set_odometry(0.0, 0.0, 0.0)
         robot.truth.align()
@@ -323,7 +323,7 @@ class SimulationMethods:
 
 
 def _state(act: WorldAct) -> str:
-    """Return the text of an event about a disturbance."""
+    """Return the event text about a disturbance of the simulation."""
     if isinstance(act, BlockJoint):
         return f"{act.joint} is {'blocked' if act.on else 'released'}"
     if isinstance(act, AddPayload):
@@ -340,7 +340,7 @@ Commands = TypeVar("Commands", messages.CommandController, messages.CommandByNam
 
 
 class _Subscription:
-    """Subscription of a connection; `every` is in cycles, 0 for no state."""
+    """Subscription of one connection; the state is sent after every `every` cycles, never if 0."""
 
     __slots__ = ("events", "every", "pdos", "requests")
 
@@ -352,21 +352,21 @@ class _Subscription:
         return self.every > 0 and cycle % self.every == 0
 
     def is_due(self, cycle: int) -> bool:
-        """Whether messages other than events are due after this cycle."""
+        """Whether the state, or process data, may have to be sent after this cycle."""
         return self.pdos or self.wants_state(cycle)
 
 
 class RequestObserver(Protocol):
-    """Observer of the requests of a robot's clients."""
+    """Observer of the requests that a robot's clients send."""
 
     def requested(self, message: messages.RequestSeen) -> None:
-        """Record a request, with its time of arrival in s."""
+        """Process a request; the message has its time in Unix s."""
 
 
 class ApiServer(RobotObserver):
-    """API server of one robot; its socket exists from construction to `close`, unless a `listener` replaces it.
+    """API server of one robot; creates its Unix socket and removes it in `close`, or uses the socket `listener`.
 
-    `observer` receives each request that was not refused at once, except reads.
+    `observer` receives each request that was not refused at once, except requests that only read.
     """
 
     def __init__(self, robot: RobotCore, listener: socket.socket | None = None) -> None:
@@ -395,7 +395,7 @@ class ApiServer(RobotObserver):
         robot.observers.append(self)
 
     def _answer(self) -> None:
-        """Register the handlers of all methods except those of controllers and objects."""
+        """Register the handlers of the methods that this class implements."""
         robot, answers = self._robot, self._server.answers
         answers(messages.GetStatus, lambda call: call.reply(status_message(robot)))
         answers(messages.Subscribe, self._subscribe)
@@ -415,7 +415,7 @@ class ApiServer(RobotObserver):
         answers(messages.PublishEvent, self._report)
 
     def close(self) -> None:
-        """Close all connections and remove the socket."""
+        """Send the waiting events, close all connections and remove the socket."""
         self._flush_events()
         self._server.close()
 
@@ -430,11 +430,11 @@ class ApiServer(RobotObserver):
             self._robot.report(Event(self._robot.reactor.now(), "client_dropped", "", text, Level.WARNING))
 
     def _keeps(self, connection: Connection) -> bool:
-        """Whether a connection may be silent: with a subscription, or a command that ends with the connection."""
+        """Whether a connection may stay idle: it has a subscription, or a command that ends when it closes."""
         return connection in self._subscriptions or connection in self._robot.manager.running.clients_with_commands
 
     def _keep(self, connection: Connection) -> None:
-        """Refuse further permanent connections: the remaining ones are reserved for `stop`, `status` and the like."""
+        """Raise ControlError if no further permanent connection is allowed; requests such as `stop` need the rest."""
         if (
             not self._keeps(connection)
             and len({*self._subscriptions, *self._robot.manager.running.clients_with_commands}) >= MAX_KEPT
@@ -444,7 +444,7 @@ class ApiServer(RobotObserver):
     # ------------------------------------------------------------------------------------------- what is pushed
 
     def after_cycle(self, now: int) -> None:
-        """Send new data to subscribers, between this cycle and the next, after the received data were processed."""
+        """Schedule the messages that subscribers are due, to be sent before the next cycle."""
         del now
         robot, watched = self._robot, self._subscriptions
         if robot.events.waiting or (
@@ -453,7 +453,7 @@ class ApiServer(RobotObserver):
             robot.reactor.call_soon(self._push)
 
     def _push(self) -> None:
-        """Send new data; the sample of each rate is encoded once."""
+        """Send events, state samples and process data to their subscribers; a sample is encoded only once."""
         if self._robot.events.waiting:
             self._flush_events()
         count = self._robot.pacer.count
@@ -470,7 +470,7 @@ class ApiServer(RobotObserver):
             self._server.push(messages.ProcessData(self._unix_time(), changes), watchers)
 
     def done(self, method: str, params: Raw) -> None:
-        """Send a request to the subscribers of requests."""
+        """Pass an accepted request to `observer` and, up to `MAX_REQUEST` bytes, to the subscribers of requests."""
         if self.observer is not None:
             self.observer.requested(messages.RequestSeen(self._unix_time(), method, params))
         watchers = [connection for connection, subscription in self._subscriptions.items() if subscription.requests]
@@ -521,7 +521,7 @@ class ApiServer(RobotObserver):
         call.reply(Done())
 
     def _require_interface(self, request: messages.CommandController) -> None:
-        """Raise ControlError for values of another quantity than the controller's present one."""
+        """Raise ControlError if a request names another command interface than the controller uses now."""
         name, manager = request.controller, self._robot.manager
         takes = manager.get(name).interface if name in manager.states else None
         if takes is not None and request.interface not in (None, takes):
@@ -535,7 +535,7 @@ class ApiServer(RobotObserver):
         call.reply(Done())
 
     def _twist_values(self, request: messages.TwistController) -> list[float]:
-        """Return a twist by the axes of the base; ControlError for an unsupported direction."""
+        """Return the values of a twist in the controller's order; ControlError if the controller cannot follow it."""
         name, manager = request.controller, self._robot.manager
         axes: tuple[str, ...] = _PLANAR
         if name in manager.states:
@@ -548,7 +548,7 @@ class ApiServer(RobotObserver):
         return [twist[axis] for axis in axes]
 
     def _holder(self, call: Call[Commands]) -> Connection | None:
-        """Return the connection whose end ends a command, if that was requested."""
+        """Return the connection whose loss must end the command; None if the request does not set `dead_man`."""
         if not call.request.dead_man:
             return None
         self._keep(call.connection)
@@ -609,14 +609,14 @@ class ApiServer(RobotObserver):
 
         self._robot.touch_probe(self._robot.node(str(call.request.node)).name, read)
 
-    # ------------------------------------------------------------------------------------------- words
+    # ------------------------------------------------------------------------------------------- texts
 
     def _description(self, call: Call[messages.GetDescription]) -> None:
         description = self._robot.setup.description
         call.reply(messages.Description(description.urdf_xml, os.path.abspath(description.path)))
 
     def _report(self, call: Call[messages.PublishEvent]) -> None:
-        """Publish a client's message as an event, on one line."""
+        """Publish a client's message as an event with a text on one line; LocalProtocolError if it is invalid."""
         kind, text = call.request.kind, " ".join(call.request.text.split())
         if not (kind.isidentifier() and len(kind) <= MAX_KIND and 0 < len(text) <= MAX_TEXT and text.isprintable()):
             raise LocalProtocolError(f"tell: a word as kind, and a printable text of 1 to {MAX_TEXT} characters")

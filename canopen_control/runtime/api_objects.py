@@ -1,4 +1,4 @@
-"""API methods about nodes and their objects: NMT commands, SDO transfers, process data."""
+"""API methods for NMT commands, SDO transfers and process data of nodes."""
 
 from __future__ import annotations
 
@@ -40,21 +40,22 @@ if TYPE_CHECKING:
     from canopen_control.runtime.core import RobotCore
 
 
-# Events about objects that clients write through a robot: the client and the object, and a summary of many writes.
+# Events about objects that clients write by SDO through a robot.
 #
-# The first few writes of one client to one node are reported one by one. Later ones within the time have one text, so
-# that the event log counts them: a restore of three hundred objects must not push all other events out of the log.
+# The first `FEW` writes of one client to one node are reported one by one. Further writes, each within `WINDOW_NS` of
+# the previous one, have the same text, so that the event log counts them: restoring three hundred objects must not
+# push all other events out of the log.
 
 
 FEW: Final = 5
 WINDOW_NS: Final = 2_000_000_000
 _WIDEST: Final = 40  # characters of a value
 _COMMUNICATION: Final = range(0x1000, 0x2000)  # identifiers and mappings are hexadecimal
-_MOST: Final = 64  # of clients and nodes that are remembered
+_MOST: Final = 64  # remembered pairs of a client and a node
 
 
 def written_words(od: ObjectDictionary, index: int, subindex: int, data: bytes) -> str:
-    """Return a written value as text: by the EDS, else its number of bytes."""
+    """Return a text with a written value and its object; the number of bytes if the EDS does not describe the value."""
     address, entry = f"0x{index:04X}:{subindex:02X}", od.get(index, subindex)
     padded = None if entry is None else fitted(data, entry.data_type)
     if entry is None or padded is None:
@@ -67,13 +68,13 @@ def written_words(od: ObjectDictionary, index: int, subindex: int, data: bytes) 
 
 
 class WriteLog:
-    """Counter of the writes of each client at each node."""
+    """Counter of consecutive SDO writes of each client to each node, for short event texts about many writes."""
 
     def __init__(self) -> None:
-        self._counts: dict[tuple[str, str], tuple[int, int]] = {}  # how many in a row, and when the last one was
+        self._counts: dict[tuple[str, str], tuple[int, int]] = {}  # number of writes, time of the last write
 
     def words(self, now: int, node: str, source: str, value: str) -> str:
-        """Return the sentence about a write; `now` in monotonic ns."""
+        """Return the event text about a write by `source`; `now` is in monotonic ns."""
         count, last = self._counts.pop((node, source), (0, now))
         count = 1 if now - last > WINDOW_NS else count + 1
         if len(self._counts) >= _MOST:
@@ -82,19 +83,19 @@ class WriteLog:
         return f"{source} wrote {value}" if count <= FEW else f"{source} wrote more objects"
 
 
-# Process data for clients: what TPDOs carry, object by object as it came, and objects to send in RPDOs.
+# Process data for clients: the objects in received TPDOs, and objects to send in RPDOs.
 #
-# Nothing is read without a subscriber. A subscriber first gets everything that has arrived, and
-# after each cycle the changes; a value that changed several times within a cycle is sent once. Values are
-# the bytes of the object (CiA 301, 7.1), little endian, as SDO gives them. What moves an axis (controlword, mode and
-# targets, CiA 402-2) belongs to the controllers, which have limits and timeouts, and is not written by others.
+# Without a subscriber nothing is evaluated. A subscriber first receives all known values, and after each cycle the
+# changed ones; a value that changed several times within a cycle is sent once. A value is the little-endian bytes
+# of the object (CiA 301, 7.1), as in an SDO upload. Objects that move an axis (controlword, mode and targets,
+# CiA 402-2) are written only by controllers, which have limits and timeouts.
 
 
-_FIRST_OBJECT = 0x1000  # below it are the types, which fill gaps
+_FIRST_OBJECT = 0x1000  # smaller indexes are data types, mapped as dummy entries
 
 
 class _Watched:
-    """TPDO of a node with its last reported values."""
+    """TPDO of a node, with the values that were last reported to subscribers."""
 
     __slots__ = ("count", "node", "objects", "pdo", "values")
 
@@ -103,7 +104,7 @@ class _Watched:
         self.count, self.values = 0, tuple[Any, ...]()
 
     def changed(self) -> list[MappedValue]:
-        """Return the objects whose value has changed since the last call."""
+        """Return the mapped objects whose values have changed since the last call; at first all of them."""
         pdo, before = self.pdo, self.values
         if pdo.count == self.count:
             return []
@@ -117,7 +118,7 @@ class _Watched:
 
 
 class ProcessDataFeed:
-    """Received process data of all nodes, by node."""
+    """Values of the objects in received TPDOs, by the name of the node, for subscribers."""
 
     def __init__(self, nodes: Iterable[RemoteNode]) -> None:
         self._watched = [
@@ -127,7 +128,7 @@ class ProcessDataFeed:
         ]
 
     def everything(self) -> dict[str, list[MappedValue]]:
-        """Return all objects received since the boot of their nodes."""
+        """Return the newest value of every object that a TPDO has brought, by the name of the node."""
         values: dict[str, list[MappedValue]] = {}
         for watched in self._watched:
             if watched.pdo.stamp >= 0:
@@ -138,7 +139,7 @@ class ProcessDataFeed:
         return values
 
     def changes(self) -> dict[str, list[MappedValue]]:
-        """Return the changes since the last call; {} for none."""
+        """Return the objects whose values have changed since the last call, by the name of the node."""
         values: dict[str, list[MappedValue]] = {}
         for watched in self._watched:
             if changed := watched.changed():
@@ -147,10 +148,10 @@ class ProcessDataFeed:
 
 
 def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, data: bytes) -> None:
-    """Send an object in the RPDOs that map it, from the next cycle on; ControlError.
+    """Write an object into the RPDO that maps it, to be sent in the next cycle; ControlError if that is not allowed.
 
-    It is refused for objects that move an axis, for digital outputs that a controller commands, and while the node is
-    not OPERATIONAL. An RPDO that moves no axis is sent once for it.
+    Not allowed are objects in no RPDO, objects that move an axis, digital outputs that a controller commands, and
+    any object while the node is not OPERATIONAL. An RPDO that moves no axis is sent once.
     """
     place = f"{node.who}: 0x{index:04X}:{subindex:02X}"
     output = robot.bus_of(node).network.image.output(node.node_id, index, subindex)
@@ -169,7 +170,7 @@ def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, 
 
 
 def _number(data: bytes, mapped: MappedObject, title: str) -> int:
-    """Return the value to pack into the RPDO; ControlError if it is out of range, so that the cycle cannot fail."""
+    """Return the value to pack into the RPDO; ControlError if out of range, so that the cycle cannot fail."""
     try:
         value = decode(data, mapped.data_type)
         PdoCodec((mapped,)).pack([value])
@@ -188,11 +189,11 @@ def _object_value(mapped: MappedObject, value: Value) -> MappedValue:
 
 
 class ObjectMethods:
-    """Methods about nodes and objects; `forget` discards partial data of a connection."""
+    """API methods for NMT commands, SDO transfers and objects in RPDOs."""
 
     def __init__(self, robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
         self._robot = robot
-        self._pieces: dict[Connection, bytearray] = {}  # of what a connection writes next
+        self._pieces: dict[Connection, bytearray] = {}  # first bytes of the next SDO write of a connection
         self._written = WriteLog()
         server.answers(NmtRequest, self._nmt)
         server.answers(SdoRead, self._read)
@@ -202,7 +203,7 @@ class ObjectMethods:
         server.answers(PdoWrite, self._write_pdo)
 
     def forget(self, connection: Connection) -> None:
-        """Discard the partial data of a closed connection."""
+        """Discard the partial SDO data of a closed connection."""
         self._pieces.pop(connection, None)
 
     def _nmt(self, call: Call[NmtRequest]) -> None:

@@ -1,7 +1,7 @@
-"""API methods about trajectories and grippers: a connection has at most one goal, which ends with it.
+"""API methods for trajectories and grippers; a connection has at most one goal of each kind.
 
-A sender that has announced a heartbeat counts as gone when the heartbeat stops, even if its connection remains: the
-process may be blocked or stopped by a signal.
+A goal with `dead_man` ends with its connection. A client that has announced a heartbeat counts as disconnected when
+the heartbeat stops, even if the connection remains: its process may be blocked or stopped by a signal.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ R = TypeVar("R")
 
 
 class TrajectoryMethods(RobotObserver):
-    """Methods about trajectories; `keep` refuses further permanent connections."""
+    """API methods for trajectories; `keep` raises ControlError if no further permanent connection is allowed."""
 
     def __init__(
         self, robot: RobotCore, server: Server[RobotHello, RobotPush], keep: Callable[[Connection], None]
@@ -80,7 +80,7 @@ class TrajectoryMethods(RobotObserver):
         robot.observers.append(self)
 
     def forget(self, connection: Connection) -> None:
-        """Discard the points and the goal of a connection."""
+        """Discard the points, the goal and the heartbeat of a closed connection."""
         self._coming.pop(connection, None)
         self._sent.pop(connection, None)
         self._promised.pop(connection, None)
@@ -92,7 +92,7 @@ class TrajectoryMethods(RobotObserver):
         call.reply(Done())
 
     def _collect(self, connection: Connection, points: Sequence[TrajectoryPoint]) -> PointBuffer:
-        """Return all points of a connection; if there are too many discard them with a ControlError."""
+        """Add points to those sent before on a connection and return all; ControlError if there are too many."""
         buffer = self._coming.setdefault(connection, PointBuffer())
         if len(buffer) + len(points) > MAX_POINTS:
             del self._coming[connection]
@@ -101,7 +101,7 @@ class TrajectoryMethods(RobotObserver):
         return buffer
 
     def _trajectory(self, call: Call[FollowTrajectory] | Call[SendTrajectory] | Call[SetTrajectory]) -> JointTrajectory:
-        """Return the trajectory of a request, with the points sent before."""
+        """Return the trajectory of a request, including the points sent before on its connection."""
         request = call.request
         points = self._collect(call.connection, request.points)
         del self._coming[call.connection]
@@ -123,9 +123,9 @@ class TrajectoryMethods(RobotObserver):
     # ------------------------------------------------------------------------------------------------- heartbeats
 
     def promise(self, connection: Connection, controller: str, heartbeat: float | None) -> None:
-        """Require a heartbeat of a connection every `heartbeat` seconds for its command of `controller`.
+        """Require a heartbeat from a connection every `heartbeat` s while its command of `controller` is active.
 
-        None: no more.
+        None ends an earlier requirement.
         """
         self._promised.pop(connection, None)
         if heartbeat is not None:
@@ -139,7 +139,7 @@ class TrajectoryMethods(RobotObserver):
         call.reply(Done())
 
     def after_cycle(self, now: int) -> None:
-        """End the goals of senders with a missing heartbeat."""
+        """End the goals of connections whose heartbeat is overdue."""
         if not self._promised:
             return
         for connection in [client for client, promise in self._promised.items() if promise.is_broken(now)]:
@@ -155,7 +155,7 @@ class TrajectoryMethods(RobotObserver):
         self._give(call).answer_at_end(call)
 
     def _send(self, call: Call[SendTrajectory]) -> None:
-        """Answer whether a goal is accepted; disabled drives and a latched stop are normal refusals."""
+        """Answer whether a goal is accepted; a refusal is a normal answer here and not an error."""
         try:
             goal = self._give(call).goal
         except ControlError as error:
@@ -167,7 +167,7 @@ class TrajectoryMethods(RobotObserver):
             )
 
     def _give(self, call: Call[FollowTrajectory] | Call[SendTrajectory]) -> _SentTrajectory:
-        """Start a goal as the connection's only one; ControlError if it is refused."""
+        """Start the goal of a request, which replaces the connection's earlier goal; ControlError if refused."""
         request, robot = call.request, self._robot
         trajectory = self._trajectory(call)
         tolerances = GoalTolerances(
@@ -214,9 +214,9 @@ class TrajectoryMethods(RobotObserver):
 
 
 class _Promise:
-    """Required heartbeat of a connection, with its period in ns; `last_heartbeat` is the time of the last.
+    """Heartbeat that a connection must send at least every `within_ns`; `last_heartbeat` is its last time in ns.
 
-    It applies to the command whose `life` belongs to the connection.
+    It applies while `life`, the command timeout of the controller, belongs to the connection.
     """
 
     __slots__ = ("last_heartbeat", "life", "within_ns")
@@ -225,12 +225,12 @@ class _Promise:
         self.life, self.within_ns, self.last_heartbeat = life, within_ns, last_heartbeat
 
     def is_broken(self, now: int) -> bool:
-        """Whether the heartbeat was missed."""
+        """Whether the heartbeat is overdue at `now`, in ns."""
         return now - self.last_heartbeat > self.within_ns
 
 
 class SentGoal(Generic[R]):
-    """Goal of a connection, with the requests that wait for its end; `result` is None until then."""
+    """Goal of a connection, with the requests that wait for the goal's end; `result` returns None until then."""
 
     def __init__(self, result: Callable[[], R | None]) -> None:
         self._result = result
@@ -242,7 +242,7 @@ class SentGoal(Generic[R]):
         self.settle()
 
     def settle(self) -> None:
-        """Answer the waiting requests, if the goal has ended."""
+        """Answer the waiting requests if the goal has ended."""
         result = self._result()
         if result is None:
             return
@@ -270,13 +270,13 @@ def _tolerances(messages: Sequence[TrajectoryTolerance]) -> tuple[JointTolerance
     )
 
 
-# The API's methods about grippers: a connection has one goal, which ends with it; its end can be queried.
+# API methods for grippers: a connection has at most one goal, whose result can be queried.
 
 
 class GripperMethods:
-    """Methods about grippers; `keep` refuses further permanent connections.
+    """API methods for grippers; `keep` raises ControlError if no further permanent connection is allowed.
 
-    `promise` gets the heartbeat period that a connection announces, None for none.
+    `promise` receives the heartbeat period that a connection announces, or None.
     """
 
     def __init__(
@@ -294,11 +294,11 @@ class GripperMethods:
         server.answers(CancelGripper, self._cancel)
 
     def forget(self, connection: Connection) -> None:
-        """Discard the goal of a connection."""
+        """Discard the goal of a closed connection."""
         self._sent.pop(connection, None)
 
     def _send(self, call: Call[SendGripper]) -> None:
-        """Answer whether a goal is accepted; disabled drives and a latched stop are normal refusals."""
+        """Answer whether a goal is accepted; a refusal is a normal answer here and not an error."""
         try:
             goal, _ = self._give(call)
         except ControlError as error:
@@ -307,7 +307,7 @@ class GripperMethods:
             call.reply(GripperVerdict(accepted=True, feedback_rate=goal.feedback_rate))
 
     def _give(self, call: Call[MoveGripper] | Call[SendGripper]) -> tuple[GripperGoal, Sent]:
-        """Start a goal as the connection's only one; ControlError if it is refused."""
+        """Start the goal of a request, which replaces the connection's earlier goal; ControlError if refused."""
         request, robot, connection = call.request, self._robot, call.connection
         goal = GripperGoal(
             request.position, request.max_effort, request.max_velocity, lambda: robot.reactor.call_soon(sent.settle)
@@ -337,7 +337,7 @@ class GripperMethods:
 
 
 def _gripper_result(goal: GripperGoal) -> GripperResult | None:
-    """Return the result of a goal, None before its end."""
+    """Return the result of a gripper goal, None before the goal's end."""
     if not goal.ended:
         return None
     return GripperResult(

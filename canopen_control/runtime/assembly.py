@@ -1,4 +1,4 @@
-"""Assembly of a robot from its files: buses with their nodes, hardware components, joints.
+"""Assembly of a robot from its configuration files into buses, nodes, hardware components and joints.
 
 No channel is opened and nothing moves. Buses are created only if the description uses them; a tag without an
 implementation is refused with its line.
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from canopen_control.yamlfile.node import Node
 
 
-# The `pids_config_file` of mujoco_ros2_control: gains of loops that make an effort of a position or a velocity.
+# The `pids_config_file` of mujoco_ros2_control: gains of PID loops that compute an effort from a position or velocity.
 #
 #  |  /**:
 #  |    ros__parameters:
@@ -50,18 +50,18 @@ if TYPE_CHECKING:
 #  |        velocity:
 #  |          wheel: {p: 2.0, i: 5.0, i_clamp_max: 3.0, i_clamp_min: -3.0}
 #
-# The gains have control_toolbox's names. A joint without any keeps the servo of its own.
+# The gains have the names of control_toolbox. A joint without gains keeps its default servo loop.
 
 
 Loops = dict[str, dict[str, Pid]]
-"""The loops of each joint, by the interface that is commanded."""
+"""PID loops by joint and by commanded interface."""
 _PARAMETERS: Final = "ros__parameters"
 _GAINS: Final = "pid_gains"
 _INTERFACES: Final = ("position", "velocity")
 
 
 def read_pids(path: Path, tag: Ros2ControlSystem) -> Loops:
-    """Return the loops of a tag's joints; RobotConfigError with all errors of the file and their places."""
+    """Read the PID loops of a tag's joints from a `pids_config_file`; RobotConfigError lists all errors with lines."""
     root, loops = tree(path, error=RobotConfigError), Loops()
     blocks = [gains for node in _parameters(root) if (gains := node.get(_GAINS)) is not None]
     if not blocks:
@@ -82,20 +82,20 @@ def read_pids(path: Path, tag: Ros2ControlSystem) -> Loops:
 
 
 def _mapping(node: Node, key: str) -> list[tuple[str, Node]]:
-    """Return the entries of a mapping node; report another kind of node and return nothing."""
+    """Return the entries of a mapping node; report any other kind of node, as an error that says to write `key`."""
     if node.kind != "mapping":
         node.error(f"write {key}")
     return node.items()
 
 
 def _parameters(root: Node) -> list[Node]:
-    """Return the parameters of each node in the file."""
+    """Return the `ros__parameters` section of each ROS node in the file."""
     nodes = [value for _, value in root.items()]
     return [section for node in nodes if node.kind == "mapping" and (section := node.get(_PARAMETERS)) is not None]
 
 
 def _check(place: Node, joint: str, interface: str, commands: dict[str, tuple[str, ...]]) -> None:
-    """Report a joint that is missing, or does not accept such commands."""
+    """Report a joint that the description does not have, or that has no such command interface."""
     if joint not in commands:
         place.error(f"no joint {joint!r} in the description's <ros2_control>{nearest(joint, commands)}")
     elif interface not in commands[joint]:
@@ -103,11 +103,11 @@ def _check(place: Node, joint: str, interface: str, commands: dict[str, tuple[st
         place.error(f"joint {joint} has no command interface {interface!r}; it has {has}")
 
 
-# The mechanics of the joints of a simulation plugin: physics if it is installed, else simple motors.
+# The mechanics of simulated joints: physics if it is installed, else simple motors.
 #
-# A description with MuJoCo's plugin, or a world given by the user, requires physics: the reason why it is not possible
-# is an error. A description with Gazebo's plugin then runs on simple motors, which is reported. The plugin's parameters
-# `mujoco_model`, an MJCF file, and `pids_config_file` are beside the description.
+# A description with MuJoCo's plugin, or a world file given by the user, requires physics: if physics is not possible,
+# that is an error. A description with Gazebo's plugin then runs on simple motors, and an event reports why. The
+# plugin's parameters `mujoco_model` (an MJCF file) and `pids_config_file` are relative to the description's folder.
 
 
 _MODEL: Final = "mujoco_model"
@@ -117,9 +117,10 @@ _PIDS: Final = "pids_config_file"
 def simulation_engine(
     setup: RobotSetup, kinds: Sequence[PluginKind], report: Callable[[str, str], None]
 ) -> Engine | None:
-    """Return the physics of a robot's only simulated tag, None for simple motors; RobotConfigError, PhysicsError.
+    """Return the physics engine for a robot's simulated tag, None for simple motors.
 
-    `report` gets the kind and the text of guesses, or the reason why there is no physics.
+    ConfigError if the robot requires physics and there is none. `report` receives the kind and the text of events about
+    guessed values, or about the reason why there is no physics.
     """
     tags = [tag for tag, kind in zip(setup.description.hardware, kinds, strict=True) if kind is PluginKind.SIMULATION]
     is_needed = setup.world is not None or any(tag.plugin == PHYSICS_PLUGIN for tag in tags)
@@ -140,7 +141,7 @@ def simulation_engine(
 
 
 def _engine(setup: RobotSetup, tag: Ros2ControlSystem, report: Callable[[str, str], None]) -> Engine:
-    """Create the world of a tag."""
+    """Create the physics engine of a tag; RobotConfigError for a file with errors."""
     from canopen_control.physics.plugin_robot import make_simulated
 
     folder = Path(setup.description.path).parent
@@ -156,7 +157,7 @@ def _engine(setup: RobotSetup, tag: Ros2ControlSystem, report: Callable[[str, st
 
 
 def _world(path: Path) -> WorldDescription:
-    """Read the world of one robot."""
+    """Read a world file without robots; RobotConfigError if the file has robots of its own."""
     from canopen_control.physics.scene_file import read_world_description
 
     world = read_world_description(path)
@@ -167,10 +168,11 @@ def _world(path: Path) -> WorldDescription:
 
 @dataclass(slots=True)
 class Assembly:
-    """Parts of a robot by name; RobotConfigError for those that cannot be built.
+    """Buses, nodes, joints and hardware components of a robot; RobotConfigError if one cannot be built.
 
-    `systems` are the components on buses, `sensed` those measured by a world. `report` receives the events of nodes and
-    joints, `on_lost` the end of a bus, `lead` external SYNCs.
+    `systems` are the hardware components on buses, `sensed` the components with sensors of a physics world. `report`
+    receives the events of nodes and joints, `on_lost` the error of a lost bus, `lead` the times of SYNC messages of
+    others.
     """
 
     setup: RobotSetup
@@ -206,7 +208,7 @@ class Assembly:
                 self.registry.register(made_up(setup.description, tag, kind, engine))
 
     def _report_later(self, kind: str, text: str) -> None:
-        """Report an event of the assembly later, once there are listeners."""
+        """Report an event in the next turn of the reactor, when observers are registered."""
         self.reactor.call_soon(lambda: self.report(Event(self.reactor.now(), kind, "", text)))
 
     def _add_buses(self) -> None:
@@ -221,7 +223,7 @@ class Assembly:
                 report=self.report,
                 on_lost=self.on_lost,
             )
-            # all buses have one period, and one of them leads the cycle
+            # all buses have the same period, and only one of them paces the cycle
             sender = setup.sync[name].sender
             lead = None if any(bus.follows_sync for bus in self.buses.values()) else self.lead
             if sender is SyncSender.KERNEL and (setup.kernel_sync or self._kernel_can(bus)):
@@ -233,7 +235,7 @@ class Assembly:
             self.bus_by_node.update(dict.fromkeys(bus.network.nodes, bus))
 
     def _kernel_can(self, bus: RobotBus) -> bool:
-        """Return whether the kernel can send SYNC on a bus; otherwise report the reason."""
+        """Return whether the kernel can send SYNC on a bus; report the reason if not."""
         why = bus.why_no_kernel_sync()
         if why:
             text = f"{why}; this program sends it, as evenly as the machine lets it"

@@ -1,6 +1,6 @@
-"""Asynchronous requests to axes (enable, halt, home ...): answered at completion, failure or timeout.
+"""Asynchronous axis requests (enable, halt, home ...), answered on completion, failure or timeout.
 
-All refusals are decided for all axes before any of them is changed.
+A request is refused for all axes, or accepted for all, before any axis is changed.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _PROBE = {
 
 
 def _is_disabled(joint: JointDrive) -> bool:
-    """Return whether a joint has no power; False for a present node without a statusword."""
+    """Return whether a drive has no power; False while a ready node has sent no statusword."""
     return joint.state not in POWERED_STATES and (joint.state is not None or not joint.node.ready)
 
 
@@ -60,19 +60,19 @@ _REACHED: Final[Mapping[Action, Callable[[JointDrive], bool]]] = MappingProxyTyp
             and not joint.machine.mode_request.failed
             and (
                 joint.machine.enabled or not joint.enable_requested
-            )  # with `switching_state` it left operation for the mode
+            )  # with `switching_state` the drive leaves OPERATION ENABLED to change the mode
         ),
     }
 )
 
 
 def reached(joint: JointDrive, action: Action) -> bool:
-    """Return whether an action on a joint is complete."""
+    """Return whether a joint has reached the result of an action."""
     return _REACHED[action](joint)
 
 
 def find_node(nodes: Mapping[str, RemoteNode], name: str) -> RemoteNode:
-    """Return a node by its name or node id; UnknownName."""
+    """Return the node with this name or node id; UnknownName if there is none."""
     for node in nodes.values():
         if name in (node.name, str(node.node_id)):
             return node
@@ -83,7 +83,7 @@ def find_node(nodes: Mapping[str, RemoteNode], name: str) -> RemoteNode:
 def axes_of(
     nodes: Mapping[str, RemoteNode], joints: Collection[JointDrive], name: str, only: str | None = None
 ) -> tuple[JointDrive, ...]:
-    """Return the axes of a node or of "all" nodes, or the one of the joint `only`; ControlError, UnknownName."""
+    """Return the axes of a node or of "all" nodes, or only the axis of joint `only`; ControlError if there is none."""
     axes = tuple(joints)
     if name == "all" and nodes and not axes:
         raise ControlError("no node drives a joint: there is no axis")
@@ -100,7 +100,7 @@ def axes_of(
 
 
 def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[JointDrive, ...], str]:
-    """Return the joints with those of the same base and controlword, and a sentence if there are more."""
+    """Add the joints with the same base or controlword; return all, with a sentence that names the added ones or ""."""
     complete = with_partners(joints)
     notes = [
         f"{' and '.join(each.joint for each in (joint, *joint.partners))} are motors behind one controlword: "
@@ -119,7 +119,7 @@ def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[Joi
 
 
 class PendingAxisRequest:
-    """Pending `action` on `joints`; `done` is called once, with None or a sentence about the failed joint."""
+    """Pending `action` on `joints`; `done` is called once, with None or with a text about the joints that failed."""
 
     def __init__(
         self, joints: Sequence[JointDrive], action: Action, deadline: int, done: Callable[[str | None], None]
@@ -128,7 +128,7 @@ class PendingAxisRequest:
         self._cycles = 0
 
     def settle(self, now: int) -> bool:
-        """Check for completion, once per cycle, from the time at which the drives could have answered."""
+        """Return whether the request has ended; called once per cycle, and never True in the first cycle."""
         self._cycles += 1
         late = [joint for joint in self._joints if not reached(joint, self._action)]
         if self._cycles > 1 and not late:
@@ -142,11 +142,11 @@ class PendingAxisRequest:
         return False
 
     def fail(self, reason: str) -> None:
-        """End the request with an error."""
+        """End the request with the error text `reason`."""
         self._done(reason)
 
     def _explaining(self, now: int) -> bool:
-        """Whether a drive's fault reason is still being read."""
+        """Whether a drive's fault reason is still being read by SDO."""
         return now <= self._deadline and any(joint.faults.asking for joint in self._joints)
 
     def _refused(self, joint: JointDrive) -> bool:
@@ -174,7 +174,7 @@ class PendingAxisRequest:
 
 
 class ProbeReading:
-    """One reading of the touch probes of an axis (0x60B8 to 0x60BD) by SDO; missing objects are omitted."""
+    """Single reading of the touch probe objects of an axis (0x60B8 to 0x60BD) by SDO; missing objects are omitted."""
 
     def __init__(self, axis: AxisProcessData, done: Callable[[dict[str, int] | str], None]) -> None:
         self._done = done
@@ -200,7 +200,7 @@ class ProbeReading:
 
 
 ALONE: Final = frozenset((Action.DISABLE, Action.HALT, Action.QUICK_STOP))
-"""What takes an axis out of those that it is commanded with, while these go on."""
+"""Actions after which an axis ignores the running command, while the other axes of that command continue."""
 
 
 def begin_action(
@@ -212,9 +212,9 @@ def begin_action(
     method: int | None = None,
     mode: str | None = None,
 ) -> int:
-    """Start a user's action on these axes; return its additional maximum duration in ns.
+    """Start a user's action on these axes; return the time in ns by which to extend the request timeout.
 
-    ControlError or DriveError if it is impossible, before any drive was changed.
+    ControlError or DriveError if the action is impossible, before any drive is changed.
     """
     if action is Action.ENABLE:
         parts = [(system, [joint for joint in joints if joint in system.joints]) for system in systems]
@@ -237,7 +237,7 @@ def begin_action(
 
 
 def _home_axes(joints: Sequence[JointDrive], method: int | None) -> None:
-    """Start homing of all these axes, or of none; ControlError or DriveError."""
+    """Start homing of all these axes; ControlError or DriveError, before any axis starts, if one cannot be homed."""
     for joint in joints:
         _require_present(joint)
         require_own_start(joint.axis, OperationMode.HM)
@@ -249,7 +249,7 @@ def _home_axes(joints: Sequence[JointDrive], method: int | None) -> None:
 
 
 def _change_mode(joints: Sequence[JointDrive], text: str) -> None:
-    """Request a mode of operation; ControlError or DriveError before any drive was changed."""
+    """Request a mode of operation by name or number; ControlError or DriveError before any drive is changed."""
     mode = _mode_of(text)
     for joint in joints:
         _require_present(joint)
@@ -267,7 +267,7 @@ def _change_mode(joints: Sequence[JointDrive], text: str) -> None:
 
 def _mode_of(text: str) -> int:
     if text.startswith("-") and text[1:].isdigit():
-        return int(text)  # a manufacturer's
+        return int(text)  # manufacturer-specific
     try:
         return OperationMode[text.upper()] if not text.lstrip("-").isdigit() else OperationMode(int(text))
     except (KeyError, ValueError):

@@ -1,7 +1,7 @@
-"""`BackgroundRobot`: a robot on a thread of this process, for the library.
+"""Robot that runs on a thread of this process, for use as a library.
 
-The robot is used only on its own thread; other code is a client of its API, as in another process. If a script is
-killed, the drives stop by their heartbeat consumers, as after the loss of any master.
+The robot is accessed only on its own thread; other code is a client of its API, as in another process. If the
+process is killed, the drives stop by their heartbeat consumers, as after the loss of any NMT master.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 
 START_S = 30.0
-_SETTLED = ("running", "stop_latched")  # after a latched stop only `release` continues
+_SETTLED = ("running", "stop_latched")  # after a latched stop only a release continues
 
 
 class _SettledObserver(RobotObserver):
-    """Observer that sets `settled` when the robot runs, or waits for the release of STOP."""
+    """Observer that sets `settled` when the robot runs or STOP is latched."""
 
     def __init__(self, settled: threading.Event) -> None:
         self._settled = settled
@@ -37,9 +37,9 @@ class _SettledObserver(RobotObserver):
 
 
 class BackgroundRobot:
-    """Robot between `start` and `shutdown`; both are thread-safe.
+    """Robot on its own thread, from `start` to `shutdown`.
 
-    `prepare` is called with its core, on its own thread, before it boots.
+    `prepare` is called with the `RobotCore`, on the robot's thread, before the nodes boot.
     """
 
     def __init__(
@@ -52,18 +52,18 @@ class BackgroundRobot:
         self._setup, self._options, self._prepare = setup, options or RunOptions(), prepare
         self._session: RunSession | None = None
         self._thread: threading.Thread | None = None
-        self._settled = threading.Event()  # runs, or has failed
+        self._settled = threading.Event()  # the robot runs or has failed
         self._failure: CanopenError | None = None
 
     @property
     def running(self) -> bool:
-        """Whether the robot has started and not ended."""
+        """Whether the robot has been started and has not ended."""
         return self._session is not None and self._thread is not None and self._thread.is_alive()
 
     def start(self) -> None:
-        """Boot, activate the controllers, and return when the robot runs; raises errors of the start.
+        """Boot the nodes, activate the controllers, and return when the robot runs; CanopenError if the start fails.
 
-        If STOP is latched, even from an earlier run, it returns at once: nothing moves before `release`.
+        If STOP is latched, even from an earlier run, the method returns early: nothing moves before a release.
         """
         if self._thread is not None:
             return
@@ -78,7 +78,7 @@ class BackgroundRobot:
             raise CanopenError(f"robot {self.name} did not run within {START_S:g} s of its start")
 
     def shutdown(self) -> None:
-        """Ramp to zero, disable, and leave the bus; a second call does nothing."""
+        """Ramp the drives to zero, disable them, leave the buses and join the thread; a second call does nothing."""
         thread, session = self._thread, self._session
         if thread is None:
             return

@@ -1,8 +1,9 @@
-"""Robot in one thread: buses, hardware, controllers, and the cycle.
+"""Core of a running robot in one thread: its buses, hardware components, controllers, and control cycle.
 
 No exception of a node, a controller or a client ends the cycle (`RobotCycle`). Nothing moves before a controller is
-active. Every end of the robot (a user, a signal, the end of its duration, a lost bus) is the same stop: targets to
-zero, the drives' own ramps, disable, and only then the bus.
+active. A user, a signal, and the end of the requested duration end the robot by the same stop: targets go to zero, the
+drives use their own ramps, are disabled, and only then are the buses closed. After the loss of a bus the drives stop
+by their heartbeat consumers.
 """
 
 from __future__ import annotations
@@ -59,25 +60,26 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
 
 
-# One cycle of the robot: SYNC where it goes first, read, update, write, send, and what can wait until after that.
+# One cycle of the robot: send SYNC on buses where it precedes the PDOs, read, update, write, send the PDOs; then
+# publish and supervise.
 #
-# Controllers run on the grid of cycle edges. Their time is that of the edge, and their period is that of the grid,
-# however late the process woke: a late cycle sends the set-point of its edge. After skipped edges they continue with
-# the set-point of the newest edge, but for at most `CAUGHT_UP` skipped edges: the time of others is dropped, since a
-# drive that has stopped meanwhile must not be commanded the whole distance in one period. Written targets are for one
-# period in each case: no target moves by more than the drive's velocity allows in it. Timeouts of frames and of
-# supervision use the clock. A simulated robot without buses has no frames to wait for: its components are read at the
-# edges too, and while its time is paused (`robot_clock`) there is no cycle.
+# Controllers run on a fixed grid of cycle edges: their time is the time of the edge and their period is the period of
+# the grid, however late the thread was scheduled, so a late cycle sends the set-point of its edge. After skipped edges
+# they continue with the set-point of the newest edge, but for at most `CAUGHT_UP` skipped edges: further time is
+# dropped, since a drive that has stopped meanwhile must not be commanded the whole distance in one period. Written
+# targets always apply to one period: no target moves further than the drive's velocity allows in one period. Timeouts
+# of frames and of supervision use the actual time. A simulated robot without buses has no frames to wait for: its
+# components are read at the edges too, and while its time is paused (`robot_clock`) there is no cycle.
 
 
-_LOOK_NS: Final = 100_000_000  # from one look at what buses wait for to the next
-CAUGHT_UP: Final = 2  # skipped edges whose set-points are passed over
+_LOOK_NS: Final = 100_000_000  # interval between checks of how buses receive
+CAUGHT_UP: Final = 2  # maximum number of skipped edges whose time counts
 
 
 class RobotCycle:
-    """Cycle of a robot at the edges of `pacer`; `sent_at` is the time at which the last cycle's frames were sent.
+    """Control cycle of a robot, run at the edges of `pacer`; `sent_at` is when the last frames were sent, in ns.
 
-    The `robot` advances its start and its end, last in the cycle. `clock` is the time of the controllers.
+    Each cycle also advances the start or the stop of `robot`. `clock` is the time of the controllers.
     """
 
     def __init__(
@@ -101,14 +103,14 @@ class RobotCycle:
         self.clock = RobotClock(reactor, pacer.period_ns, simulated=simulated)
 
     def step(self, now: int) -> None:
-        """Execute a cycle with all received frames: watched ports were read before, as in every turn."""
+        """Execute one cycle; frames from ports that the reactor watches have been processed before."""
         if self.clock.simulated:
             self._simulate(now)
         else:
             self._exchange(now)
 
     def _exchange(self, now: int) -> None:
-        """Execute the cycle of a robot with buses, or without buses in real time."""
+        """Execute one cycle of a robot whose time is not simulated."""
         pacer = self._pacer
         for bus in self._buses:
             if not bus.watched:
@@ -134,7 +136,7 @@ class RobotCycle:
         self._robot.after_cycle(now)
 
     def _simulate(self, now: int) -> None:
-        """Execute the cycle of a simulated robot without buses: the requested steps only while paused."""
+        """Execute one cycle of a simulated robot without buses; while paused, only requested steps are executed."""
         clock, edge, skipped = self.clock, self._pacer.edge, self._pacer.skipped
         if self._robot.advances:
             self._robot.advance(now)
@@ -149,7 +151,7 @@ class RobotCycle:
             clock.report_steps()
 
     def _turn(self, edge: int, period: float) -> None:
-        """Read, update and write at an edge, and report the result."""
+        """Read the components, update the controllers and write the commands at an edge, then publish the states."""
         for component in self._registry.components:
             if component.read(edge, period) is ERROR:
                 self._failed(component, "read", edge)
@@ -160,18 +162,18 @@ class RobotCycle:
         self._manager.broadcast(edge, period)
 
     def _skip(self, skipped: int) -> float:
-        """Account for missed cycles and return the period to use, in s."""
+        """Report skipped edges to the hardware components; return the period for this cycle in s."""
         if not self._following:
             self._skipped(skipped)
         return self._period * (1 + min(skipped, CAUGHT_UP))
 
     def step_now(self, now: int) -> None:
-        """Execute a cycle between edges, for callers without a pacer that have read all frames."""
+        """Execute a cycle at `now`, for callers that do not run the pacer and have received all frames."""
         self._pacer.edge, self._pacer.skipped = now, 0
         self.step(now)
 
     def _supervise(self, now: int) -> None:
-        """Process timers before the next cycle: heartbeats, timeouts, periodic checks."""
+        """Process heartbeats, timeouts and periodic checks after the frames of a cycle are sent."""
         for bus in self._buses:
             bus.tick(now)
         if now >= self._look_at and self._pacer.running:
@@ -192,13 +194,13 @@ class RobotCycle:
         self._manager.deactivate_using(component, f"{component.name} reported an error on {verb}", now)
 
 
-STOP_TIMEOUT_NS: Final = 15_000_000_000  # a longer stop ends without confirmation by the drives, and reports that
+STOP_TIMEOUT_NS: Final = 15_000_000_000  # a longer stop ends without confirmation by the drives, with an event
 REQUEST_TIMEOUT_NS: Final = 12_000_000_000
-_NEVER: Final = 1 << 62  # boot_time 0: wait for the nodes for ever
+_NEVER: Final = 1 << 62  # boot_time 0: wait for the nodes forever
 
 
 class RobotState(enum.Enum):
-    """State of the robot; in DISABLED, drives claimed by a controller are off and wait for an enable."""
+    """State of a robot; DISABLED means that drives claimed by a controller wait to be enabled."""
 
     STARTING = "starting"
     RUNNING = "running"
@@ -209,9 +211,10 @@ class RobotState(enum.Enum):
 
 
 class RobotCore:
-    """Robot between the ports and the API; `failure` is the reason of a failed run.
+    """Running robot between its bus ports and the API; `failure` is the error text of a failed run, else None.
 
-    `observers` are called in order. `in_virtual_time`: its clock is that of a simulation, and clients are informed.
+    `observers` are called in order. `in_virtual_time` is set if the robot's clock is the clock of a simulation, which
+    clients are told.
     """
 
     def __init__(self, setup: RobotSetup, reactor: Reactor) -> None:
@@ -224,7 +227,7 @@ class RobotCore:
         self.wall, self.in_virtual_time = WallClock(reactor.now, follows=not reactor.clock.is_manual), False
         self.commander: str | None = None
         self.missing_programs: Mapping[str, str] = {}
-        """Programs around it that have died (the page, the flight recorder, ...), and what follows."""
+        """Helper programs of the robot that have ended unexpectedly (such as the web page), and the consequence."""
         self.latch, self.truth = StopLatch(self.report), TruePoseTracker()
         self.pacer = Pacer(reactor, setup.cycle_ns)
         self.pacer.phase.behind_ns = setup.phase_ns
@@ -249,7 +252,7 @@ class RobotCore:
         self.pacer.on_edge = self.cycle.step
         self._phase = RobotState.STARTING
         self.advances = True
-        """Whether it starts or stops, and `advance` has steps."""
+        """Whether the robot is starting or stopping, so that `advance` is called in each cycle."""
         self._activated = self._was_latched = False
         self._deadline = self._stopping_until = 0
         self._requests: list[PendingAxisRequest] = []
@@ -264,14 +267,14 @@ class RobotCore:
 
     @property
     def state(self) -> RobotState:
-        """State of the robot; FAULT if a node is missing or a drive is in fault while it runs."""
+        """State of the robot; FAULT if a required node is missing or a drive is in fault while the robot runs."""
         return self._state(self._waiting())
 
     @property
     def hint(self) -> str | None:
-        """Reason why the robot does not move, with advice, in one sentence.
+        """One sentence on why the robot does not start or follow commands, with advice.
 
-        None while it could move, starts or ends.
+        None if there is no reason to report, and while the robot stops.
         """
         return self._hint(self._waiting())
 
@@ -292,19 +295,19 @@ class RobotCore:
         return RobotState.DISABLED if waiting else RobotState.RUNNING
 
     def _hint(self, waiting: list[JointDrive]) -> str | None:
-        if self._phase is RobotState.STARTING:  # a robot that starts runs once STOP is released
+        if self._phase is RobotState.STARTING:  # STOP delays the start
             return self.latch.hint or self._boot_error() or self._silent_hint()
         if self._phase is not RobotState.RUNNING:
             return None
         return self.needed.hint or enable_hint(waiting)
 
     def _boot_error(self) -> str | None:
-        """Return the first error that prevents a node's process data; None without one."""
+        """Return the error text of the first required node that is not ready and has one; None if there is none."""
         errors = (node.error for node in self.nodes.values() if node.config.required and not node.ready)
         return next((error for error in errors if error), None)
 
     def _silent_hint(self) -> str | None:
-        """Return the started drives without a statusword so far; None if none must be awaited."""
+        """Return a sentence about OPERATIONAL drives without a received statusword; None if there are none."""
         silent = [
             joint.node.name
             for joint in self.joints.values()
@@ -318,18 +321,18 @@ class RobotCore:
         return f"no TPDO has brought the statusword of {names}; see: canopen-control trace --service pdo"
 
     def join(self) -> None:
-        """Open the buses, and start local ones; BusError. `start` starts the robot."""
+        """Open the bus channels before `start`, to receive boot-up messages of the nodes; BusError if that fails."""
         self._with_buses(RobotBus.join)
 
     def has_heard(self, names: Iterable[str]) -> bool:
-        """Return whether the boot-ups of these nodes were received since `join`."""
+        """Return whether the boot-up messages of all these nodes have been received since `join`."""
         nodes = [self.nodes[name] for name in names]
         return all(node.node_id in self.bus_of(node).booted_up for node in nodes)
 
     def start(self) -> None:
-        """Start, on the buses that are opened if necessary; BusError if a channel cannot be opened."""
+        """Open the buses if necessary, boot the nodes and start the cycle; BusError if a channel cannot be opened."""
         if self._phase is not RobotState.STARTING:
-            return  # it was ended before it began
+            return  # the robot was shut down before the start
         self._with_buses(RobotBus.open)
         if self.failure is not None:
             return  # a bus was lost again, which has been reported
@@ -344,7 +347,7 @@ class RobotCore:
         self.pacer.start()
 
     def _with_buses(self, verb: Callable[[RobotBus], None]) -> None:
-        """Call a method of all buses; close all of them if it fails."""
+        """Call a method of every bus; close the robot if one call fails."""
         try:
             for bus in self.buses.values():
                 verb(bus)
@@ -353,7 +356,7 @@ class RobotCore:
             raise
 
     def shutdown(self, why: str) -> None:
-        """Start the end: ramp to zero, disable, leave the buses; a second call does nothing."""
+        """Start to stop the robot: ramp to zero, disable the drives, leave the buses; a second call does nothing."""
         if self._phase in (RobotState.STOPPING, RobotState.STOPPED):
             return
         now = self.reactor.now()
@@ -362,11 +365,11 @@ class RobotCore:
         self._stopping_until = now + STOP_TIMEOUT_NS
         self.manager.running.forget(self.cycle.clock.now(), f"the robot is stopping ({why})")
         self._release_all(now)
-        if not self.pacer.running:  # it has not begun: nothing turns, and no cycle would end it
+        if not self.pacer.running:  # the cycle has not started, so it cannot finish the stop
             self._end("has stopped before it began")
 
     def close(self) -> None:
-        """Close everything at once, at the end or after a failed start."""
+        """Stop the cycle and close the buses at once, without stopping the drives; pending requests fail."""
         self.pacer.stop()
         self.cycle.clock.end()
         for bus in self.buses.values():
@@ -379,7 +382,7 @@ class RobotCore:
     # ------------------------------------------------------------------------------------------- verbs
 
     def report(self, event: Event) -> None:
-        """Report an event to all listeners; repetitions are counted and reported as a summary."""
+        """Report an event to all observers; repetitions are counted and reported as a summary."""
         self._report(self.events.add(event))
 
     def _report(self, events: Iterable[Event]) -> None:
@@ -396,9 +399,10 @@ class RobotCore:
         *,
         holder: object = None,
     ) -> None:
-        """Pass a command to a controller; `stamp` is its creation in Unix s. ControlError.
+        """Pass a command to a controller; ControlError if STOP is latched or the controller refuses the command.
 
-        With a `holder` the command ends when `client_disconnected` reports its end, otherwise only by its timeout.
+        `stamp` is the creation time in Unix s. The command ends when `client_disconnected` is called with the `holder`;
+        without a holder it ends only by its timeout.
         """
         self.latch.refuse("a command to", controller)
         self._require_active(controller, source)
@@ -412,12 +416,12 @@ class RobotCore:
         return self.wall.offset_ns
 
     def time_of(self, unix: float) -> int:
-        """Return a Unix time in s on the robot's clock, in ns."""
+        """Convert a Unix time in s to the robot's clock, in ns."""
         self._report_clock_step(self.wall.follow())
         return self.cycle.clock.of(round(unix * 1e9) - self.wall_offset_ns)
 
     def made_at(self, stamp: float) -> int:
-        """Return the creation time of a command with a stamp in Unix s, on the robot's clock, in ns."""
+        """Convert the stamp of a command in Unix s to the robot's clock, in ns."""
         self._report_clock_step(self.wall.follow())
         return self.cycle.clock.of(self.wall.made_at(round(stamp * 1e9)))
 
@@ -426,14 +430,14 @@ class RobotCore:
             self.report(Event(self.reactor.now(), "clock_step", "", step_words(moved), Level.WARNING))
 
     def send_goal(self, controller: str, goal: AnyGoal, source: str, *, holder: object = None) -> None:
-        """Pass a goal to a controller; with a `holder` it ends when that client disconnects."""
+        """Pass a goal to a controller; the goal ends when the client `holder` disconnects. ControlError if refused."""
         self.latch.refuse("a goal to", controller)
         self._require_active(controller, source)
         self.manager.send_goal(controller, goal, self.cycle.clock.now(), source=source, holder=holder)
         self.commander = source
 
     def _require_active(self, controller: str, source: str) -> None:
-        """Raise ControlError for an inactive controller; reported once, like other refusals."""
+        """Raise ControlError for an inactive controller, and report the refusal as an event."""
         try:
             require_active(self.setup, self.manager, controller)
         except ControlError as error:
@@ -441,19 +445,20 @@ class RobotCore:
             raise
 
     def client_disconnected(self, holder: object, why: str = "is gone") -> None:
-        """End the commands of a disconnected client; `why` is the reason in the event."""
+        """End the commands of a disconnected client; `why` is the predicate of the client in the event text."""
         self.manager.running.client_disconnected(holder, why)
 
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:
-        """Switch controllers, loading and configuring them if necessary; ControlError, and nothing is changed."""
+        """Switch controllers, loading and configuring them if necessary; ControlError if refused, before any change."""
         switch_controllers(
             self.setup, self.manager, activate, deactivate, strict=strict, check=self.needed.check_controllers
         )
 
     def stop(self, done: Callable[[str | None], None], latched_by: str | None = None, by: str = "somebody") -> None:
-        """Ramp to zero and disable; `done(error)` when no drive moves under power any more.
+        """Ramp all drives to zero and disable them; `done(error)` is called when no drive has power any more.
 
-        `latched_by` latches it as well, see `StopLatch`; `by` names the client, for the commands that end with it.
+        `latched_by` names the client that latches STOP (see `StopLatch`), None for a stop without a latch; `by` names
+        the client in the events of the commands that end.
         """
         now = self.reactor.now()
         if latched_by is None:
@@ -477,11 +482,11 @@ class RobotCore:
         method: int | None = None,
         mode: str | None = None,
     ) -> str:
-        """Execute an action on the axes of a node, or of "all"; `done(error)` when it is complete. ControlError.
+        """Start an action on the axes of a node or of "all"; `done(error)` is called when the action has ended.
 
-        Axes of one base are used together; returns the sentence about that, "" otherwise. `joint` selects one of
-        several axes of a node. `method` is the homing method (None: the one in 0x6098), `mode` the mode of operation by
-        name or number.
+        ControlError if the action is refused. The action includes all axes of a base; returns a sentence that names the
+        added axes, or "". `joint` selects one of several axes of a node. `method` is the homing method (None: the
+        method in 0x6098), `mode` is the mode of operation by name or number.
         """
         now = self.reactor.now()
         self.needed.check_action(action)
@@ -495,21 +500,21 @@ class RobotCore:
         return together
 
     def touch_probe(self, name: str, done: Callable[[dict[str, int] | str], None]) -> None:
-        """Read the touch probes of a node; `done` receives the values by name, or a sentence."""
+        """Read the touch probes of a node's first axis; `done` receives the values by name, or an error text."""
         ProbeReading(axes_of(self.nodes, self.joints.values(), name)[0].axis, done)
 
     def node(self, name: str) -> RemoteNode:
-        """Return a node by its name or node id; UnknownName."""
+        """Return the node with this name or node id; UnknownName if there is none."""
         return find_node(self.nodes, name)
 
     def bus_of(self, node: RemoteNode) -> RobotBus:
-        """Return the bus of a node."""
+        """Return the bus to which a node belongs."""
         return self._bus_by_node[node.name]
 
     # ------------------------------------------------------------------------------------------- cycle
 
     def after_cycle(self, now: int) -> None:
-        """Process the results of a cycle whose frames were sent."""
+        """Settle requests, report new events and call the observers, after the frames of a cycle are sent."""
         pacer, manager, wall = self.pacer, self.manager, self.wall
         if now >= wall.look_at and (moved := wall.look(now)):
             self._report_clock_step(moved)
@@ -528,14 +533,14 @@ class RobotCore:
             observer.after_cycle(now)
 
     def advance(self, now: int) -> None:
-        """Execute the next step of starting or stopping; called while `advances`."""
+        """Execute the next step of the start or of the stop; called in each cycle while `advances` is set."""
         if self._phase is RobotState.STARTING:
             self._advance_start(now)
         elif self._phase is RobotState.STOPPING:
             self._advance_stop(now)
 
     def _advance_start(self, now: int) -> None:
-        """Execute the next step of starting."""
+        """Activate the controllers once all required nodes are ready; report when the robot runs, fail on a timeout."""
         missing = [node for node in self.nodes.values() if node.config.required and not node.ready]
         self._was_latched |= self.latch.held
         if not missing and not self._activated and not self.latch.held:
@@ -554,13 +559,13 @@ class RobotCore:
             self.fail(why_not_started(self.buses.values(), [(self.bus_of(node), node) for node in missing]))
 
     def _advance_stop(self, now: int) -> None:
-        """Execute the next step of stopping."""
+        """End the run when all drives have stopped, or after `STOP_TIMEOUT_NS`."""
         late = now > self._stopping_until
         if not late and not all(system.stopped for system in self.systems):
             return
         if late:
             self.report(Event(now, "stop_timeout", "", "the drives did not confirm the stop in time", Level.ERROR))
-        how = stop_summary(self.joints.values())  # as they are now: the reset takes their statuswords away
+        how = stop_summary(self.joints.values())  # evaluated now, because the NMT reset clears the statuswords
         for bus in self.buses.values():
             bus.release_nodes()
         self._end(f"has stopped, {how}" if how else "has stopped")
@@ -576,7 +581,7 @@ class RobotCore:
             observer.stopped()
 
     def _activate(self) -> None:
-        """Load, configure and activate the controllers as the spawners of the tutorial do, broadcasters first."""
+        """Activate the hardware components, then load, configure and activate the controllers of the start."""
         try:
             for component in self.registry.components:
                 component.configure()
@@ -586,13 +591,13 @@ class RobotCore:
             self.fail(str(error))
 
     def fail(self, text: str) -> None:
-        """End the run because of the error `text`."""
+        """Report the error `text` as the failure of the run, and shut down."""
         self.failure = self.failure or text
         self.report(Event(self.reactor.now(), "failed", "", text, Level.ERROR))
         self.shutdown("the run failed")
 
     def controllers_switched(self) -> None:
-        """Update the stop groups of the active base controllers; stop one that would move only in part."""
+        """Update the stop groups of the active base controllers; stop a base of which only a part is enabled."""
         regroup(self.joints.values(), self.manager.bases, self.reactor.now())
         for system in self.systems:
             system.regroup()
@@ -606,7 +611,7 @@ class RobotCore:
             system.stop(now)
 
     def _on_bus_lost(self, error: BusError) -> None:
-        """End the run: without a heartbeat on the failed bus the drives stop."""
+        """End the run after the loss of a bus; without the master's heartbeat the drives stop on their own."""
         self.failure = self.failure or str(error)
         self.close()
         self.reactor.call_soon(self._notify_stopped)

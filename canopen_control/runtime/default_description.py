@@ -1,15 +1,16 @@
-"""Description and controllers of a bus without a URDF and a ros2_controllers.yaml.
+"""Default description and controllers for a bus without a URDF and without a ros2_controllers.yaml.
 
-Rules (ros2_canopen's device container): `driver` in bus.yml decides what a node is. A CiA 402 drive
-(`ros2_canopen::Cia402Driver`, or no driver and an EDS with a controlword) is a joint with the name of the node, or for
-several axes one joint each, named by `channel_names`. It has its own controller, which takes targets in the present
-mode of the drive and enables nothing. Every other node is a proxy: it is booted and supervised, accessible by SDO, NMT
-and PDO, and moves nothing. All drives of the bus are one stop group, as in any robot. A drive whose PDOs contain no
-controlword or no statusword is a proxy too; one whose RPDOs contain no target is supervised, and refuses commands that
-need one. Both are reported once, as warnings: for observation alone no other bus.yml is needed.
+As in ros2_canopen's device container, `driver` in bus.yml decides what a node is. A CiA 402 drive
+(`ros2_canopen::Cia402Driver`, or no driver and an EDS with a controlword) becomes a joint with the name of the node;
+each axis of a multi-axis drive becomes a joint with its name in `channel_names`. Every joint has its own controller,
+which accepts targets in the drive's present mode and does not enable the drive. Every other node is a proxy: the
+master boots and supervises the node and gives access by SDO, NMT and PDO, but no joint is moved. All drives of the bus
+are one stop group, as in any robot. A drive whose PDOs contain no controlword or no statusword is a proxy too; a drive
+whose RPDOs contain no target is supervised, and refuses commands that need a target. Both are reported once, as
+warnings, so that the same bus.yml serves for observation.
 
-A robot may mix both: a drive that no joint of its description names, and whose `driver` is that of a drive, is handled
-as on a bus without a robot, in the same stop group as the others; without that driver it is a proxy.
+A robot may combine both: a drive that no joint of the description names, and whose `driver` is a drive's, is handled as
+on a bus without a robot, in the same stop group as the other drives; without such a driver the node is a proxy.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ _URDF: Final = '<robot name="{name}"><link name="base_link"/></robot>'
 
 
 def description_of(name: str, path: str, buses: Mapping[str, BusConfig]) -> UrdfDescription:
-    """Return a default description for a bus without a URDF, one joint per drive; RobotConfigError."""
+    """Return a default description with one joint per drive axis; RobotConfigError if two axes have the same name."""
     joints = tuple(joint for bus in buses.values() for joint in _joints(bus))
     _refuse_doubles(path, joints)
     system = _system(name, joints)
@@ -60,7 +61,7 @@ def description_of(name: str, path: str, buses: Mapping[str, BusConfig]) -> Urdf
 
 
 def controllers_of(path: str, description: UrdfDescription) -> ControllersFile:
-    """Return default controllers for a bus without ros2_controllers.yaml: one per drive, with its name."""
+    """Return default controllers for a bus without a ros2_controllers.yaml: one per joint, with the joint's name."""
     names = [joint.name for system in description.hardware for joint in system.joints]
     return ControllersFile(controllers=_target_controllers(names, path), path=path)
 
@@ -68,7 +69,7 @@ def controllers_of(path: str, description: UrdfDescription) -> ControllersFile:
 def with_free_drives(
     description: UrdfDescription, control: ControllersFile, buses: Mapping[str, BusConfig]
 ) -> tuple[UrdfDescription, ControllersFile, tuple[str, ...]]:
-    """Return description and controllers with the drives without a joint added, and their names."""
+    """Add joints and controllers for drives that have none; return both files, and the names of the new joints."""
     free = tuple(
         (joint, node, axis) for joint, node, axis, problem in _free(buses, description, control) if not problem
     )
@@ -81,7 +82,7 @@ def with_free_drives(
 
 
 def default_warnings(buses: Mapping[str, BusConfig]) -> Iterator[str]:
-    """Yield a warning if `driver` in bus.yml and the EDS disagree about the kind of a node."""
+    """Yield warnings if `driver` and EDS contradict each other, or if an object that controls an axis is in no PDO."""
     for bus in buses.values():
         for node in bus.nodes.values():
             place, driver, source = f"{bus.path}:{node.line}", node.ros.driver, bus.eds_paths[node.name].name
@@ -100,7 +101,7 @@ def default_warnings(buses: Mapping[str, BusConfig]) -> Iterator[str]:
 def unmoved_drives(
     buses: Mapping[str, BusConfig], description: UrdfDescription, control: ControllersFile | None
 ) -> Iterator[str]:
-    """Yield a note for each drive without a joint in the description."""
+    """Yield a note for each CiA 402 drive that no joint of the description names."""
     free = dict[str, str]()
     for joint, node, _, problem in _free(buses, description, control or ControllersFile()):
         free[node.name] = problem or (
@@ -120,7 +121,7 @@ _BESIDE: Final = "drives_of_bus_yml"
 def _free(
     buses: Mapping[str, BusConfig], description: UrdfDescription, control: ControllersFile
 ) -> Iterator[tuple[str, NodeConfig, int, str]]:
-    """Yield the axes of drives without a joint: as a joint, or with the reason why it cannot be one."""
+    """Yield name, node, axis and "" for each new joint of a drive without one, or the reason against the joint."""
     if any(tag.plugin in PLUGINS for tag in description.hardware):
         parts = [part.name for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)]
         names = {*parts, *description.joints, *control.controllers}
@@ -141,7 +142,7 @@ def _is_named(node: NodeConfig, description: UrdfDescription) -> bool:
 
 
 def _system(name: str, axes: Iterable[tuple[str, NodeConfig, int]]) -> Ros2ControlSystem:
-    """Return the <ros2_control> tag of the drives with targets."""
+    """Return a <ros2_control> tag with a joint for each axis, with the command interface `target`."""
     states = {interface: InterfaceInfo(interface) for interface in (POSITION, VELOCITY, EFFORT)}
     target = {TARGET: InterfaceInfo(TARGET)}
     joints = tuple(
@@ -152,7 +153,7 @@ def _system(name: str, axes: Iterable[tuple[str, NodeConfig, int]]) -> Ros2Contr
 
 
 def _parameters(node: NodeConfig, axis: int, *, beside: bool) -> dict[str, str]:
-    """Return the parameters of a joint; an optional one next to others has its own stop group."""
+    """Return the URDF parameters of a joint; an optional node `beside` a description gets its own stop group."""
     bound = {"device_name": node.name, "axis": str(axis)}
     return bound | {"stop_group": node.name} if beside and not node.required else bound
 
@@ -162,7 +163,7 @@ def _target_controllers(names: Iterable[str], path: str) -> dict[str, Controller
 
 
 def _drives(driver: str) -> bool:
-    """Whether a ros2_canopen driver, of any version, is one for drives."""
+    """Whether a `driver` is a ros2_canopen driver for drives, of any ros2_canopen version."""
     return any(name in driver for name in DRIVE_DRIVERS)
 
 
@@ -174,7 +175,7 @@ def _joints(bus: BusConfig) -> Iterator[tuple[str, NodeConfig, int]]:
 
 
 def _axes(bus: BusConfig) -> Iterator[tuple[str, NodeConfig, int]]:
-    """Yield the axes of the drives: the name of the joint, the node, the number of the axis."""
+    """Yield joint name, node and axis number of every axis of the drives on a bus."""
     for node in bus.nodes.values():
         axes = bus.plans[node.name].axes
         if not axes or (node.ros.driver and not _drives(node.ros.driver)):
@@ -187,7 +188,7 @@ def _axes(bus: BusConfig) -> Iterator[tuple[str, NodeConfig, int]]:
 
 
 def _uncontrolled(plan: NodePlan, axis: int) -> str:
-    """Return why an axis is only a proxy: controlword or statusword missing in its PDOs; "" for neither."""
+    """Return the warning about an axis whose controlword or statusword is in no PDO, "" if both are mapped."""
     for base, pdos, kind in ((CONTROLWORD, plan.rpdos, "RPDO"), (STATUSWORD, plan.tpdos, "TPDO")):
         index = axis_index(base, axis)
         if (index, 0) not in plan.carried(pdos):
@@ -199,7 +200,7 @@ def _uncontrolled(plan: NodePlan, axis: int) -> str:
 
 
 def _untargeted(plan: NodePlan, axis: int) -> str:
-    """Return the reason why an axis has no target in an RPDO, "" if it has one."""
+    """Return the warning about an axis without a target in an RPDO, "" if an RPDO has a target."""
     carried = plan.carried(plan.rpdos)
     if any((axis_index(index, axis), subindex) in carried for index, subindex in serving_objects(TARGET)):
         return ""

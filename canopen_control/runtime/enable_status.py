@@ -1,7 +1,7 @@
-"""Enable status: which drives follow commands, with advice for the others; mandatory nodes; the STOP latch.
+"""Conditions for motion of a robot: enabled drives, mandatory nodes and the STOP latch.
 
-A robot whose controllers claim disabled drives is not running but disabled; its status names the action to call. Nodes
-have the names of bus.yml.
+A robot whose controllers claim disabled drives is not running but disabled; the status then names the necessary
+command. Nodes have their names from bus.yml.
 """
 
 from __future__ import annotations
@@ -39,31 +39,31 @@ _RESET: Final = "canopen-control axis fault-reset all"
 
 
 def is_off(joint: JointDrive) -> bool:
-    """Return whether a drive is off, halted, or being enabled."""
+    """Return whether a drive does not follow commands: disabled, halted, being enabled or being stopped."""
     return not joint.machine.enabled or not joint.enable_requested or joint.machine.halted
 
 
 def is_rising(joint: JointDrive) -> bool:
-    """Return whether a joint will follow commands after a delay: it is being enabled, or homed."""
+    """Return whether a joint follows commands or soon will, because an enable is requested and the node is ready."""
     return joint.enable_requested and joint.node.ready and not joint.machine.halted
 
 
 def claimed_off(joints: Iterable[JointDrive]) -> list[JointDrive]:
-    """Return the drives claimed by a running controller that are off."""
+    """Return the drives that active controllers claim and that do not follow commands."""
     return [joint for joint in _claimed(joints) if is_off(joint)]
 
 
 def _claimed(joints: Iterable[JointDrive]) -> list[JointDrive]:
-    """Return the drives claimed by running controllers.
+    """Return the drives that active controllers claim.
 
-    Drives with their own target controller are enabled only by users: others do not wait for them.
+    A drive claimed through its `target` interface is enabled only by users, and is left out if there are others.
     """
     claimed = [joint for joint in joints if joint.claimed is not None]
     return [joint for joint in claimed if joint.claimed != TARGET] or claimed
 
 
 def enable_hint(joints: Sequence[JointDrive]) -> str | None:
-    """Return a sentence about drives that do not follow commands and the required action; None if all do."""
+    """Return a text about drives that do not follow commands, with the necessary action; None for no drives."""
     if not joints:
         return None
     waiting = [joint for joint in joints if not is_rising(joint)]
@@ -74,13 +74,13 @@ def enable_hint(joints: Sequence[JointDrive]) -> str | None:
 
 
 class DriveEnableStatus(EnableStatus):
-    """Enable status of the drives of `joints`, by the names of their joints."""
+    """Enable status of the drives in `joints`, which has the names of the joints as keys."""
 
     def __init__(self, joints: Mapping[str, JointDrive]) -> None:
         self._joints = joints
 
     def error(self, waiting: Sequence[CommandInterface]) -> NotEnabled:
-        """Return the error for a command to joints that do not follow it."""
+        """Return the error for a command to interfaces whose drives do not follow commands."""
         joints = self._joints
         drives = [joints[name] for name in dict.fromkeys(interface.joint for interface in waiting) if name in joints]
         text = enable_hint(drives) or ", ".join(interface.name for interface in waiting)
@@ -88,7 +88,7 @@ class DriveEnableStatus(EnableStatus):
         return kind(f"{text}; a command that comes before is refused and not kept")
 
     def reason(self, waiting: Sequence[CommandInterface]) -> str:
-        """Return the joints that do not follow commands, with advice: the lost, else the faulty, the halted, or all."""
+        """Return a text that names the joints that do not follow commands, their most serious cause, and the remedy."""
         drives = {
             interface.joint: self._joints[interface.joint] for interface in waiting if interface.joint in self._joints
         }
@@ -107,7 +107,7 @@ class DriveEnableStatus(EnableStatus):
         return super().reason(waiting)
 
     def stop_groups(self, ends: Ends) -> list[Ends]:
-        """Return interfaces in groups that stop together; an interface without a drive forms its own group."""
+        """Group command interfaces by the stop group of their drives; joints without a drive form their own groups."""
         groups: dict[int | str, list[CommandInterface]] = {}
         for end in ends:
             joint = self._joints.get(end.joint)
@@ -116,8 +116,8 @@ class DriveEnableStatus(EnableStatus):
 
 
 def in_fault(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
-    """Return whether a required node is missing, or a drive is in fault."""
-    for node in nodes:  # loops and no generators: called for each sample of the state
+    """Return whether a required node is not ready or stale, or a drive is in fault."""
+    for node in nodes:  # no generator expressions, for speed: called for each state sample
         if (not node.ready or node.stale) and node.config.required:
             return True
     for joint in joints:  # noqa: SIM110 - as above
@@ -127,16 +127,16 @@ def in_fault(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
 
 
 def startup_complete(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
-    """Return whether every drive is enabled, or has a reason not to be."""
+    """Return whether all claimed drives are enabled, or a fault or an absent node prevents that."""
     drives = tuple(joints)
     claimed = _claimed(drives)
-    # one that is not there and need not be, and with it all that move together
+    # an absent optional node keeps its whole stop group disabled
     waits = any(not joint.node.ready and not joint.node.config.required for joint in claimed)
     return waits or in_fault(nodes, drives) or all(joint.enabled or not joint.enable_requested for joint in claimed)
 
 
 def why_not_started(buses: Collection[RobotBus], missing: Iterable[tuple[RobotBus, RemoteNode]]) -> str:
-    """Return why the robot could not start: no node answered, or these are missing on their buses."""
+    """Return the reason why the robot could not start: no bus received a frame, or the `missing` nodes with errors."""
     silent = [bus for bus in buses if bus.port is not None and bus.port.stats.rx == 0]
     if silent and len(silent) == len(buses):
         return "; ".join(_why_silent(bus) for bus in silent)
@@ -160,7 +160,7 @@ def _why_missing(bus: RobotBus, node: RemoteNode) -> str:
 
 
 def stop_summary(joints: Iterable[JointDrive]) -> str:
-    """Return the state of the drives at the end of a run: disabled, with power, or unknown; "" without any."""
+    """Return a text about the drives at the end of a run: disabled, still with power, or unknown; "" without drives."""
     states = [(joint.node.name, joint.state) for joint in joints]
     parts = [
         f"{name} has power still ({state.name.replace('_', ' ')}): cut its supply if it moves"
@@ -195,7 +195,7 @@ def _remedy(joints: Sequence[JointDrive]) -> str:
 
 
 def return_hint(absent: Iterable[RemoteNode]) -> str:
-    """Return how absent nodes return: a removed one must be started, the others return automatically."""
+    """Return the advice for absent nodes: start the nodes that a user has taken out, else wait."""
     nodes = list(dict.fromkeys(absent))
     names = [node.name for node in nodes if node.is_taken_out]
     if names:
@@ -204,27 +204,27 @@ def return_hint(absent: Iterable[RemoteNode]) -> str:
 
 
 def cost_of_skipping(joints: Iterable[JointDrive]) -> str:
-    """Return the number of set-points that moving axes have missed since enabling; "" for none."""
+    """Return a text with the numbers of set-points that axes in motion missed since they were enabled; "" for none."""
     missed = [f"{joint.joint} {joint.tracking.skipped}" for joint in joints if joint.tracking.skipped]
     return f"; set-points that moving axes did not get since they were enabled: {', '.join(missed)}" if missed else ""
 
 
-# Nodes that move nothing and without which nothing may move: an I/O module that bus.yml calls required or mandatory.
+# Nodes without axes whose loss must stop the robot, such as an I/O module that bus.yml calls required or mandatory.
 #
-# A lost drive stops its group by itself (`hardware.system`). A lost node of another kind stops axes only if bus.yml
-# declares it necessary (`required: true` or `mandatory: true`); it then stops all of them, and no axis is enabled
-# before it has returned. The loss of any other node is reported, and the axes continue. A returned node enables
-# nothing: that needs a user's command.
+# The loss of a drive stops the drive's stop group (`hardware.system`). The loss of another node stops axes only if
+# bus.yml declares the node necessary (`required: true` or `mandatory: true`); then all axes are stopped, and no axis
+# can be enabled before the node has returned. The loss of any other node is only reported. The return of a node
+# enables nothing: enabling needs a user's command.
 
 
 _RISING: Final = (Action.ENABLE, Action.HOME)
 
 
 class MandatoryNodes(RobotObserver):
-    """Monitor of mandatory nodes without a joint, together with the `latch` of STOP.
+    """Monitor of mandatory nodes without a joint, together with the STOP `latch`.
 
-    `forget(now, why)` clears the commands of all controllers; it is one of the robot's `observers` if there are such
-    nodes.
+    `forget(now, why)` clears the commands of all controllers. The monitor adds itself to the robot's `observers` if
+    there are such nodes.
     """
 
     def __init__(
@@ -244,20 +244,20 @@ class MandatoryNodes(RobotObserver):
 
     @property
     def hint(self) -> str | None:
-        """Reason why no axis may move, STOP first; None if there is none."""
+        """Sentence on why no axis may move (STOP latch, else missing mandatory nodes); None if motion is allowed."""
         missing = self._missing()
         if missing and self._latch.hint is None:
             return f"nothing moves while bus.yml requires {missing}: {return_hint(self._absent)}"
         return self._latch.hint
 
     def check_action(self, action: Action) -> None:
-        """Raise ControlError for actions that move an axis while a mandatory node is missing or STOP is latched."""
+        """Raise ControlError for enabling or homing while a mandatory node is missing or STOP is latched."""
         self._latch.check_action(action)
         if action in _RISING:
             self._require(f"axis {action.value}")
 
     def check_controllers(self, controllers: Iterable[Controller]) -> None:
-        """Raise ControlError for controllers with commands, for the same reasons."""
+        """Raise ControlError for controllers that command axes while a mandatory node is missing or STOP is latched."""
         names = list(controllers)
         self._latch.check_controllers(names)
         for name in names:
@@ -265,7 +265,7 @@ class MandatoryNodes(RobotObserver):
                 self._require(f"activating {name.name}")
 
     def after_cycle(self, now: int) -> None:
-        """Stop all axes when a mandatory node was lost."""
+        """Stop all axes when a mandatory node has been lost."""
         for node in self._nodes:
             if node.ready is not self._ready[node]:
                 self._ready[node] = node.ready
@@ -281,7 +281,7 @@ class MandatoryNodes(RobotObserver):
         return [node for node in self._nodes if not node.ready]
 
     def _missing(self) -> str:
-        """Return the missing nodes with reasons, "" if all are present."""
+        """Return the missing mandatory nodes with reasons, "" if all are ready."""
         return ", ".join(f"{node.who} ({node.error or 'it has not booted yet'})" for node in self._absent)
 
     def _stop(self, node: RemoteNode, now: int) -> None:
@@ -298,12 +298,12 @@ class MandatoryNodes(RobotObserver):
             self._report(Event(now, "stop", node.name, text, Level.ERROR))
 
 
-# The latched STOP: no client makes anything move until a client releases it explicitly.
+# The STOP latch: after a latched STOP no client can move the robot until a client releases the latch explicitly.
 #
-# Latching stops first and is never refused; a second STOP changes nothing but is done again.
-# Releasing enables nothing, and what was commanded before the STOP counts no more: a client that moves the robot has
-# to enable its drives and to command it again. A latched robot restarts latched, however it ended: the latch is a file
-# below the state folder, one for each robot's name. This is a function of this program, no safety function (ISO 13850).
+# A latched STOP is never refused; a repeated STOP stops again and does not change the latch.
+# A release enables nothing, and commands from before the STOP are forgotten: a client that moves the robot has to
+# enable the drives and to send commands again. A latched robot restarts latched, however it ended: the latch is stored
+# in a file in the state folder of the robot. This is a function of this program, not a safety function (ISO 13850).
 
 
 RELEASE = "canopen-control stop --release"
@@ -311,7 +311,7 @@ _MOVING = (Action.ENABLE, Action.HOME)
 
 
 class StopLatch:
-    """Latch of STOP: `by` names the client, None while it is not latched. `report` receives both changes."""
+    """STOP latch; `by` names the client that latched STOP, None if not latched. `report` receives the events."""
 
     __slots__ = ("_path", "_report", "by")
 
@@ -321,23 +321,23 @@ class StopLatch:
         self.by: str | None = None
 
     def keep(self, path: Path) -> None:
-        """Store the latch in the file `path`, and restore it from there."""
+        """Restore the latch from the file `path`, and store later changes there."""
         self._path = path
         try:
             self.by = str(json.loads(path.read_text())["by"])
         except FileNotFoundError:
             return
-        except (OSError, ValueError, LookupError, TypeError):  # it is there: it was latched
+        except (OSError, ValueError, LookupError, TypeError):  # the file exists, so STOP was latched
             self.by = "an earlier client"
 
     def report(self, now: int) -> None:
-        """Report at the start if STOP is still latched."""
+        """Report, at the start of a run, a STOP that is still latched from an earlier run."""
         if self.by is not None:
             text = f"STOP is latched since an earlier run (by {self.by}): nothing moves; release it: {RELEASE}"
             self._report(Event(now, "stop_latched", "", text, Level.WARNING))
 
     def _write_file(self, now: int) -> None:
-        """Save the state of the latch to its file; a failure is reported, and the latch remains effective."""
+        """Save the state of the latch to the file, if any; a failure is reported and does not change the latch."""
         if self._path is None:
             return
         try:
@@ -362,11 +362,11 @@ class StopLatch:
 
     @property
     def hint(self) -> str | None:
-        """Advice while STOP is latched."""
+        """Sentence that STOP is latched and how to release it, None while not latched."""
         return None if self.by is None else f"STOP is latched (by {self.by}): {RELEASE}"
 
     def hold(self, by: str, now: int) -> None:
-        """Latch STOP; a second call does not change `by`."""
+        """Latch STOP and report that; does nothing if already latched."""
         if self.by is None:
             self.by = by
             text = f"STOP by {by}, latched: nothing moves before it is released"
@@ -374,7 +374,7 @@ class StopLatch:
             self._write_file(now)
 
     def release(self, by: str, now: int) -> None:
-        """Release the latch; a second call does nothing."""
+        """Release the latch and report that; does nothing if not latched."""
         if self.by is not None:
             self.by = None
             text = f"STOP was released by {by}; the drives stay disabled until you enable them"
@@ -382,28 +382,28 @@ class StopLatch:
             self._write_file(now)
 
     def refuse(self, *request: str) -> None:
-        """Raise ControlError while STOP is latched; the sentence begins with `what` and gives advice."""
+        """Raise ControlError while STOP is latched; the words of `request` begin the message."""
         if self.by is not None:
             doing = " ".join(request)
             raise ControlError(f"{doing} is refused: STOP is latched (by {self.by}); release it first: {RELEASE}")
 
     def check_action(self, action: Action) -> None:
-        """Refuse actions that move an axis; disabling, halting and resetting faults stay possible."""
+        """Raise ControlError for enabling or homing while STOP is latched; all other actions are allowed."""
         if action in _MOVING:
             self.refuse("axis", action.value)
 
     def check_controllers(self, controllers: Iterable[Controller]) -> None:
-        """Refuse to activate controllers with commands."""
+        """Raise ControlError for controllers with command interfaces while STOP is latched."""
         for controller in controllers:
             if controller.command_interface_names():
                 self.refuse("activating", controller.name)
 
     def check_write(self, index: int) -> None:
-        """Refuse a controlword written by SDO, which bypasses the controllers."""
+        """Raise ControlError for an SDO write of a controlword while STOP is latched."""
         if is_controlword(index):
             self.refuse(f"writing the controlword (0x{index:04X})")
 
 
 def is_controlword(index: int) -> bool:
-    """Return whether an object is the controlword of one of a device's axes."""
+    """Return whether `index` is the controlword of any axis of a device (0x6040 plus a multiple of 0x800)."""
     return axis_of(index)[0] == CONTROLWORD

@@ -1,9 +1,9 @@
-"""True pose of a simulated base for comparison with its odometry, read from the virtual drives.
+"""True pose of a simulated base, read from the virtual drives and compared with the odometry.
 
-A robot on virtual drives that move a base (the `base` of a plant file, or a physics engine) can compute the error of
-its odometry; every other robot has no true pose. The world's frame and that of odometry are brought
-together when both poses are known first, when another base controller becomes active, and when odometry is set. While
-the base moves, odometry is about a period of the bus older than the truth; at rest the two are of one time.
+A robot on virtual drives that move a base (the `base` of a plant file, or a physics engine) can compute its odometry
+error; every other robot has no true pose. The world frame and the odometry frame are aligned when both poses are first
+known, when another base controller becomes active, and when the odometry is set. While the base moves, the odometry is
+older than the true pose by about one cycle.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 PERIOD_NS: Final = 50_000_000
 _TIMEOUT_NS: Final = 2_000_000_000
 _RETRY_NS: Final = 1_000_000_000
-_LOOK_BACK_S: Final = 0.2  # the most that odometry is carried to the time of a true pose
+_LOOK_BACK_S: Final = 0.2  # maximum extrapolation of odometry to the earlier time of a true pose
 
 
 class TruePoseTracker:
-    """Comparison of true poses and odometry; `reading` is the newest, None while unknown. Sans-IO."""
+    """Comparison of true poses with odometry, without I/O; `reading` is the newest result, None while unknown."""
 
     def __init__(self) -> None:
         self.reading: TruePose | None = None
@@ -41,11 +41,11 @@ class TruePoseTracker:
         self._odom: Planar | None = None
 
     def align(self) -> None:
-        """Align the two frames at the next true pose, because odometry was set."""
+        """Align the world and odometry frames again at the next true pose; called after the odometry was set."""
         self._odom = None
 
     def take(self, base: BasePose, odometry: tuple[str, Planar] | None, wall_offset_ns: int) -> None:
-        """Process a true pose, and the odometry of a base controller at that time (None without an active one)."""
+        """Process a true pose and the odometry at the same time; `odometry` is (controller name, pose) or None."""
         name, pose = (None, None) if odometry is None else odometry
         if name is not None and (self._odom is None or name != self._controller):
             self._controller, self._odom = name, _frame_of(base, pose or (0.0, 0.0, 0.0))
@@ -58,7 +58,7 @@ class TruePoseTracker:
 
 
 def _frame_of(base: BasePose, odometry: Planar) -> Planar:
-    """Return the pose of the odometry frame in the world."""
+    """Return the pose of the odometry frame in the world frame, as (x, y, heading)."""
     x, y, heading = odometry
     turn = base.heading - heading
     cosine, sine = math.cos(turn), math.sin(turn)
@@ -66,7 +66,7 @@ def _frame_of(base: BasePose, odometry: Planar) -> Planar:
 
 
 def odometry_at(manager: ControllerManager, ahead_ns: int) -> tuple[str, Planar] | None:
-    """Return the name and the pose of the active base controller, extrapolated by a short time; None without one."""
+    """Return name and pose of the active base controller, extrapolated by `ahead_ns` (-0.2 s to 0); None if none."""
     ahead = max(-_LOOK_BACK_S, min(0.0, ahead_ns / 1e9))
     for name in manager.bases:
         pose = manager.get(name).dead_reckoning(ahead)
@@ -75,10 +75,10 @@ def odometry_at(manager: ControllerManager, ahead_ns: int) -> tuple[str, Planar]
 
 
 class TruePoseQuery:
-    """Queries `drives` through their sockets until one moves a base, then that one every `period_ns`.
+    """Client that looks for a virtual drive with the pose of a base, and queries that drive every `period_ns`.
 
-    `take` gets the pose that it answers, `sense` what the sensors of its world measure; with sensors a world without a
-    base will do.
+    `take` receives the true poses. `sense` receives the measured values of the sensors in the drive's world; with
+    `sense`, a world that has sensors and no base is accepted too.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class TruePoseQuery:
         self._closed = False
 
     def start(self) -> None:
-        """Start to query; if no drive moves a base each is queried only once."""
+        """Start to query; if no drive knows the pose of a base, every drive is queried only once."""
         if not self._closed:
             self._drives = iter(self._names)
             self._try_next()
@@ -106,7 +106,7 @@ class TruePoseQuery:
         self._leave()
         name = next(self._drives, None)
         if name is None:
-            if self._answers:  # a drive that was lost may have returned
+            if self._answers:  # a lost drive may have returned
                 self._reactor.call_later(_RETRY_NS, self.start)
             return
         try:
@@ -142,6 +142,6 @@ class TruePoseQuery:
             client.close()
 
     def close(self) -> None:
-        """Stop to query."""
+        """Stop to query, and disconnect."""
         self._closed, self._drives = True, iter(())
         self._leave()

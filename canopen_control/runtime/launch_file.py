@@ -1,7 +1,7 @@
-"""Contents of a ROS launch file, parsed without running it: arguments, nodes, files, xacro mappings.
+"""Reader of ROS launch files, which finds a robot's files, arguments and controllers without running the launch.
 
-Texts are as launch files write them: `$(var NAME)` is an argument, `$(find PACKAGE)` the folder of a package. A name
-that the file computes is unknown here, and reported as such.
+Texts have the notation of XML launch files: `$(var NAME)` is an argument, `$(find PACKAGE)` the folder of a package.
+A value that is only computed at run time is unknown here, and reported as such.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ _EXECUTABLE: Final = re.compile(r"\$\((?:find-exec|find) +xacro\)(?:/xacro)?")
 _COMMAND: Final = re.compile(r"\$\(command +(['\"])(.*?)\1")
 _COMPUTED_ENDING: Final = re.compile(r"ends in '([^']*)'")
 _SUBSTITUTION: Final = re.compile(r"\$\([^()]*\)")
-_HELD: Final = str.maketrans(" ()", "\0\1\2")  # what a shell would split at, in a substitution
+_HELD: Final = str.maketrans(" ()", "\0\1\2")  # characters at which a shell would split a substitution
 _RELEASED: Final = str.maketrans("\0\1\2", " ()")
 _NAMED_FILE: Final = re.compile(r"/[^\s'\"]+")
 _TRUE: Final = ("true", "1")  # launch.conditions.IfCondition
-_DEEPEST: Final = 8  # launch files that include each other
+_DEEPEST: Final = 8  # maximum nesting of included launch files
 _SPAWNERS: Final = ("spawner", "spawner.py")
 _MANAGER: Final = "ros2_control_node"
 #: Options of the spawner of controller_manager (Jazzy) that are followed by a value.
@@ -50,9 +50,10 @@ _PAIR: Final = re.compile(r"([A-Za-z_]\w*):=(.*)", re.DOTALL)
 
 @dataclass(frozen=True, slots=True)
 class LaunchFile:
-    """Launch file: `arguments` with their defaults (None: required), `texts` are its files and commands.
+    """Contents of one launch file, with the `values` given to its arguments.
 
-    `computed` are lines, and what they compute; `nodes` are those that it starts, `includes` other launch files.
+    `arguments` maps names to defaults (None: required), `texts` are file names and commands. `computed` has the lines
+    with unknown values and what these are; `nodes` are the started nodes, `includes` the included launch files.
     """
 
     path: Path
@@ -62,11 +63,11 @@ class LaunchFile:
     computed: tuple[tuple[int, str], ...] = ()
     nodes: tuple[LaunchNode, ...] = ()
     includes: tuple[LaunchInclude, ...] = ()
-    replaced: Mapping[str, str] = field(default_factory=dict)  # in files of parameters, by ReplaceString of nav2
+    replaced: Mapping[str, str] = field(default_factory=dict)  # in parameter files, by nav2's ReplaceString
 
     def resolved(self, text: str) -> str | None:
-        """Return a text with arguments and package paths substituted, None if one is unknown."""
-        for _ in range(5):  # a default may name another argument
+        """Substitute the arguments and package paths in a text; return None if one is unknown."""
+        for _ in range(5):  # a default may contain another argument
             text = _VARIABLE.sub(self._value, text)
         while (match := _PACKAGE.search(text)) is not None:
             folder = next(package_folders(match[1], self.path), None)
@@ -77,14 +78,14 @@ class LaunchFile:
         return None if "$(" in text else text
 
     def happens(self, condition: LaunchCondition | None) -> bool:
-        """Whether an action with this condition is executed; a computed condition counts as true."""
+        """Whether a launch action with this condition is executed; None or a computed condition counts as true."""
         text = None if condition is None or condition.text is None else self.resolved(condition.text)
         if condition is None or text is None:
             return True
         return (text.strip().lower() in _TRUE) is not condition.negated
 
     def arguments_in(self, text: str) -> set[str]:
-        """Return the arguments used in a text, including those in defaults of others."""
+        """Return the launch arguments that a text uses, directly or through the values of other arguments."""
         names, new = set[str](), set(_VARIABLE.findall(text))
         while new:
             names |= new
@@ -93,7 +94,7 @@ class LaunchFile:
         return names
 
     def absent_packages(self, text: str) -> list[str]:
-        """Return the packages in a text that are not installed."""
+        """Return the packages named in a text that cannot be found."""
         return [name for name in _PACKAGE.findall(text) if next(package_folders(name, self.path), None) is None]
 
     def _value(self, match: re.Match[str]) -> str:
@@ -102,7 +103,7 @@ class LaunchFile:
 
 
 def read_launch(path: Path) -> LaunchFile:
-    """Read a launch file in XML, YAML or Python; RobotConfigError for another or an unreadable file."""
+    """Read a launch file in XML, YAML or Python; RobotConfigError if the file cannot be read or is not valid."""
     try:
         source = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -123,7 +124,7 @@ def read_launch(path: Path) -> LaunchFile:
 
 
 def launch_elements(source: str, path: Path) -> Element:
-    """Return the root element of a launch file in XML or YAML, by the ending of its name; RobotConfigError if wrong."""
+    """Return the root element of a launch file, in YAML if `path` ends in .yaml or .yml, else XML; RobotConfigError."""
     if path.suffix in (".yaml", ".yml"):
         return read_yaml_launch(source, str(path))
     return read_document(source, str(path)).root
@@ -131,11 +132,11 @@ def launch_elements(source: str, path: Path) -> Element:
 
 @dataclass(slots=True)
 class Launched:
-    """Robot described by a launch file: xacro arguments, and files by `bus`, `controllers`, `description`.
+    """Robot described by a launch file: xacro `arguments`, and `files` by the keys bus, controllers and description.
 
-    `spawned` are the controllers that its spawners activate, in their order, `variables` the values of the arguments of
-    the file that names these. `uncertainties` is why there may be less than the
-    file means; `known` are its own arguments, `idle` those NAME:=VALUE of the user that are in no text which is read.
+    `spawned` are the controllers that the spawners activate, in order; `variables` are the values of all launch
+    arguments. `uncertainties` are the reasons why something may be missing. `known` are the arguments that the launch
+    file declares, `idle` those NAME:=VALUE of the user that no evaluated text uses.
     """
 
     arguments: dict[str, str] = field(default_factory=dict)
@@ -148,10 +149,10 @@ class Launched:
 
 
 def launched_robot(path: Path, words: Mapping[str, str], obeyed: Collection[str] = ()) -> Launched:
-    """Return the xacro arguments, files and controllers given by a launch file and the files it includes.
+    """Return the robot described by a launch file and the launch files included from there.
 
-    `words` are NAME:=VALUE of the user: for the launch file where it has such an argument, else for xacro. Those that
-    are `obeyed` by others need not be known to either.
+    `words` are the user's NAME:=VALUE: for the launch file if it declares the argument, else for xacro. The names in
+    `obeyed` have another use, and need not be known to the launch file or to xacro.
     """
     own_arguments = read_launch(path).arguments
     own = {name: value for name, value in words.items() if name in own_arguments}
@@ -171,14 +172,14 @@ def launched_robot(path: Path, words: Mapping[str, str], obeyed: Collection[str]
 
 @dataclass(slots=True)
 class _Reading:
-    """State while a launch file and its included files are read."""
+    """Reader of a launch file with its included files, which collects the robot in `launched`."""
 
     path: Path
     launched: Launched = field(default_factory=Launched)
     uncertainties: list[str] = field(default_factory=list)
 
     def take(self, path: Path, passed: Mapping[str, str], depth: int) -> set[str]:
-        """Read a file; return the names of its used arguments."""
+        """Read the launch file `path` with the arguments `passed`; return the names of the arguments that are used."""
         launch = replace(read_launch(path), values=dict(passed))
         used = self._take_nodes(launch)
         values = {name: launch.resolved(f"$(var {name})") for name in (*launch.arguments, *passed)}
@@ -195,12 +196,12 @@ class _Reading:
         return used
 
     def _include(self, launch: LaunchFile, include: LaunchInclude, depth: int) -> set[str]:
-        """Read an included file with its arguments and those of the including file."""
+        """Read an included launch file; return the names of the including file's arguments that it uses."""
         name = None if include.file is None else launch.resolved(include.file)
         place = f"{launch.path}:{include.line}"
         path = None if name is None else launch.path.parent / name
         if include.file is not None and launch.absent_packages(include.file):
-            return set()  # a program of another package, such as a simulator's; what lacks because of it is named
+            return set()  # a program such as a simulator; missing robot files are reported elsewhere
         if path is None or not path.is_file():
             problem = include.file if name is None else f"there is no {path}"
             self.uncertainties.append(
@@ -219,7 +220,7 @@ class _Reading:
         return (inner & launch.arguments.keys()) | passed
 
     def _take_nodes(self, launch: LaunchFile) -> set[str]:
-        """Read the parameter files of the controller manager and its spawners, and their controllers."""
+        """Collect parameter files and controllers of controller manager and spawner nodes; return used arguments."""
         used = set[str]()
         for node in launch.nodes:
             if node.package != "controller_manager" or not launch.happens(node.condition):
@@ -243,7 +244,7 @@ class _Reading:
         return used
 
     def _take_parameters(self, path: Path, place: str) -> None:
-        """Store the first parameter file; a second one is reported and ignored."""
+        """Store the first parameter file; any other file is reported and ignored."""
         first = self.launched.files.setdefault("controllers", path)
         if first.resolve() != path.resolve():
             self.uncertainties.append(
@@ -251,7 +252,7 @@ class _Reading:
             )
 
     def _report_unread(self, launch: LaunchFile) -> None:
-        """Report computed expressions and unknown packages."""
+        """Report computed values and packages that cannot be found, if they concern the robot's files."""
         named = [word for text in launch.texts if text.text for word in words_of(text.text) if _kind(word)]
         absent = [package for word in named for package in launch.absent_packages(word)]
         computed = [(line, expression) for line, expression in launch.computed if _concerns_robot(expression)]
@@ -275,7 +276,7 @@ def _concerns_robot(what: str) -> bool:
 
 
 def spawned_names(words: Sequence[str]) -> list[str]:
-    """Return the controllers that a spawner with these arguments activates."""
+    """Return the names of the controllers that a spawner with these command-line arguments activates."""
     if _NOT_ACTIVE & set(words):
         return []
     names = list[str]()
@@ -283,7 +284,7 @@ def spawned_names(words: Sequence[str]) -> list[str]:
     for word in remaining:
         if word in SPAWNER_VALUES:
             next(remaining, None)
-        elif " " in word and "$(" not in word:  # several in one text
+        elif " " in word and "$(" not in word:  # several arguments in one text
             names += spawned_names(words_of(word))
         elif not word.startswith("-"):
             names.append(word)
@@ -291,8 +292,8 @@ def spawned_names(words: Sequence[str]) -> list[str]:
 
 
 def refuse_mistyped(launched: Launched, words: Mapping[str, str], description: Path) -> None:
-    """Raise RobotConfigError for a word that resembles an argument of the launch file and is otherwise unknown."""
-    strange = [name for name in words if name in launched.arguments]  # those of the launch file itself are used up
+    """Raise RobotConfigError for a user's argument that is unknown and resembles an argument of the launch file."""
+    strange = [name for name in words if name in launched.arguments]  # without those of the launch file itself
     source = description.read_text(encoding="utf-8", errors="replace") if strange else ""
     for name in strange:
         hint = nearest(name, launched.known)
@@ -301,7 +302,7 @@ def refuse_mistyped(launched: Launched, words: Mapping[str, str], description: P
 
 
 def _take(launch: LaunchFile, text: str, arguments: dict[str, str], files: dict[str, Path]) -> None:
-    """Evaluate a xacro command or a file name."""
+    """Store the files and the xacro arguments that a command or a file name contains."""
     words = words_of(text)
     pairs = [match for word in words if (match := _PAIR.fullmatch(word))]
     for word in words:
@@ -331,7 +332,7 @@ def _names_description(launch: LaunchFile, word: str) -> bool:
 
 
 def _used(launch: LaunchFile, text: str) -> set[str]:
-    """Return the arguments used in file names and in the description's xacro command."""
+    """Return the launch arguments that a text uses in names of robot files or in the description's xacro command."""
     words = words_of(text)
     described = any(_names_description(launch, word) for word in words)
     used = [word for word in words if _kind(launch.resolved(word) or word) or (described and _PAIR.fullmatch(word))]
@@ -339,7 +340,7 @@ def _used(launch: LaunchFile, text: str) -> set[str]:
 
 
 def words_of(text: str) -> list[str]:
-    """Split a command like a shell, without splitting substitutions."""
+    """Split a command into words like a shell, but keep launch substitutions whole."""
     joined, count = _EXECUTABLE.sub("xacro", text), 1
     while count:  # the innermost substitution first
         joined, count = _SUBSTITUTION.subn(lambda match: match[0].translate(_HELD), joined)
@@ -351,7 +352,7 @@ def words_of(text: str) -> list[str]:
 
 
 def _kind(word: str) -> str:
-    """Return the kind of a robot's file named by a word, "" for none."""
+    """Return the kind of robot file that a word names (description, bus or controllers), "" for none."""
     if ":=" in word:
         return ""
     name = word.rpartition("/")[2]
@@ -363,7 +364,7 @@ def _kind(word: str) -> str:
 
 
 def _as_installed(package: Path, name: re.Match[str]) -> str:
-    """Return the source folder of a package file that CMake installs elsewhere; else the unchanged path."""
+    """Return the source path of a file that CMake installs elsewhere in its package; else the path unchanged."""
     path = Path(name[0])
     return str(installed_file(package, path.relative_to(package))) if path.is_relative_to(package) else name[0]
 
@@ -415,7 +416,7 @@ def _xml_condition(element: Element) -> LaunchCondition | None:
 
 
 def _all(element: Element) -> Iterator[tuple[Element, Element]]:
-    """Yield all elements below one, with their parents."""
+    """Yield all descendants of an element, with their parents."""
     for child in element.children:
         yield child, element
         yield from _all(child)

@@ -1,8 +1,8 @@
-"""Reader of Python launch files by syntax (`ast`), without running them: arguments, nodes, files and plugins.
+"""Reader of Python launch files, which finds arguments, nodes and files in the syntax tree without running the file.
 
-Nothing is imported or executed. Texts are followed through constants, names that are assigned
-once, `+`, `/`, f-strings, os.path.join and the substitutions of launch; any other expression is computed at run time,
-which is reported with its line instead of guessed.
+Nothing is imported or executed. Texts are evaluated through constants, names that are assigned once, `+`, `/`,
+f-strings, os.path.join and launch substitutions; any other expression is only known at run time, and is reported with
+its line instead of guessed.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ _PACKAGE_CALLS: Final = ("FindPackageShare", "FindPackage", "get_package_share_d
 _THROUGH: Final = ("ParameterValue", "TextSubstitution", "str", "Path", "PythonLaunchDescriptionSource", "Command",
                    "AnyLaunchDescriptionSource", "XMLLaunchDescriptionSource", "FrontendLaunchDescriptionSource",
                    "ParameterFile", "PathSubstitution", "ReplaceString", "RewrittenYaml")  # fmt: skip
-_DEEPEST: Final = 40  # expressions in expressions
-_LONGEST: Final = 20_000  # letters of a text
+_DEEPEST: Final = 40  # nesting of expressions
+_LONGEST: Final = 20_000  # characters of a text
 
 
 @dataclass(frozen=True, slots=True)
 class LaunchText:
-    """Text in a launch file with its line; None if it is computed."""
+    """Text in a launch file with its line number; a `text` that is computed at run time is None."""
 
     text: str | None
     line: int
@@ -42,7 +42,7 @@ class LaunchText:
 
 @dataclass(frozen=True, slots=True)
 class LaunchCondition:
-    """Condition of an action: `text` must be true, or false (`negated`); a computed `text` is None."""
+    """Condition of a launch action: `text` must be true, or false if `negated`; None if computed at run time."""
 
     text: str | None
     negated: bool = False
@@ -50,7 +50,7 @@ class LaunchCondition:
 
 @dataclass(frozen=True, slots=True)
 class LaunchInclude:
-    """Included launch file with its arguments; a computed `file` is None."""
+    """Included launch file with its arguments; a `file` name that is computed at run time is None."""
 
     file: str | None
     arguments: dict[str, str]
@@ -60,9 +60,9 @@ class LaunchInclude:
 
 @dataclass(frozen=True, slots=True)
 class LaunchNode:
-    """Started node; `plugin` of a composable one. A computed name is None, an absent one "".
+    """Node that a launch file starts; a name that is computed at run time is None, a missing name is "".
 
-    `parameters` are its files of parameters.
+    `plugin` is the plugin of a composable node, `parameters` are the node's parameter files.
     """
 
     package: str | None
@@ -78,7 +78,7 @@ class LaunchNode:
 
 @dataclass(slots=True)
 class PythonLaunch:
-    """Contents of a Python launch file; `generates` is whether it has generate_launch_description."""
+    """Contents of a Python launch file; `generates` tells whether generate_launch_description is defined."""
 
     arguments: dict[str, str | None] = field(default_factory=dict)
     argument_lines: dict[str, int] = field(default_factory=dict)
@@ -88,18 +88,18 @@ class PythonLaunch:
     computed: list[tuple[int, str]] = field(default_factory=list)
     generates: bool = False
     replaced: dict[str, str] = field(default_factory=dict)
-    """What nav2's ReplaceString replaces in a file of parameters."""
+    """Replacements that nav2's ReplaceString makes in a parameter file."""
     pushed: list[str] = field(default_factory=list)
-    """Namespaces of PushRosNamespace (PushROSNamespace since Jazzy), "$(...)" where one is computed."""
+    """Namespaces of PushRosNamespace (PushROSNamespace since Jazzy), "$(computed)" for a computed namespace."""
 
     @property
     def texts(self) -> tuple[LaunchText, ...]:
-        """The files and commands."""
+        """File names and commands in the launch file."""
         return tuple(self.found)
 
 
 def read_python(source: str, path: str) -> PythonLaunch:
-    """Read a Python launch file; RobotConfigError with the line if it is not valid Python."""
+    """Read the source of a Python launch file; RobotConfigError if it is not valid Python or nested too deeply."""
     try:
         tree = ast.parse(source)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
@@ -114,7 +114,7 @@ def read_python(source: str, path: str) -> PythonLaunch:
 
 
 class _Reader:
-    """Reader of one file."""
+    """Reader of one Python launch file, whose contents are collected in `launch`."""
 
     def __init__(self, tree: ast.Module) -> None:
         self._tree, self._depth = tree, 0
@@ -123,7 +123,7 @@ class _Reader:
         self.launch = PythonLaunch()
 
     def read(self) -> None:
-        """Find all declared arguments, started nodes and names."""
+        """Collect declared arguments, started nodes, includes, file names and commands."""
         for node in ast.walk(self._tree):
             if isinstance(node, ast.FunctionDef) and node.name == "generate_launch_description":
                 self.launch.generates = True
@@ -202,7 +202,7 @@ class _Reader:
         return LaunchCondition(self.text(node.args[0]), negated=name == "UnlessCondition")
 
     def _spawner(self, call: ast.Call) -> None:
-        """Read a call of controller_manager.launch_utils as the spawner node that it creates."""
+        """Read a call of a controller_manager.launch_utils function as the spawner node that the function creates."""
         names = call.args[0] if call.args else _keyword(call, "controller_names") or _keyword(call, "controller_name")
         files = _keyword(call, "controller_params_files") or _keyword(call, "controller_params_file")
         more = self._list(_keyword(call, "extra_spawner_args"))
@@ -228,7 +228,7 @@ class _Reader:
         self.launch.includes.append(LaunchInclude(file, arguments, call.lineno, self._condition(call)))
 
     def _pairs(self, node: ast.expr | None) -> Iterator[tuple[ast.expr, ast.expr]]:
-        """Yield the pairs of a dict's items(), of a dict, or of a list of pairs."""
+        """Yield the key and value expressions of a dict, its items(), or a list of pairs."""
         if isinstance(node, ast.Call) and _called(node) == "items" and isinstance(node.func, ast.Attribute):
             node = node.func.value
         if isinstance(node, ast.Call) and _called(node) == "dict":
@@ -242,7 +242,7 @@ class _Reader:
                 yield item.elts[0], item.elts[1]
 
     def _list(self, node: ast.expr | None) -> list[ast.expr]:
-        """Return the elements of a list, also by its name; a sum of lists is one list."""
+        """Return the elements of a list or tuple, a variable, or a sum; any other expression is a single element."""
         if isinstance(node, ast.Name) and node.id in self._names:
             return self._list(self._names[node.id])
         if isinstance(node, ast.List | ast.Tuple):
@@ -252,7 +252,7 @@ class _Reader:
         return [] if node is None else [node]
 
     def _files(self, node: ast.AST) -> None:
-        """Collect file names, as whole paths, and commands."""
+        """Collect the file names and commands in a syntax tree, as complete texts."""
         if isinstance(node, ast.Call):
             if _called(node) == "process_file" and (text := self._processed(node)):
                 self.launch.found.append(LaunchText(text, node.lineno))
@@ -276,7 +276,7 @@ class _Reader:
             self._files(child)
 
     def _ending(self, node: ast.expr) -> str:
-        """Return the last part of a composed file name, "" if there is none."""
+        """Return the last part of a composed file name, if that part is known and has a relevant suffix, else ""."""
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Div):
             last: ast.expr | None = node.right
         elif isinstance(node, ast.JoinedStr):
@@ -291,11 +291,11 @@ class _Reader:
         return text.rpartition("/")[2] if text and text.endswith(_SUFFIXES) else ""
 
     def _processed(self, call: ast.Call) -> str | None:
-        """Return xacro.process_file(FILE, mappings={NAME: VALUE}) as an equivalent command."""
+        """Return the xacro command equivalent to xacro.process_file(FILE, mappings={NAME: VALUE}); None if computed."""
         return self._xacro(self.text(call.args[0]) if call.args else None, _keyword(call, "mappings"))
 
     def _xacro(self, file: str | None, mappings: ast.expr | None) -> str | None:
-        """Return the command that evaluates a file with these arguments, None if one of them is computed."""
+        """Return the xacro command for a file with these mappings, None if a part is computed at run time."""
         mappings = self._names.get(mappings.id) if isinstance(mappings, ast.Name) else mappings
         words = ["xacro", file]
         for key, value in zip(mappings.keys, mappings.values, strict=True) if isinstance(mappings, ast.Dict) else ():
@@ -310,9 +310,9 @@ class _Reader:
     # --- MoveIt ---
 
     def _moveit(self, chain: ast.Call, builder: ast.Call) -> None:
-        """Read MoveItConfigsBuilder(ROBOT, package_name=...).robot_description(...) as an equivalent command.
+        """Read MoveItConfigsBuilder(ROBOT, package_name=...).robot_description(...) as an equivalent xacro command.
 
-        Without a file of its own the builder takes config/ROBOT.urdf.xacro of its package (moveit_configs_utils).
+        Without a given file the builder uses config/ROBOT.urdf.xacro in its package (moveit_configs_utils).
         """
         robot, package = self._moveit_names(builder)
         described = _link(chain, "robot_description")
@@ -331,7 +331,7 @@ class _Reader:
             self.launch.found.append(LaunchText(text, builder.lineno))
 
     def _moveit_names(self, builder: ast.Call) -> tuple[str | None, str | None]:
-        """Return the robot's name and $(find PACKAGE) of a builder; None what is computed."""
+        """Return the robot name and $(find PACKAGE) of a MoveItConfigsBuilder call; None for a computed part."""
         name = builder.args[0] if builder.args else _keyword(builder, "robot_name")
         robot = None if name is None else self.text(name)
         package = builder.args[2] if len(builder.args) > 2 else _keyword(builder, "package_name")
@@ -339,7 +339,7 @@ class _Reader:
         return robot, None if found is None else f"$(find {found})"
 
     def _moveit_package(self, launch: ast.Call) -> str | None:
-        """Return $(find PACKAGE) of the configuration that a call of moveit_configs_utils.launches starts."""
+        """Return $(find PACKAGE) of the configuration passed to a function of moveit_configs_utils.launches."""
         config = launch.args[0] if launch.args else _keyword(launch, "moveit_config")
         config = self._names.get(config.id) if isinstance(config, ast.Name) else config
         builder = _moveit_builder(config) if isinstance(config, ast.Call) else None
@@ -348,7 +348,7 @@ class _Reader:
     # --- texts ---
 
     def text(self, node: ast.expr) -> str | None:
-        """Return the text of an expression, None if it is computed."""
+        """Return the text of an expression, None if only known at run time."""
         if self._depth > _DEEPEST:
             return None
         self._depth += 1
@@ -358,7 +358,7 @@ class _Reader:
             self._depth -= 1
 
     def joined(self, nodes: list[ast.expr], between: str = "") -> str | None:
-        """Return the concatenation of texts."""
+        """Return the joined texts of expressions; None if one is unknown or the result is too long."""
         texts = [self.text(node) for node in nodes]
         resolved = [text for text in texts if text is not None]
         if len(resolved) < len(texts) or sum(map(len, resolved)) > _LONGEST:
@@ -366,16 +366,16 @@ class _Reader:
         return between.join(resolved)
 
     def name(self, node: ast.expr) -> str | None:
-        """Return the value of a name that is assigned once."""
+        """Return the text of a variable that is assigned once, else None."""
         if not isinstance(node, ast.Name) or node.id not in self._names:
             return None
-        if node.id not in self._texts:  # worked out once: names that double each other would take for ever
-            self._texts[node.id] = None  # one that stands for itself stands for nothing
+        if node.id not in self._texts:  # evaluated once: repeated references would take exponential time
+            self._texts[node.id] = None  # a name that refers to itself has no value
             self._texts[node.id] = self.text(self._names[node.id])
         return self._texts[node.id]
 
     def call(self, node: ast.expr) -> str | None:
-        """Return the result of a launch substitution or a path function."""
+        """Return the text of a launch substitution or a path function, None if unknown."""
         assert isinstance(node, ast.Call)
         name = _called(node)
         if name == "perform" and isinstance(node.func, ast.Attribute):  # in an OpaqueFunction
@@ -432,11 +432,11 @@ _TEXTS: Final[dict[type[ast.expr] | tuple[type[ast.expr], ...], Callable[[_Reade
     ast.Name: _Reader.name,
     ast.Call: _Reader.call,
 }
-"""Kind of expression to what makes its text."""
+"""Functions that return the text of an expression, by the kind of expression."""
 
 
 def _assigned_once(tree: ast.Module) -> dict[str, ast.expr]:
-    """Return the names that are assigned once in the file, and their values."""
+    """Return the variables that are assigned exactly once in a file, with their value expressions."""
     values, counts = dict[str, ast.expr](), dict[str, int]()
     for name, value in _assignments(tree):
         if isinstance(value, ast.Call) and _is_name(_keyword(value, "source_file"), name):
@@ -464,7 +464,7 @@ def _assignments(tree: ast.Module) -> Iterator[tuple[str, ast.expr | None]]:
 
 
 def _called(call: ast.Call) -> str:
-    """Return the last part of a called name: `Node` of `actions.Node`."""
+    """Return the last part of the name of a called function, such as `Node` for `actions.Node`."""
     func = call.func
     return func.attr if isinstance(func, ast.Attribute) else func.id if isinstance(func, ast.Name) else ""
 

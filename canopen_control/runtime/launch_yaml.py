@@ -1,7 +1,7 @@
-"""Elements of a ROS launch file in YAML, as those of the same file in XML (launch_yaml of ROS 2).
+"""Reader of ROS launch files in YAML, which returns the elements of the equivalent XML file (launch_yaml of ROS 2).
 
-An entity is a mapping with one key, its tag. Its scalars are attributes; a list of mappings is a child for each, with
-the key as tag. Entities below `group` stand in a list, or under `children`.
+An entity is a mapping with one key, the tag. Scalars are attributes; a list of mappings becomes one child for each
+mapping, with the key as the tag. The entities of a `group` are in a list, or below `children`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def read_yaml_launch(source: str, path: str) -> Element:
-    """Return the root `launch` of a YAML launch file; RobotConfigError if it is not one, with all errors of YAML."""
+    """Return the root element `launch` of a YAML launch file; RobotConfigError, with all errors, if invalid."""
     document = read(source, path, error=RobotConfigError, strict=False)
     document.problems.raise_if_any(RobotConfigError)
     launch = document.get("launch")
@@ -37,7 +37,7 @@ def _with_entities(parent: Element, entities: Node) -> Element:
 
 
 def _element(tag: str, content: Node) -> Element:
-    """Return the element of an entity or of a child such as `param`."""
+    """Return the XML element for a launch entity or for a child such as `param`."""
     element = Element(tag, {}, _place(content))
     if content.kind == "sequence":  # a group
         return _with_entities(element, content)

@@ -1,4 +1,4 @@
-"""Readings of nodes and events for status and state samples; unchanged parts are reused."""
+"""Nodes and events in the form in which clients receive them in the status and in state samples."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LEVELS: Final = {level: level.name.lower() for level in Level}
 
 
 class EventReadings:
-    """Newest events of a log in the form for clients; updated when the log has changed."""
+    """Newest events of an event log as messages for clients, converted again only after changes of the log."""
 
     def __init__(self, log: EventLog) -> None:
         self._log = log
@@ -41,7 +41,7 @@ class EventReadings:
 
 
 def event_message(event: Event, wall_offset_ns: int) -> RobotEvent:
-    """Return an event in the form for clients."""
+    """Convert an event to a message for clients, with times in Unix s."""
     several = event.count >= 2
     since = event.time if event.since is None else event.since
     return RobotEvent(
@@ -58,7 +58,7 @@ def event_message(event: Event, wall_offset_ns: int) -> RobotEvent:
 
 
 class NodeReadings:
-    """Readings of all nodes of a robot, by name."""
+    """State of all nodes of a robot as messages for clients, by node name."""
 
     def __init__(
         self,
@@ -74,12 +74,12 @@ class NodeReadings:
         }
 
     def at(self, now: int) -> dict[str, NodeReading]:
-        """Return the readings at `now` in ns."""
+        """Return the state of every node at `now`, in ns."""
         return {name: node.at(now) for name, node in self._nodes.items()}
 
 
 class _ReadNode:
-    """Reading of one node, reused while its inputs are unchanged; only the age is always computed."""
+    """State of one node as a message; parts that depend on unchanged inputs are reused."""
 
     def __init__(
         self, node: RemoteNode, bus: str, joints: Sequence[JointDrive], devices: Sequence[DeviceParts]
@@ -115,7 +115,7 @@ class _ReadNode:
         )
 
     def _inputs(self) -> tuple[object, ...]:
-        """Return all inputs of the reused parts."""
+        """Return the values on which the reused parts depend."""
         node = self._node
         values: list[object] = [node.nmt_state, node.error, node.sdo_reads, node.sdo_writes, node.sdo_failed]
         for joint in self._joints:
@@ -134,7 +134,7 @@ class _ReadNode:
 
 
 def _mode(joint: JointDrive) -> int | None:
-    """Return the mode shown by the drive, else the requested one; None without either."""
+    """Return the mode of operation that a drive displays (0x6061), else the requested mode; None without a request."""
     request = joint.machine.mode_request
     return request.mode if request.mode is None else request.display or request.mode
 

@@ -1,4 +1,4 @@
-"""Observer of a robot: one class with a method for each kind of event."""
+"""Base class for observers of a running robot."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ if TYPE_CHECKING:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class RobotObserver:
-    """Base of the `observers` of a robot, called on the robot's thread; does nothing unless overridden."""
+    """Base class of a robot's `observers`; the methods are called on the robot's thread and do nothing by default."""
 
     def event(self, event: Event) -> None:
-        """Process an event."""
+        """Process a reported event."""
 
     def running(self) -> None:
-        """Process the start of running; called once."""
+        """React to the end of the start, when the robot runs; called once."""
 
     def stopped(self) -> None:
-        """Process the stop of the robot; called once."""
+        """React to the stop of the robot; called once."""
 
     def after_cycle(self, now: int) -> None:
-        """Process the end of a cycle, whose frames were sent; `now` in ns."""
+        """React to the end of a cycle whose frames have been sent; `now` is in ns."""

@@ -1,9 +1,8 @@
-"""Clock of the cycle: absolute deadlines, and a count of the missed ones.
+"""Pacer of the control cycle: absolute deadlines, with counts of missed and late cycles.
 
-The n-th edge is start + n * period, independent of earlier cycles. A cycle that comes more than a
-period late skips the edges it missed, counts them, and goes on with the next one on the grid: SYNCs are never sent in
-a burst to catch up. Another clock of the same period may lead the grid (`SyncPhase`); without its ticks it goes on by
-itself.
+The n-th edge is start + n * period, independent of earlier cycles. A cycle that is more than a period late skips and
+counts the missed edges, and continues on the grid: SYNCs are never sent in a burst to catch up. The SYNC of another
+clock with the same period may lead the grid (`SyncPhase`); without SYNC the grid continues by itself.
 """
 
 from __future__ import annotations
@@ -18,28 +17,27 @@ if TYPE_CHECKING:
     from canopen_control.host.timer import Timer
 
 
-# Phase lock of the cycle to the SYNC of another clock: a kernel's, a drive's. Sans-IO, all times in ns.
+# Phase lock of the cycle to the SYNC of another clock, such as the kernel or a drive. Without I/O, all times in ns.
 #
-# Between two SYNCs there is one edge of the cycle, never none and never two, so that no set-point
-# is lost or doubled however far two oscillators drift apart. Once it is locked an edge is moved by at most a
-# sixty-fourth of a period; the jump that locks it makes a period longer, never shorter. A SYNC is seen late or in time,
-# never early: of sixteen the second earliest counts, so that neither a busy process nor an adapter that hands frames
-# over in bunches shifts the cycle. By how much the other clock's period is longer is learned: the kernel's broadcast
-# manager counts each period from when it has sent, so that its SYNC is later by its own latency each time, thousands of
-# ppm at 1 kHz.
+# Between two SYNCs there is exactly one edge of the cycle, so that no set-point is lost or doubled however far the two
+# oscillators drift apart. In the locked state an edge is shifted by at most 1/64 of a period; the jump that locks the
+# phase makes a period longer, never shorter. A SYNC can be received late, but never early: of sixteen SYNCs the second
+# earliest counts, so that neither a busy process nor an adapter that delivers frames in bunches shifts the cycle. The
+# difference between the two periods is estimated: the kernel's broadcast manager measures each period from the end of
+# its transmission, so that its SYNC period is longer by its own latency, thousands of ppm at 1 kHz.
 
 
-_SLOWEST: Final = 64  # a step is at most this part of a period
-_WINDOW: Final = 16  # SYNCs that are judged together
-_LEARNS: Final = 4 * _WINDOW  # of what a window is off, this part a period
-_EARLY: Final = 8  # one that seems early by more than this part of a period was seen almost a period late
+_SLOWEST: Final = 64  # a correction is at most this fraction of a period
+_WINDOW: Final = 16  # SYNCs that are evaluated together
+_LEARNS: Final = 4 * _WINDOW  # fraction of the error of a window that corrects the period
+_EARLY: Final = 8  # a SYNC early by more than this fraction of a period was received almost a period late
 _NONE: Final = 1 << 62
 
 
 class SyncPhase:
-    """Phase lock that keeps the edges of a cycle of `period_ns` at `behind_ns` after the SYNCs received.
+    """Phase lock that keeps the edges of a cycle `behind_ns` after the received SYNCs.
 
-    `locked` is whether they are there; until then the next SYNC is used directly.
+    While not `locked`, the next SYNC shifts the edges at once.
     """
 
     __slots__ = (
@@ -62,7 +60,7 @@ class SyncPhase:
         self._first = self._second = _NONE
 
     def receive_sync(self, tick: int, edge: int) -> int:
-        """Process a SYNC at `tick` while the next edge is due at `edge`; return the shift of this edge."""
+        """Process a SYNC received at `tick`; return the shift for the next edge, which is due at `edge`."""
         period = self.period_ns
         if not self.locked:
             self.locked = True
@@ -87,19 +85,19 @@ class SyncPhase:
         return 0
 
     def step(self) -> int:
-        """Return the correction of the period before the edge after the next one; negative for a shorter period."""
+        """Return the correction of the period after the present edge, negative for a shorter period."""
         phase_left, longer = self._phase_left, self._longer
         if not phase_left:
             return longer
         most = self.period_ns // _SLOWEST
         step = max(-most - longer, min(most - longer, phase_left))
         self._phase_left = phase_left - step
-        self._first -= step  # what was measured against the edges before
+        self._first -= step  # these were measured against the uncorrected edges
         self._second -= step
         return longer + step
 
     def _correct_rate(self, off: int) -> None:
-        """Correct the estimated difference of periods by the error of a window of SYNCs."""
+        """Set the phase error `off` of a window of SYNCs, and correct the estimated difference of the periods."""
         before, put_right = self._off, not self._phase_left
         self._off = self._phase_left = off
         again = min(abs(before), abs(off)) if before * off > 0 and put_right else 0
@@ -116,14 +114,13 @@ LATE_EDGES_NS = tuple(1000 * us for us in (10, 20, 50, 100, 200, 500, 1000, 2000
 
 
 class Pacer:
-    """Calls `on_edge(now)` on every edge; times in ns.
+    """Pacer that calls `on_edge(now)` on every edge of the cycle; all times are in ns.
 
-    Meanwhile `edge` is the edge that the cycle is of, the newest one, and `skipped` how many before it were missed.
-    `phase` is the requested offset of the edges from another clock's ticks, half a period by default.
-    `reported` is how many of the `missed` edges were reported. `late_max` is the worst lateness, `work_max` the longest
-    duration of a cycle, `work` that of the newest one.
-    `late_counts[i]` counts the cycles that came at most `LATE_EDGES_NS[i]` late, and later than the edge before it; the
-    last one counts the rest.
+    During the call, `edge` is the nominal time of the newest edge and `skipped` the number of edges missed just before.
+    `phase` locks the edges to the SYNCs passed to `lead`, half a period behind these by default. `reported` is how many
+    of the `missed` edges were reported. `late_max` is the maximum lateness, `work_max` the maximum duration of a cycle,
+    `work` the duration of the last cycle. `late_counts[i]` is the number of cycles that were at most `LATE_EDGES_NS[i]`
+    late, and later than the previous limit; the last count is for all later cycles.
     """
 
     def __init__(self, reactor: Reactor, period_ns: int, on_edge: Callable[[int], None] = lambda _now: None) -> None:
@@ -139,11 +136,11 @@ class Pacer:
 
     @property
     def running(self) -> bool:
-        """Whether edges are scheduled."""
+        """Whether the pacer is started, so that edges are scheduled."""
         return self._timer is not None
 
     def newly_missed(self, now: int) -> int:
-        """Return the number of missed edges not yet reported, at most once a second; 0 for none."""
+        """Return the number of missed edges that are not reported yet, and 0 within a second of the last report."""
         missed = self.missed - self.reported
         if not missed or now < self._tell_at:
             return 0
@@ -151,18 +148,18 @@ class Pacer:
         return missed
 
     def start(self) -> None:
-        """Start with an edge one period from now."""
+        """Start the pacer; the first edge is one period from now. Does nothing if already started."""
         if self._timer is None:
             self._arm(self._reactor.now() + self.period_ns)
 
     def stop(self) -> None:
-        """Stop the edges; a second call does nothing."""
+        """Stop the pacer; a second call does nothing."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
 
     def lead(self, tick: int) -> None:
-        """Keep the grid in phase with another clock, by its tick at `tick`."""
+        """Process a SYNC of another clock at time `tick`, to keep the edges in phase with that clock."""
         if self._timer is None:
             return
         if shift := self.phase.receive_sync(tick, self._edge):
@@ -182,7 +179,7 @@ class Pacer:
         self.count += 1
         self.late_max = max(self.late_max, late)
         self.late_counts[bisect_left(LATE_EDGES_NS, late)] += 1
-        self._arm(edge + self.period_ns + self.phase.step())  # armed first: work may stop the pacer, or fail
+        self._arm(edge + self.period_ns + self.phase.step())  # first: `on_edge` may stop the pacer or fail
         self.on_edge(now)
         self.work = work = self._reactor.now() - now
         if work > self.work_max:

@@ -1,7 +1,7 @@
-"""Plant file for virtual drives in physics: the joint of each axis, and its scale.
+"""Plant file for virtual drives with physics, which assigns a joint and a scale to every axis.
 
-It is made of what the robot has anyway, its description and the scales of bus.yml, and written beside its logs, so that
-it can be read, changed and given to `drive --plant`.
+The file is generated from the robot's description and the scales of bus.yml, and written to the folder of the robot's
+logs, where users can read and change it, and pass it to `drive --plant`.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 
-# The <sensor> tags of a robot on virtual drives with physics: those that the world measures, and their values.
+# The <sensor> tags that a physics simulation measures, for a robot on virtual drives.
 #
-# A tag that stands for a device of bus.yml is that device's, with physics and without. What is measured here is there
-# with `--physics` alone: on real drives, and without physics, such a tag has no interfaces.
+# A tag with the name of a device in bus.yml always belongs to that device. The other tags have interfaces only with
+# `--physics`: on real drives, and without physics, such a tag has no interfaces.
 
 
 def sensed_parts(setup: RobotSetup, tag: Ros2ControlSystem) -> list[ControlJoint]:
-    """Return the sensors of a tag that the world simulates: with physics, those without a device."""
+    """Return the sensors of a tag that physics simulates: those without a device in bus.yml; [] without physics."""
     if not setup.physics:
         return []
     nodes = {name: node.node_id for bus in setup.buses.values() for name, node in bus.nodes.items()}
@@ -46,7 +46,7 @@ def sensed_parts(setup: RobotSetup, tag: Ros2ControlSystem) -> list[ControlJoint
 
 
 def world_sensors(setup: RobotSetup) -> dict[str, SensorSettings]:
-    """Return the world's sensors by name; PhysicsError for invalid ones."""
+    """Return the settings of all simulated sensors by name; PhysicsError if one is invalid."""
     return _sensors(setup, setup.description.hardware)
 
 
@@ -61,14 +61,14 @@ def _sensors(setup: RobotSetup, tags: Iterable[Ros2ControlSystem]) -> dict[str, 
 
 
 def sensed_world(setup: RobotSetup, tag: Ros2ControlSystem) -> WorldSensors | None:
-    """Return the component of a tag's sensors that the world measures, None without; PhysicsError as above."""
+    """Return a hardware component with the simulated sensors of a tag, None if there are none; PhysicsError."""
     sensors = _sensors(setup, [tag])
     parts = [part for part in tag.sensors if part.name in sensors]
     return WorldSensors(f"{tag.name}_world", parts) if parts else None
 
 
 class SensedValues:
-    """Passes the world's sensor values to the components with these sensors."""
+    """Distributor of simulated sensor values to the hardware components with these sensors."""
 
     def __init__(self, components: Sequence[WorldSensors], sensors: Mapping[str, SensorSettings]) -> None:
         self._components = components
@@ -76,11 +76,11 @@ class SensedValues:
 
     @property
     def needed(self) -> bool:
-        """Whether any component has sensors."""
+        """Whether any hardware component has simulated sensors."""
         return bool(self._components)
 
     def take(self, measured: Mapping[str, tuple[float, ...]]) -> None:
-        """Update the sensor values by name."""
+        """Update the hardware components with measured values by sensor name."""
         values: dict[str, float] = {}
         for name, numbers in measured.items():
             values.update(zip(self._names.get(name, ()), numbers, strict=False))
@@ -100,7 +100,7 @@ _URDF = "physics.urdf"
 
 
 def check_physics(setup: RobotSetup) -> None:
-    """Raise RobotConfigError if no virtual drives can move the robot in physics, PhysicsError for its world."""
+    """Raise RobotConfigError if `--physics` is impossible for a robot, PhysicsError if the world file is invalid."""
     if setup.real or setup.mock:
         option = "--real" if setup.real else "--mock"
         raise RobotConfigError(f"--physics is for virtual drives; omit {option}")
@@ -122,9 +122,9 @@ def check_physics(setup: RobotSetup) -> None:
 def write_plant(
     setup: RobotSetup, joints: Mapping[str, JointDrive], world: Path | None = None, folder: Path | None = None
 ) -> Path:
-    """Write the plant file and the description for the joints of a robot; return its path. ConfigError on failure.
+    """Write the plant file and a copy of the URDF; return the path of the plant file. ConfigError on failure.
 
-    `folder` is that of the robot's logs, unless another one is given.
+    `folder` defaults to the folder of the robot's logs.
     """
     if not joints:
         raise RobotConfigError(f"--physics: no joint of {setup.description.path} is moved by a drive of bus.yml")
@@ -137,7 +137,7 @@ def write_plant(
 
 
 def plant_text(setup: RobotSetup, joints: Iterable[JointDrive], world: Path | None = None) -> str:
-    """Return the plant file as text."""
+    """Return the text of the plant file for the joints of a robot."""
     rollers = _rollers(setup)
     ratios = {
         transmission.joint: transmission.reduction
@@ -160,7 +160,7 @@ def plant_text(setup: RobotSetup, joints: Iterable[JointDrive], world: Path | No
 
 
 def _copied_from(description: UrdfDescription) -> Iterator[str]:
-    """Yield the path of the description if its line numbers are those of the copy, which a xacro's are not."""
+    """Yield the path of the description if its text equals the written copy, unlike that of a xacro file."""
     path = Path(description.path)
     with contextlib.suppress(OSError, UnicodeDecodeError):
         if path.read_text(encoding="utf-8") == description.urdf_xml:
@@ -168,7 +168,7 @@ def _copied_from(description: UrdfDescription) -> Iterator[str]:
 
 
 def _sensor_lines(setup: RobotSetup) -> list[str]:
-    """Return the sensors of the description as lines of the plant file."""
+    """Return the lines of the plant file about simulated sensors."""
     sensors = world_sensors(setup)
     lines = [
         f"  {json.dumps(name)}: {{kind: {sensor.kind}, link: {json.dumps(sensor.link)}, noise: {sensor.noise!r}, "
@@ -179,13 +179,13 @@ def _sensor_lines(setup: RobotSetup) -> list[str]:
 
 
 def _bus_of(setup: RobotSetup, node: str) -> str:
-    """Return the prefix of an address in the plant file, "" for the main bus."""
+    """Return the bus prefix of a node's address in the plant file, "" for the main bus."""
     bus = next(name for name, bus in setup.buses.items() if node in bus.nodes)
     return "" if bus == MAIN_BUS else f"{bus}:"
 
 
 def _encoders(setup: RobotSetup) -> Iterator[str]:
-    """Yield the encoders of joints without a command: their `device_name` is the node of the encoder."""
+    """Yield the lines of the plant file about encoders: nodes of joints without command interfaces."""
     nodes = {name: node.node_id for bus in setup.buses.values() for name, node in bus.nodes.items()}
     for part in (joint for tag in setup.description.hardware for joint in tag.joints):
         device = part.parameters.get("device_name", "")
@@ -194,7 +194,7 @@ def _encoders(setup: RobotSetup) -> Iterator[str]:
 
 
 def buses_of(setup: RobotSetup, plant: Path) -> list[str]:
-    """Return the lines of a robot in a file of several buses, see `virtual.bus_group`."""
+    """Return the lines about a robot in the buses file, which `virtual.bus_group` describes."""
     lines = [f"  {json.dumps(setup.name)}:", f"    plant: {json.dumps(str(plant))}", "    buses:"]
     for name, channel in setup.channels.items():
         eds = {
@@ -205,7 +205,7 @@ def buses_of(setup: RobotSetup, plant: Path) -> list[str]:
 
 
 def write_buses(folder: Path, robots: Iterable[tuple[RobotSetup, Path]], world: Path | None = None) -> Path:
-    """Write the file of all buses of robots, each with its plant file; return its path."""
+    """Write the buses file of one or more robots with their plant files; return the path."""
     lines = ["engine: mujoco", *([] if world is None else [f"world: {json.dumps(str(world))}"]), "robots:"]
     lines += [line for setup, plant in robots for line in buses_of(setup, plant)]
     folder.mkdir(parents=True, exist_ok=True)
@@ -215,9 +215,9 @@ def write_buses(folder: Path, robots: Iterable[tuple[RobotSetup, Path]], world: 
 
 
 def _rollers(setup: RobotSetup) -> dict[str, float]:
-    """Return the angles of the rollers of mecanum wheels by their joints: outwards in front, inwards behind.
+    """Return the roller angles of mecanum wheels in degrees, by joint: 45 or -45 depending on the corner.
 
-    That is the usual way to mount them, and the one of which the kinematics of the controller holds.
+    This is the usual way of mounting, and the way that the kinematics of the mecanum controller assumes.
     """
     configs = ((roller_wheels(config.type), config.params.flat) for config in setup.controllers.controllers.values())
     keys, params = next((candidate for candidate in configs if candidate[0]), ((), None))

@@ -1,6 +1,6 @@
-"""Process of the ROS bridge that a run starts first: it imports rclpy while the files of the robot are read.
+"""Early start of the ROS bridge process, which imports rclpy while the robot's files are read.
 
-It waits at its gate, without a robot, until the run serves the robot's API; see `Supervisor.start_client`.
+The process waits, without a robot, until the robot's API is available; see `Supervisor.start_client`.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
 
 
 BRIDGE: Final = "ros"
-"""The name of its process."""
+"""Process name of the ROS bridge."""
 _MODULE: Final = "canopen_control.ros.bridge"
 
 
 def bridge_command(name: str, arguments: Sequence[str]) -> list[str]:
-    """Return the module of the bridge of a robot, with its arguments."""
+    """Return the module and the arguments that run the ROS bridge of a robot."""
     return [_MODULE, "--name", name, *arguments]
 
 
 @contextlib.contextmanager
 def prepared_bridge(name: str, arguments: Sequence[str]) -> Iterator[Child]:
-    """Start the bridge of a robot that does not run yet; it has ended after the block. CanopenError."""
+    """Start the ROS bridge process for a robot that does not run yet; the process is ended on exit. CanopenError."""
     command = bridge_command(name, arguments)
     child = spawn(
         [*MODULE, *command],

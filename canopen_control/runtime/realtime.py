@@ -1,13 +1,14 @@
-"""Real-time scheduling of the robot's thread by the options `--realtime` and `--cpu`.
+"""Real-time scheduling of the robot's thread, for the options `--realtime` and `--cpu`.
 
-If the kernel refuses a requested setting, the run ends before anything moves, with the command that would allow it. The
-only exception are CPU idle states, which are disabled if possible: most users may not do that. No setting
-reaches a child: the kernel resets the policy at every fork (SCHED_RESET_ON_FORK; threads made later too), locked memory
-ends with exec, the thread is pinned after its children were started, and `release` frees later ones. The timer slack is
-left alone: the cycle waits on timerfd, which has none. `close` undoes everything.
+If the kernel refuses a requested setting, the run ends before anything moves, and the error names the command that
+would allow the setting. The only exception is disabling the CPU idle states, which most users are not allowed to do:
+it is done if possible. No setting is inherited by child processes: the kernel resets the policy at every fork
+(SCHED_RESET_ON_FORK, also for later threads), exec unlocks the memory, the thread is pinned after the first children
+were started, and `release` resets later children. The timer slack is left unchanged, because the cycle waits on
+timerfd, which has no slack. `close` undoes all settings.
 
-Garbage is collected by hand, `_COLLECT_NS` apart and just after a cycle's frames have left: what the start has made is
-frozen before, so that a full collection looks at what clients have left since then and at nothing else.
+The garbage collector is called explicitly, every `_COLLECT_NS` after the frames of a cycle are sent; the objects
+created during the start are frozen before, so that a full collection examines only later objects.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import Final
 from canopen_control.errors import ConfigError, RobotConfigError
 from canopen_control.runtime.observer import RobotObserver
 
-DEFAULT_PRIORITY: Final = 40  # below the 50 of a PREEMPT_RT kernel's interrupt threads, which bring the frames
+DEFAULT_PRIORITY: Final = 40  # below the interrupt threads of a PREEMPT_RT kernel (50), which receive the frames
 HIGHEST_PRIORITY: Final = 99
 LATENCY_DEVICE: Final = "/dev/cpu_dma_latency"
 _NO_LATENCY: Final = struct.pack("=i", 0)  # us
@@ -32,9 +33,10 @@ _CAP_IPC_LOCK: Final = 14
 
 
 class RealTime:
-    """Scheduling of the calling thread; `priority` of SCHED_FIFO or None, `cpu` its fixed processor or None.
+    """Real-time settings of the calling thread: a `priority` of SCHED_FIFO or None, a fixed `cpu` or None.
 
-    Raises ConfigError when the kernel refuses. `text` names the settings, "" for none; `pin` pins it to the processor.
+    ConfigError if the kernel refuses a setting. `text` describes the settings, "" without any; `pin` must be called to
+    bind the thread to the `cpu`.
     """
 
     def __init__(self, priority: int | None, cpu: int | None = None) -> None:
@@ -65,19 +67,19 @@ class RealTime:
             self.text = f"real-time: {', '.join(words)}" if priority is not None else f"runs {words[0]}"
 
     def pin(self) -> None:
-        """Pin the thread to its processor."""
+        """Bind the calling thread to the requested processor, if any."""
         if self._cpu is not None:
             os.sched_setaffinity(0, {self._cpu})
             self._undo.callback(os.sched_setaffinity, 0, self._processors)
 
     def release(self, pid: int) -> None:
-        """Allow a child process all processors again."""
+        """Let a child process run on all processors that this process could use at the start."""
         if self._cpu is not None:
             with contextlib.suppress(ProcessLookupError):
                 os.sched_setaffinity(pid, self._processors)
 
     def close(self) -> None:
-        """Undo everything; a second call does nothing."""
+        """Undo all settings; a second call does nothing."""
         self._undo.close()
 
     def _try_pin(self, cpu: int) -> None:
@@ -103,7 +105,7 @@ class RealTime:
         self._undo.callback(os.sched_setscheduler, 0, *before)
 
     def _lock_memory(self, priority: int) -> None:
-        """Lock all pages in memory, including future ones; refused if a limit would make a later allocation fail."""
+        """Lock all present and future pages in memory; ConfigError if a limit could make a later allocation fail."""
         import ctypes
         import resource
 
@@ -121,7 +123,7 @@ class RealTime:
 
 
 def keep_garbage_small(undo: contextlib.ExitStack, observers: list[RobotObserver], *, by_hand: bool) -> None:
-    """Freeze existing objects for the garbage collector; with `by_hand` it runs between cycles only."""
+    """Exclude existing objects from garbage collection; with `by_hand` collect only between cycles."""
     gc.collect()
     gc.freeze()
     undo.callback(gc.unfreeze)
@@ -133,7 +135,7 @@ def keep_garbage_small(undo: contextlib.ExitStack, observers: list[RobotObserver
 
 
 class _Collector(RobotObserver):
-    """Occasional garbage collection between two cycles."""
+    """Observer that collects garbage every `_COLLECT_NS`, after a cycle."""
 
     _next_collection = 0
 
@@ -144,14 +146,14 @@ class _Collector(RobotObserver):
 
 
 def _may_lock_all() -> bool:
-    """Return whether locked memory is unlimited for this process (CAP_IPC_LOCK)."""
+    """Return whether this process may lock unlimited memory, by the capability CAP_IPC_LOCK."""
     with open("/proc/self/status", encoding="ascii") as status:
         capabilities = next(line for line in status if line.startswith("CapEff:")).split()[1]
     return bool(int(capabilities, 16) >> _CAP_IPC_LOCK & 1)
 
 
 def _refused(request: str, error: OSError, priority: int) -> ConfigError:
-    """Return the error with the commands to type: for this shell, and permanently."""
+    """Return the error about a refused setting, with the commands that would allow the setting."""
     import pwd
 
     if os.geteuid() == 0:
@@ -167,11 +169,11 @@ def _refused(request: str, error: OSError, priority: int) -> ConfigError:
 
 
 def keep_awake(undo: contextlib.ExitStack, device: str = LATENCY_DEVICE) -> str:
-    """Keep all processors awake (PM QoS) until `undo` is closed; returns "", or the reason of a failure.
+    """Keep all processors out of idle states (PM QoS) until `undo` is closed; return "", or the reason for a failure.
 
-    A processor with nothing to do sleeps, and coming back takes 1 to 200 us on real ones, 20 us and twice that on
-    virtual ones, at every timer and every frame. While the file `/dev/cpu_dma_latency` is open with a 0 in it, idle
-    processors spin instead (Linux, Documentation/power/pm_qos_interface.rst). That costs current; it ends with the
+    An idle processor enters a sleep state, and leaving that state takes 1 to 200 us on real processors, 20 to 40 us on
+    virtual processors, at every timer and every frame. While the file `/dev/cpu_dma_latency` is open and contains 0,
+    idle processors spin instead (Linux, Documentation/power/pm_qos_interface.rst). This costs power, and ends with the
     process at the latest.
     """
     try:
