@@ -1,5 +1,5 @@
-"""ROS 2 bridge: a process that connects a running robot to rclpy, and the only subpackage that imports it.
+"""ROS 2 bridge: a process that connects a running robot to rclpy, and the only subpackage that imports rclpy.
 
-It is a client of the runtime's API. Its actions, and its end, affect the control loop only through commands that any
-client may send.
+The bridge is a client of the runtime's API. Its actions, and its end, affect the control loop only through commands
+that any client may send.
 """

@@ -1,9 +1,9 @@
-"""Goals of an action that the robot accepts and executes: sender, connection and end of each.
+"""Action goals that the robot accepts and executes: their clients, connections and results.
 
-The robot accepts or refuses a goal; cancelling is always accepted. The robot executes and times the goal, this module
-only reports to the client. A goal has a connection of its own: it ends with this bridge, and when the action client
-that sent it leaves the graph, unless the controller lets it outlive the client. A request for the result of a refused
-goal is answered with the reason.
+The robot accepts or refuses a goal; a cancellation is always accepted. The robot executes and times the goal; this
+module only reports to the client. Every goal has a connection to the robot of its own: the goal ends with this bridge,
+and when the action client that sent the goal leaves the graph, unless the controller lets the goal outlive the client.
+A request for the result of a refused goal is answered with the reason.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ if TYPE_CHECKING:
     Points = list[TrajectoryPoint]
 
 
-# Action server that accepts or refuses goals asynchronously, and passes the client that sent each goal.
+# Action server that accepts or refuses goals asynchronously, and reports which client sent a goal.
 #
-# rclpy's own server answers a goal when its callback returns, and waits for the end of one in a coroutine, in which its
-# EventsExecutor spins without a pause. Here goals are passed on, and `answer` and `finish` are called in the
+# rclpy's own server answers a goal when its callback returns, and waits for the end of a goal in a coroutine, in which
+# its EventsExecutor spins without a pause. Here goals are passed on, and `answer` and `finish` are called in the
 # executor's thread. In addition a request for the result of a refused goal gets the reason, where rclpy's server
 # reports an unknown goal.
 
@@ -50,7 +50,7 @@ _ActionServer: Any = _rclpy.ActionServer
 _ACCEPTED: Final = 1  # action_msgs/msg/GoalStatus
 _ABORTED: Final = 6
 _MAX_RESULTS: Final = 64
-"""How many refusals are kept, for who asks."""
+"""Number of refusals that are kept for clients that request the result."""
 
 
 class GoalRequest(NamedTuple):
@@ -62,7 +62,7 @@ class GoalRequest(NamedTuple):
 
 
 class ActionServerWithGoals(_ActionServer):  # type: ignore[misc] # rclpy's, without types
-    """Action server; callbacks are called in the executor's thread.
+    """Action server that answers goals asynchronously; callbacks are called in the executor's thread.
 
     `on_goal(request)` is answered by `answer`, `on_cancel(uuid)` is followed by `finish`. `on_lost(uuid)` reports an
     accepted goal whose client disconnected before the answer.
@@ -101,7 +101,7 @@ class ActionServerWithGoals(_ActionServer):  # type: ignore[misc] # rclpy's, wit
         return self._goal_handles.get(uuid)
 
     def answer(self, uuid: bytes, refusal: RosMessage | None) -> None:
-        """Accept a goal, or refuse it with a result that contains the reason."""
+        """Accept a goal if `refusal` is None; otherwise refuse the goal and keep `refusal` as its result."""
         waiting = self._accepted.pop(uuid, None)
         if waiting is None:
             return
@@ -111,7 +111,7 @@ class ActionServerWithGoals(_ActionServer):  # type: ignore[misc] # rclpy's, wit
             while len(self._refused) > _MAX_RESULTS:
                 self._refused.popitem(last=False)
         with contextlib.suppress(StopIteration):
-            super()._execute_goal_request(waiting).send(None)  # it waits for nothing: its callbacks are not coroutines
+            super()._execute_goal_request(waiting).send(None)  # completes at once: no callback is a coroutine
         handle = self.known(uuid)
         if handle is not None and handle.status == _ACCEPTED:  # no client could be informed
             _is_executing(handle)
@@ -144,7 +144,7 @@ class ActionServerWithGoals(_ActionServer):  # type: ignore[misc] # rclpy's, wit
         header, request = received
         uuid = bytes(request.goal_id.uuid)
         if uuid in self._accepted:
-            return  # the same request once more, and it is being judged
+            return  # a repeated request; the first one has not been answered yet
         if uuid in self._goal_handles:
             await super()._execute_goal_request(received)  # refused without its callback
             return
@@ -161,27 +161,27 @@ class ActionServerWithGoals(_ActionServer):  # type: ignore[misc] # rclpy's, wit
 
 
 def _is_executing(handle: RosMessage) -> None:
-    """Set the state, like the first step of a handle's `execute`."""
+    """Set the state of a goal handle to executing, without an execute callback."""
     handle._update_state(_rclpy.GoalEvent.EXECUTE)  # noqa: SLF001 - else rclpy would wait for the end in a coroutine
 
 
-# One trajectory on its way from ROS to the robot, on a connection of its own, in as many requests as it needs.
+# Transfer of one trajectory from ROS to the robot, on a separate connection and in as many requests as needed.
 #
-# The connection is what the trajectory lives by, since the robot brakes when it is gone: closing
-# it is enough, and the bridge's death closes it as well. A bridge that hangs sends no heartbeat any more. A request is
-# sent when the one before it was answered, so that a large trajectory holds up neither side. Everything is on the
-# reactor's thread.
+# The robot brakes when this connection is lost, so closing the connection ends the trajectory; the connection is also
+# closed if the bridge crashes, and a bridge that hangs sends no more heartbeats. A request is sent only after the
+# previous request has been answered, so that a large trajectory blocks neither side. All code runs on the reactor's
+# thread.
 
 
 HEARTBEAT_S: Final = 3.0
-"""What a trajectory from ROS promises as its `heartbeat`."""
+"""Value of `heartbeat` in the goals from ROS, in s."""
 _BEAT_NS: Final = 500_000_000
 
 A = TypeVar("A")
 
 
 class TrajectorySender:
-    """Sender of successive trajectories; `connect` opens the connection for the first one."""
+    """Sender of successive trajectories; `connect` opens the connection for the first trajectory."""
 
     def __init__(self, connect: Callable[[], ReactorClient]) -> None:
         self._connect = connect
@@ -189,7 +189,7 @@ class TrajectorySender:
 
     @property
     def client(self) -> ReactorClient:
-        """Connection to the robot; RemoteError if the robot is gone."""
+        """Connection to the robot, opened on first use; RemoteError if the robot has ended."""
         if self._client is None:
             self._client = self._connect()
             self._client.keep_saying(TrajectoryHeartbeat(), _BEAT_NS)
@@ -201,10 +201,10 @@ class TrajectorySender:
         request: Callable[[Points], Request[A]],
         answer: Callable[[A | None, str | None], object],
     ) -> None:
-        """Send all pieces, the last one with the request created for it; `answer(result, reason)` is called once."""
+        """Send all pieces, the last piece as `request(piece)`; `answer(result, reason)` is called once."""
         try:
             self._send(next(pieces), pieces, request, answer)
-        except (CanopenError, ValueError) as error:  # nothing was sent of it yet
+        except (CanopenError, ValueError) as error:  # nothing has been sent yet
             answer(None, str(error))
 
     def close(self) -> None:
@@ -232,14 +232,14 @@ class TrajectorySender:
             try:
                 self._send(following, rest, request, answer)
             except (CanopenError, ValueError) as wrong:
-                self.close()  # the robot drops what it has of it
+                self.close()  # the robot drops the pieces that it has received
                 answer(None, str(wrong))
 
         self.client.ask(TrajectoryData(points=piece), goes_on)
 
 
 _WATCH_S: Final = 0.25
-"""How often it is looked whether the clients are still there."""
+"""Interval in s between checks for clients that have left the graph."""
 _CLIENT_GONE: Final = "the action client that sent it is gone"
 
 
@@ -272,7 +272,7 @@ class ActionResult(Protocol):
 
     @property
     def state(self) -> str:
-        """Return "succeeded", "aborted" or "canceled"."""
+        """State in which the goal ended: "succeeded", "aborted" or "canceled"."""
         ...
 
 
@@ -295,7 +295,7 @@ class FollowedGoal(Generic[V]):
         self._ran_here = self.client is not None and clients.runs_here(self.client)
 
     def is_alone(self, present: set[bytes]) -> bool:
-        """Return whether its client was present and is gone; if clients cannot be distinguished, whether all are."""
+        """Return whether the goal's client has left the graph; if this client is unknown, whether all clients have."""
         if self._ran_here and self.client is not None and not self._clients.runs_here(self.client):
             return True
         here = bool(present) if self.client is None else self.client in present
@@ -303,7 +303,7 @@ class FollowedGoal(Generic[V]):
         return self._was_present and not here
 
     def wants_feedback(self, time: float) -> bool:
-        """Return whether feedback is due; `time` in s."""
+        """Return whether feedback is due at `time` in s; if so, remember this time."""
         rate = self.verdict.feedback_rate if self.verdict is not None else math.inf
         if self.last_feedback <= time < self.last_feedback + 1.0 / rate:
             return False
@@ -314,7 +314,7 @@ class FollowedGoal(Generic[V]):
 class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
     """Action server of one controller; subclasses convert the goals of each action for the robot.
 
-    `kind` is that of the controller's samples during execution.
+    `kind` is the class of the controller's samples from which feedback is made.
     """
 
     def __init__(self, ros: Ros, controller: ControllerReading, action: type, name: str, kind: type[S]) -> None:
@@ -355,20 +355,20 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
 
     @abstractmethod
     def failed(self, text: str) -> E:
-        """Return the result of a goal after the robot has ended."""
+        """Return the result of a goal for which the robot has sent no result; `text` is the reason."""
 
     @abstractmethod
     def client_result(self, result: E, *, by_others: bool) -> RosMessage:
-        """Return the result for the client; with `by_others` the client did not request the cancellation."""
+        """Return the result for the client; `by_others` tells that another client cancelled the goal."""
 
     @abstractmethod
     def feedback(self, sample: S) -> RosMessage:
-        """Return the feedback of a sample."""
+        """Return the feedback message for a sample."""
 
     # ------------------------------------------------------------------------------------------------ goals that come
 
     def _begin(self, request: GoalRequest) -> None:
-        """Send a goal to the robot."""
+        """Send a new goal to the robot; refuse the goal if sending raises an exception."""
         followed = FollowedGoal[V](request, TrajectorySender(self._ros.connect), self._clients)
         self._goals[request.uuid] = followed
         try:
@@ -400,7 +400,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         self._end(followed, result or self.failed(str(error)))
 
     def _end(self, followed: FollowedGoal[V], result: E) -> None:
-        """Send the result to the client; only once."""
+        """Send the result of a goal to its client, unless the goal has already ended."""
         if self._goals.pop(followed.uuid, None) is None:
             return
         followed.sender.close()

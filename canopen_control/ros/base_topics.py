@@ -1,12 +1,13 @@
-"""Topics and service of base controllers: twists, odometry, and setting the odometry.
+"""Topics and services of base controllers: twist commands, odometry transforms, setting and resetting the odometry.
 
-Rules (ros2_controllers, Jazzy): twists are TwistStamped on `~/cmd_vel` (diff drive, omni) or
-`~/reference` (steering, mecanum); where Twist alone is published there, as for the controller of ROS 1, it is that, and
-`~/cmd_vel_unstamped` takes it too. Only the axes that the base has count, the frame of a command is not looked at, a
-stamp of zero means now; how old a stamp may be is the controller's timeout, so the stamp goes to the runtime with the
-command. A twist that is not finite is dropped, and does not refresh the timeout. Odometry is planar: z is 0, and the
-covariances are diagonals. `~/set_odometry` takes a pose in the plane from the next update on, while the controller is
-active. Where upstream has `~/tf_odometry` to be remapped to `/tf`, both are there.
+Rules (ros2_controllers, Jazzy): twists are TwistStamped on `~/cmd_vel` (diff drive, omni) or `~/reference` (steering,
+mecanum); if only Twist is published there, as for the controller of ROS 1, Twist is subscribed instead, and
+`~/cmd_vel_unstamped` accepts Twist too. Only the velocity components in which the base can move are used; the frame of
+a command is ignored; a stamp of zero means now. The controller's timeout limits the age of a stamp, so the stamp is
+passed to the runtime with the command. A twist that is not finite is dropped, and does not refresh the timeout.
+Odometry is planar: z is 0, and the covariances are diagonal. `~/set_odometry` sets the pose in the plane from the next
+update on, while the controller is active. Upstream has `~/tf_odometry` to be remapped to `/tf`; here both are
+published.
 """
 
 from __future__ import annotations
@@ -31,11 +32,11 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import ControllerReading, StateSample
 
 
-# One topic on which velocities come as Twist or as TwistStamped, whichever is published.
+# Topic on which velocities arrive as Twist or as TwistStamped, whichever is published.
 #
-# One context of rclpy cannot hold two types on one name, so there is one subscription at a time.
-# Its type is the requested one, or with `auto` that of the first publisher that is seen; it changes only when all
-# publishers of the other type have gone, and between two checks.
+# A context of rclpy cannot have two types under one topic name, so there is one subscription at a time. Its type is the
+# requested type, or with `auto` the type of the first publisher that is discovered; the type changes only when all
+# publishers of the old type are gone, and between two checks.
 
 
 AUTO: Final = "auto"
@@ -45,8 +46,9 @@ _TYPES: Final[dict[str, type]] = {f"{_PACKAGE}Twist": Twist, f"{_PACKAGE}TwistSt
 
 
 class TwistSubscription:
-    """Subscription of `topic`; `kind` is "Twist", "TwistStamped" or "auto", `first` the type before a publisher exists.
+    """Subscription of `topic` as "Twist", "TwistStamped" or "auto", which follows the type of the publishers.
 
+    `kind` is this choice; with "auto", `first` is the type until a publisher exists ("": no subscription yet).
     `on_message` gets a Twist or a TwistStamped.
     """
 
@@ -68,9 +70,9 @@ class TwistSubscription:
             self._subscribe(f"{_PACKAGE}{topic_kind}")
 
     def check_types(self, state: StateSample) -> None:
-        """Check the types of the publishers, at every sample of the state stream."""
+        """With "auto", change the subscription to the type of the publishers; call with every state sample."""
         time = state.time
-        # a clock that was set back does not blind it
+        # checks continue after the clock was set back
         if not self._auto or time < self._next <= time + _LOOK_S:
             return
         self._next = time + _LOOK_S
@@ -87,7 +89,7 @@ class TwistSubscription:
             self._ros.unsubscribe(self._subscription)
 
     def _change(self, name: str) -> None:
-        """Unsubscribe; the other type is subscribed at the next check, after rclpy has removed the first."""
+        """Subscribe to another type; an old subscription is removed now, and the new one follows at the next check."""
         if self._subscription is None:
             self._subscribe(name)
         else:
@@ -100,11 +102,11 @@ class TwistSubscription:
 
 
 _QUALITIES: Final[dict[str | None, Any]] = {"reference": REFERENCE}
-"""How twists are subscribed to, by the topic's last word; SYSTEM_DEFAULT where it is none of these."""
+"""Quality of service by the controller's `topic`; SYSTEM_DEFAULT for all others."""
 
 
 class TwistCommands(Endpoint):
-    """Both twist topics of one base controller."""
+    """Subscriptions of both twist topics of one base controller: the topic itself and `*_unstamped`."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller
@@ -113,15 +115,15 @@ class TwistCommands(Endpoint):
         self._plain = ros.subscribe(Twist, f"{topic}_unstamped", self._on_message, quality)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Update whether the controller is active."""
+        """Store the controller's new state; twists are refused while the controller is inactive."""
         self._controller = controller
 
     def on_state(self, state: StateSample) -> None:
-        """Check the types of the publishers."""
+        """Follow the types of the publishers."""
         self._either.check_types(state)
 
     def close(self) -> None:
-        """Destroy the publishers and subscriptions."""
+        """Destroy both subscriptions."""
         self._either.close()
         self._ros.unsubscribe(self._plain)
 
@@ -130,7 +132,7 @@ class TwistCommands(Endpoint):
 
 
 class OdometrySetting(Endpoint):
-    """The service `~/set_odometry`."""
+    """Service `~/set_odometry` of a base controller."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller.name
@@ -152,7 +154,7 @@ class OdometrySetting(Endpoint):
 
 
 class OdometryReset(Endpoint):
-    """The service `~/reset_odometry` of the tricycle controller: the pose becomes 0."""
+    """Service `~/reset_odometry` of the tricycle controller, which sets the pose to 0."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller, self._name = ros, controller.name, f"{controller.name}/reset_odometry"
@@ -164,7 +166,7 @@ class OdometryReset(Endpoint):
 
     def _answer(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
         def fill(_done: object, error: str | None) -> None:
-            if error is not None:  # an Empty has no field for it
+            if error is not None:  # the response of std_srvs/Empty has no field for the reason
                 self._ros.warn(self._name, f"{self._name}: {error}")
             reply(response)
 
@@ -172,7 +174,7 @@ class OdometryReset(Endpoint):
 
 
 def send_twist(ros: Ros, controller: ControllerReading, message: Twist | TwistStamped) -> None:
-    """Send a twist to a base controller, with its stamp if it has one; non-finite values are dropped."""
+    """Send a twist, with any stamp, to an active base controller; drop non-finite twists with a warning."""
     twist, stamp = message, None
     if isinstance(message, TwistStamped):
         sent_at = message.header.stamp
@@ -200,25 +202,25 @@ def send_twist(ros: Ros, controller: ControllerReading, message: Twist | TwistSt
         )
 
 
-# The shared `cmd_vel` topic that teleop and Nav2 publish: Twist or TwistStamped, whichever is there.
+# Shared `cmd_vel` topic to which teleop and Nav2 publish, as Twist or TwistStamped.
 #
-# The topic leads to the active base controller; with several, which one is meant is not known, and
-# the command is refused.
+# Its messages are sent to the only active base controller. If several are active, the intended one is unknown, and the
+# command is refused.
 
 
 class SharedTwist(Endpoint):
-    """Subscription of one robot; `kind` is "Twist", "TwistStamped" or "auto"."""
+    """Subscription of the shared `cmd_vel` topic of one robot; `kind` is "Twist", "TwistStamped" or "auto"."""
 
     def __init__(self, ros: Ros, topic: str, kind: str) -> None:
         self._ros, self._topic = ros, topic
         self._subscription = TwistSubscription(ros, topic, self._on_message, kind)
 
     def on_state(self, state: StateSample) -> None:
-        """Check the types of the publishers."""
+        """Follow the types of the publishers."""
         self._subscription.check_types(state)
 
     def close(self) -> None:
-        """Destroy the publisher."""
+        """Destroy the subscription."""
         self._subscription.close()
 
     def _on_message(self, message: Twist | TwistStamped) -> None:
@@ -236,12 +238,12 @@ class SharedTwist(Endpoint):
 
 # Topics of steering and mecanum controllers in addition to odometry: `~/tf_odometry` and `~/controller_state`.
 #
-# Rules (ros2_controllers, Jazzy): wheels are in the order that the message defines; of the traction wheels
-# measured positions or velocities are published. Unknown values are nan.
+# Rules (ros2_controllers, Jazzy): wheels are in the order that the message defines; measured positions or
+# velocities of the traction wheels are published. Unknown values are nan.
 
 
 class TfOdometry(Endpoint):
-    """Topic `~/tf_odometry`: the transform of odometry alone."""
+    """Topic `~/tf_odometry`: only the transform of the odometry, while the controller's `enable_odom_tf` is true."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._name, self._samples = ros, controller.name, NewSamples(OdometrySample)
@@ -249,7 +251,7 @@ class TfOdometry(Endpoint):
         self._publisher = ros.node.create_publisher(self._kind, f"{self._name}/tf_odometry", SYSTEM_DEFAULT)
 
     def on_state(self, state: StateSample) -> None:
-        """Publish new samples."""
+        """Publish the transform of a new sample, if enabled."""
         sample = self._samples.of(state).get(self._name)
         if sample is not None and sample.enable_odom_tf:
             self._publisher.publish(self._kind(transforms=[odometry_transform(self._ros, sample)]))

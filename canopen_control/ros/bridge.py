@@ -1,9 +1,9 @@
-"""The ROS bridge: `python -m canopen_control.ros.bridge --name ROBOT [--namespace NS] [--ros-args ...]`.
+"""ROS bridge process: `python -m canopen_control.ros.bridge --name ROBOT [--namespace NS] [--ros-args ...]`.
 
-One process, one context, one node. What is wrong with the environment is one sentence and exit
-code 1, before rclpy is imported. Started by `run`, before there is a robot, it waits at its gate; it ends with its
-lifeline or with the robot, and is killed when one of its threads hangs. Started by hand it waits for the robot to come
-back, and SIGTERM or SIGINT end it within two seconds, even if rclpy blocks.
+The process has one context and one node of its own. An unusable ROS environment is reported in one sentence with exit
+code 1, before rclpy is imported. A bridge started by `run`, before the robot exists, waits at its gate; it ends with
+its lifeline or with the robot, and is killed when one of its threads hangs. A bridge started manually waits for the
+robot to return; SIGTERM and SIGINT end it within two seconds, even if rclpy blocks.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ _SIM_TIME: Final = (
     "use_sim_time: stamps follow /clock, and are 0 until a program publishes it; timeouts go by the robot's own time "
     "(a robot that is simulated publishes /clock itself, which changes nothing of that)"
 )
-_TIMEOUT_S: Final = 2.0  # for the robot to answer
+_TIMEOUT_S: Final = 2.0  # for the robot's answers
 _ENDING_S: Final = 3.0  # a bridge ends within two seconds of its robot
-_RCLPY_END_S: Final = 1.5  # for rclpy to end
+_RCLPY_END_S: Final = 1.5  # for rclpy's shutdown
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run until the end of the robot or the parent, or a signal; 0 good, 1 if it could not start."""
+    """Run until the robot or parent process ends, or a signal arrives; return 0, or 1 if the bridge could not start."""
     arguments, ros_arguments = _parse(list(sys.argv[1:] if argv is None else argv))
     try:
         require_ros()
@@ -80,9 +80,9 @@ def _print(text: str) -> None:
 
 
 def _claim(robot: str, timeout: float) -> int:
-    """Claim the robot in a ROS domain, because two bridges would send each command twice.
+    """Claim the robot in a ROS domain and return the descriptor; CanopenError if another bridge has claimed the robot.
 
-    `timeout` in s is for one that is ending, of a run before.
+    Two bridges would send each command twice. `timeout` in s is the time that a bridge of a previous run gets to end.
     """
     domain = os.environ.get("ROS_DOMAIN_ID", "") or "0"
     safe = domain if domain.isdecimal() else "x"
@@ -96,14 +96,14 @@ def _claim(robot: str, timeout: float) -> int:
 
 
 def _session_type() -> type[RosSession]:
-    """Import the topics and services of a robot."""
+    """Import and return the class of a session, which imports the topics and services of a robot."""
     with quick_start():
         from canopen_control.ros.session import RosSession
     return RosSession
 
 
 class Bridge:
-    """Bridge process: signals, lifeline, context and node, and a session while the robot runs."""
+    """Bridge process: signals, lifeline, ROS context and node, and a session while the robot runs."""
 
     def __init__(self, arguments: argparse.Namespace, ros_arguments: list[str]) -> None:
         self._arguments = arguments
@@ -121,7 +121,7 @@ class Bridge:
             self._start_ros(arguments.namespace, ros_arguments)
 
     def _take_robot(self) -> None:
-        """Claim the robot; CanopenError if it does not run, or has another bridge."""
+        """Select and claim the robot; CanopenError if the robot does not run, or has another bridge."""
         self._name = select_robot(self._arguments.name)
         self._claim = _claim(self._name, _ENDING_S if self._lifeline is not None else 0.0)
 
@@ -140,7 +140,7 @@ class Bridge:
             _print(_SIM_TIME)
 
     def run(self) -> int:
-        """Serve until the end, then leave the graph; 0 good, 1 without a robot."""
+        """Run until the bridge is stopped, then leave the graph; return 0, or 1 if the robot could not be claimed."""
         if self._gate is None:
             self._begin()
         else:
@@ -151,7 +151,7 @@ class Bridge:
         return self._code
 
     def _pass_gate(self) -> None:
-        """Begin once the robot's API is served; end if it never will be."""
+        """Begin when the robot's API is available; stop if the gate is closed without a byte."""
         gate, self._gate = self._gate, None
         if gate is None:
             return
@@ -187,7 +187,7 @@ class Bridge:
         self._has_answered = True
 
     def _connect(self) -> None:
-        """Connect to the robot; a bridge started manually retries until the robot runs."""
+        """Connect to the robot; on failure a bridge started manually tries again, and a child of `run` stops."""
         client: RobotClient | None = None
         try:
             client = RobotClient.connect(self._name, _TIMEOUT_S)
@@ -213,7 +213,7 @@ class Bridge:
         self._reactor.call_later(_RETRY_NS, self._connect)
 
     def _end_session(self) -> bool:
-        """Close the session; False if a thread of rclpy does not return."""
+        """Close the session, if any; return False if a thread of rclpy does not return."""
         session, self._session = self._session, None
         return session is None or session.close()
 

@@ -1,7 +1,7 @@
-"""Options of the bridge, as arguments or parameters of its node.
+"""Options of the bridge, as command-line arguments or parameters of its node.
 
-A parameter (`--ros-args -p NAME:=VALUE`, `--params-file`) wins over an argument; it is read when
-the bridge starts. A value that does not fit is one sentence.
+A parameter (`--ros-args -p NAME:=VALUE`, `--params-file`) overrides an argument, and is read when the bridge starts. An
+invalid value is reported in one sentence.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ CMD_VEL_TYPES: Final = ("auto", "Twist", "TwistStamped", "off")
 
 @dataclass(frozen=True, slots=True)
 class BridgeOptions:
-    """Options of the bridge; each field is a parameter of that name.
+    """Options of the bridge; each field is also a ROS parameter of the same name.
 
-    `rate` is that of the state stream in Hz, 0 for as often as controllers publish; `frame_prefix` stands before the
-    name of every frame. `cmd_vel_type` is one of `CMD_VEL_TYPES`, of the shared topic `cmd_vel_topic`. `topic_hardware`
-    turns on the topics for a controller manager elsewhere, `lifecycle` makes `/lifecycle_manager` although bus.yml has
+    `rate` is the rate of the state stream in Hz, 0 for the rates of the controllers; `frame_prefix` precedes the name
+    of every frame. `cmd_vel_type` is one of `CMD_VEL_TYPES`, for the shared topic `cmd_vel_topic`. `topic_hardware`
+    enables the topics for a controller manager elsewhere; `lifecycle` creates `/lifecycle_manager` even if bus.yml has
     no lifecycle drivers.
     """
 
@@ -42,7 +42,7 @@ class BridgeOptions:
 
 
 def with_parameters(node: Node, options: BridgeOptions) -> BridgeOptions:
-    """Return the options with the values of the node's parameters; ConfigError."""
+    """Return the options, overridden by the node's parameters; ConfigError if a value is invalid."""
     values = {}
     for field in fields(BridgeOptions):
         default = getattr(options, field.name)

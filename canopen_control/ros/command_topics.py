@@ -1,4 +1,4 @@
-"""Command topics of controllers with plain values: forward command, GPIO and PID."""
+"""Command topics of controllers with plain values: forward command, GPIO and PID controllers."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 # `/<controller>/commands` of the forward controllers: Float64MultiArray, one number per joint.
 #
-# Rules (forward_command_controller, Jazzy): only `data` counts, in the order of the joints. A value that
-# is not finite, or a wrong number of them, drops the message; the runtime would refuse it as well.
+# Rules (forward_command_controller, Jazzy): only `data` is used, in the order of the joints. A message with a value
+# that is not finite, or with a wrong number of values, is dropped; the runtime would refuse such a command as well.
 
 
 class ForwardCommands(Endpoint):
-    """Subscription of one forward controller."""
+    """Subscription of `~/commands` of one forward command controller."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller
@@ -37,7 +37,7 @@ class ForwardCommands(Endpoint):
         )
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Update state and number of joints of the controller."""
+        """Store the new state and joints of the controller."""
         self._controller = controller
 
     def close(self) -> None:
@@ -57,14 +57,15 @@ class ForwardCommands(Endpoint):
 
 # `~/commands` of a GPIO command controller: outputs of <gpio> parts by their names (DynamicInterfaceGroupValues).
 #
-# Rules (gpio_controllers, Jazzy): a message names some outputs, the others stay. Ours: one that does not
-# fit (an unknown name, one named twice, as many names as values nowhere, a value that is not finite) is dropped whole
-# with a sentence, and the controller goes on. What comes while the robot has not answered yet is put together, the
-# newest value of each output, so that no flood waits and no output is lost. The outputs end with this bridge.
+# Rules (gpio_controllers, Jazzy): a message sets the outputs that it names; the others keep their values. Own rules: an
+# invalid message (an unknown or repeated name, different numbers of names and values, a value that is not finite) is
+# dropped as a whole with a warning, and the controller continues. Messages that arrive before the robot has answered
+# are merged, with the newest value of each output, so that no queue grows and no output is lost. The commands of the
+# outputs end with this bridge.
 
 
 class GpioCommands(Endpoint):
-    """Subscription of one GPIO controller."""
+    """Subscription of `~/commands` of one GPIO command controller."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller, self._topic = ros, controller, f"{controller.name}/commands"
@@ -75,7 +76,7 @@ class GpioCommands(Endpoint):
         self._subscription = ros.subscribe(message, self._topic, self._on_message, SYSTEM_DEFAULT)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Update state and outputs of the controller; a waiting message of an inactive one is dropped."""
+        """Store the new state and outputs of the controller; drop waiting values if the controller is inactive."""
         self._controller = controller
         if not controller.active:
             with self._lock:
@@ -98,7 +99,7 @@ class GpioCommands(Endpoint):
             self._ros.hand_over(self._send)
 
     def _send(self) -> None:
-        """Send the waiting message to the robot after the previous answer."""
+        """Send the merged values to the robot, unless the previous request has not been answered yet."""
         if self._asking:
             return
         with self._lock:
@@ -116,7 +117,7 @@ class GpioCommands(Endpoint):
 
 
 def outputs_of(message: RosMessage, controller: ControllerReading) -> dict[str, float]:
-    """Return the values of a message by "gpio/interface"; ValueError with the reason if it is invalid."""
+    """Return the values of a message by "gpio/interface"; ValueError with the reason if the message is invalid."""
     if not controller.active:
         raise ValueError(f"{controller.name} is {controller.state}; activate it before commanding it")
     groups, inner = list(message.interface_groups), list(message.interface_values)
@@ -138,18 +139,17 @@ def outputs_of(message: RosMessage, controller: ControllerReading) -> dict[str, 
     return outputs
 
 
-# The topics of a PID controller: `~/reference`, `~/controller_state`, and the service `~/set_feedforward_control`.
+# Topics of a PID controller (`~/reference`, `~/measured_state`) and its service `~/set_feedforward_control`.
 #
-# Rules (pid_controller, Jazzy): a MultiDOFCommand is a reference for each degree of freedom, and with a
-# second reference interface its derivative, by their names or, without names, in their order; `~/controller_state`
-# comes with every update that the state stream carries; `~/measured_state` is there with
-# `use_external_measured_states`. While another controller commands the references, messages are refused by the robot.
-# Ours: a message that is not whole and finite is dropped, and does not refresh the reference; a reference ends with
-# this bridge.
+# Rules (pid_controller, Jazzy): a MultiDOFCommand has a reference for each degree of freedom, and its derivative if the
+# controller has a second reference interface; the values are in the order of `dof_names`, or of the parameters if there
+# are no names. `~/measured_state` exists with `use_external_measured_states`. While another controller commands the
+# references, the robot refuses messages. Own rules: an incomplete message, or one with a value that is not finite, is
+# dropped, and does not refresh the reference; a reference ends with this bridge.
 
 
 class PidReferences(Endpoint):
-    """The subscription of `~/reference`."""
+    """Subscription of `~/reference` of a PID controller."""
 
     topic = "reference"
 
@@ -159,7 +159,7 @@ class PidReferences(Endpoint):
         self.on_controller(controller)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Update state and degrees of freedom of the controller; subscribe if it needs the topic."""
+        """Store the new state and degrees of freedom of the controller; subscribe if the topic is needed."""
         self._controller = controller
         if self._subscription is None and self.is_wanted(controller):
             message: Any = interface("control_msgs/msg/MultiDOFCommand")
@@ -172,7 +172,7 @@ class PidReferences(Endpoint):
 
     @staticmethod
     def is_wanted(controller: ControllerReading) -> bool:
-        """Whether the topic is needed; the reference topic always is."""
+        """Return whether the controller needs the topic; `~/reference` is always needed."""
         del controller
         return True
 
@@ -190,14 +190,14 @@ class PidReferences(Endpoint):
         )
 
     def _values_of(self, message: RosMessage) -> list[float]:
-        """Return the values and derivatives of a message; ValueError with the reason if it is invalid."""
+        """Return values and derivatives in the controller's order; ValueError with the reason if they are invalid."""
         controller = self._controller
         if not controller.active:
             raise ValueError(f"{controller.name} is {controller.state}; activate it before commanding it")
         dofs = _dofs_of(controller)
         order = _order(list(message.dof_names) or dofs, dofs)
         values = _sorted("values", message.values, order, dofs)
-        # one with nan only has no command, like an empty one
+        # nan in every element means no command, like an empty list
         if all(map(math.isnan, message.values_dot)):
             return values
         if len(controller.reference_interfaces) < 2 * len(dofs):
@@ -208,7 +208,7 @@ class PidReferences(Endpoint):
 
 
 class PidMeasuredStates(PidReferences):
-    """Subscription of `~/measured_state`, for a controller without state interfaces of its own."""
+    """Subscription of `~/measured_state`, for a PID controller without state interfaces."""
 
     topic = "measured_state"
 
@@ -222,12 +222,12 @@ class PidMeasuredStates(PidReferences):
 
     @staticmethod
     def is_wanted(controller: ControllerReading) -> bool:
-        """Whether the controller is configured to receive measured states as messages."""
+        """Return whether the controller is configured to receive measured states as messages."""
         return bool(controller.required_command_interfaces) and not controller.required_state_interfaces
 
 
 class FeedForwardSwitch(Endpoint):
-    """The service `~/set_feedforward_control`."""
+    """Service `~/set_feedforward_control` of a PID controller."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller.name
@@ -244,13 +244,13 @@ class FeedForwardSwitch(Endpoint):
 
 
 def _dofs_of(controller: ControllerReading) -> list[str]:
-    """Return the degrees of freedom by the names of their references, in the order of the parameters."""
+    """Return the names of the degrees of freedom from the reference interfaces, in the order of the parameters."""
     firsts = controller.reference_interfaces[: controller.width]
     return [first.removeprefix(f"{controller.name}/").rpartition("/")[0] for first in firsts]
 
 
 def _order(names: Sequence[str], dofs: Sequence[str]) -> list[int]:
-    """Return the position of each degree of freedom in a message; ValueError unless each occurs once."""
+    """Return the index of each degree of freedom in a message; ValueError unless each is named exactly once."""
     if sorted(names) == sorted(dofs):
         return [names.index(dof) for dof in dofs]
     strange = next((name for name in names if name not in dofs), None)
@@ -260,7 +260,7 @@ def _order(names: Sequence[str], dofs: Sequence[str]) -> list[int]:
 
 
 def _sorted(field: str, values: Sequence[float], order: Sequence[int], dofs: Sequence[str]) -> list[float]:
-    """Return the values in the order of the degrees of freedom; ValueError unless each has one finite value."""
+    """Return the values in the controller's order; ValueError unless every degree of freedom has one finite value."""
     if len(values) != len(order):
         raise ValueError(f"{field} has {len(values)} numbers for {', '.join(dofs)}; give {len(order)}")
     ordered = [float(values[index]) for index in order]

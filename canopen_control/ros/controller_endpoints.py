@@ -1,6 +1,6 @@
-"""Which topics a controller has: by the kind of its commands and of its samples, and by what it offers beside them.
+"""Selection of a controller's topics, services and actions: by its command topic, its samples and its offers.
 
-A new kind of command gets a line here and an `Endpoint`; a new kind of sample a row in `sample_topics`.
+A new kind of command needs an entry here and an `Endpoint`; a new kind of sample needs a row in `sample_topics`.
 """
 
 from __future__ import annotations
@@ -74,22 +74,22 @@ if TYPE_CHECKING:
     Factory = Callable[[Ros, ControllerReading], Endpoint]
 
 
-# Actions of ROS: FollowJointTrajectory, GripperCommand and ParallelGripperCommand.
+# ROS actions: FollowJointTrajectory, GripperCommand and ParallelGripperCommand.
 
 
 # `~/follow_joint_trajectory`: the action by which MoveIt and others have a joint trajectory controller follow a path.
 #
 # Rules (joint_trajectory_controller, Jazzy): a newer goal replaces the running one, feedback is sent at the
-# controller's `action_monitor_rate`; the lifetime of a goal, and how it ends, is in `action_goals`. Different from
-# upstream: it outlives the client that sent it only if the controller's `continue_without_client` is true; a request
-# for the result of a refused goal gets the rule that it breaks.
+# controller's `action_monitor_rate`; `action_goals` describes when and how a goal ends. Different from upstream: a
+# goal outlives the client that sent it only if the controller's `continue_without_client` is true; a request for the
+# result of a refused goal is answered with the rule that the goal breaks.
 
 
 _INVALID_GOAL: Final = -1
 
 
 class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult, TrajectorySample]):
-    """Action server of one trajectory controller."""
+    """FollowJointTrajectory action server of one trajectory controller."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._action: Any = interface("control_msgs/action/FollowJointTrajectory")
@@ -101,7 +101,7 @@ class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult, Tra
         goal: RosMessage,
         answer: Callable[[TrajectoryVerdict | None, str | None], object],
     ) -> None:
-        """Send a trajectory, in as many pieces as it needs."""
+        """Send the trajectory of a goal in as many pieces as needed; ValueError with the reason if it is invalid."""
         refusal = goal_refusal(goal)
         if refusal is not None:
             raise ValueError(refusal)
@@ -121,44 +121,44 @@ class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult, Tra
         )
 
     def refused(self, verdict: TrajectoryVerdict | None, text: str) -> RosMessage:
-        """Return the result of a refused goal, with its code."""
+        """Return the result of a refused goal with the robot's error code, or INVALID_GOAL without a verdict."""
         code = _INVALID_GOAL if verdict is None else verdict.error_code
         return self._action.Result(error_code=code, error_string=text)
 
     def asks_for_end(self) -> Request[TrajectoryResult]:
-        """Return `trajectory_end`."""
+        """Return a `trajectory_end` request."""
         return TrajectoryEnd()
 
     def cancels(self, why: str | None) -> Request[Done]:
-        """Return `cancel_trajectory`."""
+        """Return a `cancel_trajectory` request; `why` is the reason if the client did not ask for it."""
         return CancelTrajectory(controller=self._controller, own=True, why=why)
 
     def failed(self, text: str) -> TrajectoryResult:
-        """Return an end without the robot's word."""
+        """Return an aborted result with INVALID_GOAL, for a goal without a result from the robot."""
         return TrajectoryResult(state="aborted", error_code=_INVALID_GOAL, text=text)
 
     def client_result(self, result: TrajectoryResult, *, by_others: bool) -> RosMessage:
-        """Return the result for the client."""
+        """Return the result for the client; the code is INVALID_GOAL if another client cancelled the goal."""
         code = _INVALID_GOAL if by_others else result.error_code
         return self._action.Result(error_code=code, error_string=result.text)
 
     def feedback(self, sample: TrajectorySample) -> RosMessage:
-        """Return desired and actual state of the joints."""
+        """Return the desired and the actual state of the joints, and the error."""
         feedback = self._action.Feedback()
         fill(RosMessages(self._ros), feedback, TRAJECTORY_FEEDBACK, sample)
         return feedback
 
 
-# `~/gripper_cmd` of the gripper action controllers: a position with the most effort, and whether it was reached.
+# `~/gripper_cmd` of the gripper action controllers: a position with a maximum effort, and whether it was reached.
 #
 # Rules (gripper_controllers and parallel_gripper_controller, Jazzy): the action is a GripperCommand, or a
-# ParallelGripperCommand whose `command` is a JointState with one position and, where they are given, one velocity and
-# one effort. What a goal lives by, and how it ends, is in `action_goals`. Ours: feedback is sent at
-# `action_monitor_rate` (upstream sends none), and an effort of 0 is that of the parameters.
+# ParallelGripperCommand whose `command` is a JointState with one position and optionally one velocity and one effort.
+# `action_goals` describes when and how a goal ends. Own rules: feedback is sent at `action_monitor_rate` (upstream has
+# none); an effort of 0 means the effort in the parameters.
 
 
 class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
-    """Action server of one controller, with GripperCommand."""
+    """GripperCommand action server of one gripper controller."""
 
     name: ClassVar[str] = "control_msgs/action/GripperCommand"
 
@@ -168,22 +168,22 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         super().__init__(ros, controller, self._action, "gripper_cmd", GripperSample)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Update the joint of the controller."""
+        """Store the controller's joint."""
         self._joint = next(iter(controller.joints), "")
 
     def request(self, goal: RosMessage) -> SendGripper:
-        """Return the request of a goal; ValueError with the reason if it is invalid."""
+        """Return the request for a goal; ValueError with the reason if the goal is invalid."""
         command = goal.command
         return self._request_for(command.position, command.max_effort)
 
     def result(self, sample: GripperResult | GripperSample, into: RosMessage) -> RosMessage:
-        """Fill a result or a feedback with the state of the gripper."""
+        """Fill a result or a feedback with the state of the gripper, nan for unknown values, and return it."""
         into.position, into.effort = unknown_as_nan(sample.position), unknown_as_nan(sample.effort)
         into.stalled, into.reached_goal = sample.stalled, sample.reached_goal
         return into
 
     def feedback(self, sample: GripperSample) -> RosMessage:
-        """Return the feedback of a sample."""
+        """Return the feedback message for a sample."""
         return self.result(sample, self._action.Feedback())
 
     def send(
@@ -192,24 +192,24 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         goal: RosMessage,
         answer: Callable[[GripperVerdict | None, str | None], object],
     ) -> None:
-        """Send a goal on its own connection."""
+        """Send a goal on a connection of its own; ValueError with the reason if the goal is invalid."""
         sender.client.ask(self.request(goal), answer)
 
     def refused(self, verdict: GripperVerdict | None, text: str) -> RosMessage:
-        """Return an empty result without the reason, which is logged instead."""
+        """Return a result of unknown values; the message has no field for the reason, which is logged instead."""
         del verdict, text
         return self.result(self.failed(""), self._action.Result())
 
     def asks_for_end(self) -> Request[GripperResult]:
-        """Return `gripper_end`."""
+        """Return a `gripper_end` request."""
         return GripperEnd()
 
     def cancels(self, why: str | None) -> Request[Done]:
-        """Return `cancel_gripper`."""
+        """Return a `cancel_gripper` request; `why` is the reason if the client did not ask for it."""
         return CancelGripper(controller=self._controller, own=True, why=why)
 
     def failed(self, text: str) -> GripperResult:
-        """Return an end without the robot's word."""
+        """Return an aborted result, for a goal without a result from the robot."""
         return GripperResult(state="aborted", text=text)
 
     def client_result(self, result: GripperResult, *, by_others: bool) -> RosMessage:
@@ -234,12 +234,12 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
 
 
 class ParallelGripperAction(GripperAction):
-    """Action server of one controller, with ParallelGripperCommand."""
+    """ParallelGripperCommand action server of one gripper controller."""
 
     name: ClassVar[str] = "control_msgs/action/ParallelGripperCommand"
 
     def request(self, goal: RosMessage) -> SendGripper:
-        """Return the request of a goal; ValueError with the reason if it is invalid."""
+        """Return the request for a goal; ValueError with the reason if the goal is invalid."""
         command = goal.command
         if len(command.position) != 1:
             raise ValueError(f"it has {len(command.position)} positions; give one")
@@ -247,13 +247,13 @@ class ParallelGripperAction(GripperAction):
         return self._request_for(float(command.position[0]), float(effort), float(velocity))
 
     def result(self, sample: GripperResult | GripperSample, into: RosMessage) -> RosMessage:
-        """Fill a result with the state of the gripper."""
+        """Fill a result with the state of the gripper, nan for unknown values, and return it."""
         self._put(sample, into.state)
         into.stalled, into.reached_goal = sample.stalled, sample.reached_goal
         return into
 
     def feedback(self, sample: GripperSample) -> RosMessage:
-        """Return the feedback of a sample: only its state."""
+        """Return the feedback message for a sample: the joint's state with its stamp."""
         into = self._action.Feedback()
         self._put(sample, into.state)
         into.state.header.stamp = time_message(sample.time)
@@ -265,22 +265,22 @@ class ParallelGripperAction(GripperAction):
         state.position, state.effort = [unknown_as_nan(sample.position)], [unknown_as_nan(sample.effort)]
 
 
-#: by where its commands come (`topic` of the API)
+#: endpoints by the command topic of the controller (`topic` of the API)
 BY_TOPIC: Final[dict[str | None, tuple[Factory, ...]]] = {
     "commands": (ForwardCommands,),
     "reference": (PidReferences,),
     "gpio_commands": (GpioCommands,),
 }
-#: of a base, wherever its twists come
+#: endpoints of every base controller, whatever its twist topic is called
 OF_BASES: Final[tuple[Factory, ...]] = (TwistCommands, OdometrySetting)
-#: by the kind of its samples (`tells` of the API), in addition to their topics
+#: endpoints by the kind of the controller's samples (`tells` of the API), in addition to the topics of the samples
 BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
     "steering": (TfOdometry,),
     "mecanum": (TfOdometry,),
     "trajectory": (FollowJointTrajectory, TrajectoryTopic, TrajectoryQuery, SpeedScalingTopic),
     "pid": (PidMeasuredStates, FeedForwardSwitch),
 }
-#: by what it takes beside commands (`offers` of the API)
+#: endpoints by the services and actions that the controller offers in addition to commands (`offers` of the API)
 BY_OFFER: Final[dict[str, Factory]] = {
     GRIPPER_GOALS: GripperAction,
     PARALLEL_GRIPPER_GOALS: ParallelGripperAction,
@@ -294,7 +294,7 @@ _KINDS: Final = {kind_of(kind): kind for kind in get_args(ControllerSample)}
 
 
 def endpoints_for(ros: Ros, controller: ControllerReading) -> list[Endpoint]:
-    """Return the topics of one controller."""
+    """Return the topics, services and actions of one controller."""
     kind = _KINDS.get(controller.tells or "", Sample)
     kinds = (*kind.__mro__, JointStatesSample)  # whose topics are named by the controller
     rows = [row for row in SAMPLE_TOPICS if row.bridge and row.kind in kinds and row.name(controller)]
@@ -306,7 +306,7 @@ def endpoints_for(ros: Ros, controller: ControllerReading) -> list[Endpoint]:
 
 
 def _create(make: Factory, ros: Ros, controller: ControllerReading) -> Iterator[Endpoint]:
-    """Yield an endpoint; nothing if this ROS lacks its interface, without effect on the controller's others."""
+    """Create and yield an endpoint; yield nothing, and report it, if this ROS installation lacks the interface."""
     try:
         yield make(ros, controller)
     except MissingInterface as error:

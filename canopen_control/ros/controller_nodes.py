@@ -1,8 +1,7 @@
 """ROS nodes of loaded controllers and of `/controller_manager`, with their parameters.
 
-Rules (controller_manager, Jazzy): the node of a controller has its name and the manager's namespace, and
-its topics, services and actions are that node's. All nodes share the bridge's participant and the thread of its
-callbacks.
+Rules (controller_manager, Jazzy): the node of a controller has the controller's name and the manager's namespace, and
+owns the controller's topics, services and actions. All nodes share the bridge's participant and callback thread.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ _INTEGERS: Final = (-(1 << 63), (1 << 63) - 1)
 
 
 def value_of(reading: ParameterReading) -> RosMessage:
-    """Return a rcl_interfaces/msg/ParameterValue; of type 0 for an unset parameter."""
+    """Return the rcl_interfaces/msg/ParameterValue of a parameter; its type is 0 if the parameter is not set."""
     message = interface("rcl_interfaces/msg/ParameterValue")()
     value = reading.plain
     if value is not None and reading.kind != "not_set":
@@ -56,7 +55,7 @@ def value_of(reading: ParameterReading) -> RosMessage:
 
 
 def descriptor_of(reading: ParameterReading) -> RosMessage:
-    """Return a rcl_interfaces/msg/ParameterDescriptor, with the range of a number and the choices of a text."""
+    """Return the rcl_interfaces/msg/ParameterDescriptor, with the range of a number and the choices of a string."""
     message = interface("rcl_interfaces/msg/ParameterDescriptor")()
     message.name, message.type, message.read_only = reading.name, TYPES[reading.kind], reading.read_only
     message.description = reading.text
@@ -87,7 +86,7 @@ def descriptor_of(reading: ParameterReading) -> RosMessage:
 
 
 def wanted_by(parameter: RosMessage) -> ParameterValue:
-    """Return the value in a rcl_interfaces/msg/Parameter; a type unknown to controllers counts as unset."""
+    """Return the value in an rcl_interfaces/msg/Parameter; a type that controllers do not know is treated as unset."""
     kind = _KIND_OF.get(parameter.value.type, "not_set")
     value = None if kind == "not_set" else getattr(parameter.value, f"{kind}_value")
     plain = value if isinstance(value, bool | int | float | str | None) else list(value)
@@ -95,7 +94,10 @@ def wanted_by(parameter: RosMessage) -> ParameterValue:
 
 
 def matches(name: str, prefixes: Iterable[str], depth: int) -> bool:
-    """Return whether a parameter is below one of the prefixes, if there are any; depth 0 is unlimited (rclcpp)."""
+    """Return whether a parameter name is selected by `prefixes` and `depth` of list_parameters, as in rclcpp.
+
+    Without prefixes every name matches; a `depth` of 0 is unlimited.
+    """
     names = list(prefixes)
     if not names:
         return not depth or name.count(".") < depth
@@ -107,10 +109,10 @@ def matches(name: str, prefixes: Iterable[str], depth: int) -> bool:
 
 # The six parameter services of a controller's node, and of `/controller_manager`.
 #
-# Rules (rcl_interfaces; rclcpp): names, order and answers are upstream's. A name that is not declared
-# leaves the answer to `get`, `get_parameter_types` and `describe` empty; of `set_parameters` each is set on its own, of
-# `set_parameters_atomically` all or none. The robot decides: a refusal is answered with its sentence. Set
-# parameters are published on `/parameter_events`.
+# Rules (rcl_interfaces; rclcpp): names, order and answers are the same as upstream. The answer to `get_parameters`,
+# `get_parameter_types` and `describe_parameters` is empty if a name is not declared; `set_parameters` sets the
+# parameters one by one, `set_parameters_atomically` sets all or none. The robot decides: the answer to a refused change
+# contains the robot's reason. Changed parameters are published on `/parameter_events`.
 
 
 _OF_NAMES: Final = (
@@ -118,11 +120,11 @@ _OF_NAMES: Final = (
     ("get_parameter_types", "GetParameterTypes", "types", lambda reading: TYPES[reading.kind]),
     ("describe_parameters", "DescribeParameters", "descriptors", descriptor_of),
 )
-"""Services that are asked by names: the field of the answer, and what it has of each."""
+"""Services with parameter names as request: name, type, field of the response, and function that makes an element."""
 
 
 class ParameterServices(Endpoint):
-    """Parameter services below `name`, relative to the namespace; `name` is also that of the controller."""
+    """Parameter services below `name`, the name of a controller or "controller_manager", relative to the namespace."""
 
     def __init__(self, ros: Ros, name: str) -> None:
         self._ros, self._name = ros, name
@@ -169,7 +171,7 @@ class ParameterServices(Endpoint):
         return handler
 
     def _read(self, fill: Callable[[Readings], None], response: RosMessage, reply: Reply) -> None:
-        """Read all parameters; a refusal leaves the answer empty, and is reported."""
+        """Read all parameters of the controller; a refusal leaves the response empty, and is logged."""
 
         def answer(readings: Readings | None, error: str | None) -> None:
             if readings is not None:
@@ -217,7 +219,7 @@ class ParameterServices(Endpoint):
         self._ros.ask(SetParameters(controller=self._name, values=values), answer)
 
     def _of_caller(self, parameter: ParameterValue, reply: Reply) -> ParameterValue:
-        """Return a `params_file` with absolute paths; a relative one is the client's, if that file exists."""
+        """Make paths in a `params_file` parameter absolute if the file exists below the client's working folder."""
         if not parameter.name.endswith(".params_file") or not isinstance(reply, Answer):
             return parameter
         folder, value = folder_of(self._ros.node, client_of(reply.request_id)), parameter.value
@@ -232,7 +234,7 @@ class ParameterServices(Endpoint):
         return ParameterValue(name=parameter.name, kind=parameter.kind, value=whole(str(value)))
 
     def _report(self, parameters: list[RosMessage]) -> None:
-        """Publish changes on `/parameter_events`."""
+        """Publish changed parameters on `/parameter_events`."""
         event = interface("rcl_interfaces/msg/ParameterEvent")
         if self._events is None:
             self._events = self._ros.node.create_publisher(event, "/parameter_events", EVENTS)
@@ -243,14 +245,14 @@ class ParameterServices(Endpoint):
 
 
 class ControllerNodes:
-    """Nodes of controllers in addition to `first`, the bridge's node; `of` returns their context for endpoints."""
+    """Nodes of controllers in addition to `first`, the bridge's own node."""
 
     def __init__(self, shared: SessionPort, first: Node, context: Context, spinner: Spinner) -> None:
         self._shared, self._first, self._context, self._spinner = shared, first, context, spinner
         self._nodes: dict[str, tuple[NodeContext, ParameterServices]] = {}
 
     def of(self, name: str, arguments: Sequence[str] = ()) -> NodeContext:
-        """Return the node of this name, created on first use; may raise what rclpy raises."""
+        """Return the context of the node with this name, created on first use; may raise the exceptions of rclpy."""
         if name not in self._nodes:
             node = further_node(name, self._context, str(self._first.get_namespace()), arguments)
             self._spinner.add(node)
@@ -259,7 +261,7 @@ class ControllerNodes:
         return self._nodes[name][0]
 
     def forget(self, name: str) -> None:
-        """Remove a node whose endpoints are closed."""
+        """Remove the node with this name, if any; its endpoints must be closed."""
         node = self._nodes.pop(name, None)
         if node is not None:
             ros, parameters = node

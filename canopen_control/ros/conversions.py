@@ -1,7 +1,7 @@
-"""Conversions from messages of the API to fields of ROS messages, without ROS.
+"""Conversions from messages of the API to fields of ROS messages, without importing ROS.
 
-Rules (REP 103, REP 107, ros2_control): SI units on both sides; unknown values of the API (None) are nan;
-the arrays of a joint state have one length; a stamp is the time of the sample, not of its transmission.
+Rules (REP 103, REP 107, ros2_control): both sides use SI units; unknown values of the API (None) become nan; all arrays
+of a joint state have the same length; a stamp is the time of the sample, not of its transmission.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class JointArrays(NamedTuple):
-    """Content of a JointState message."""
+    """Fields of a JointState message."""
 
     names: list[str]
     position: list[float]
@@ -30,19 +30,19 @@ class JointArrays(NamedTuple):
 
 
 def stamp_of(unix_s: float) -> tuple[int, int]:
-    """Return seconds and nanoseconds of a time in Unix seconds."""
+    """Split a Unix time in s into whole seconds and nanoseconds."""
     seconds = math.floor(unix_s)
     return seconds, min(round((unix_s - seconds) * 1e9), 999_999_999)
 
 
 def joint_arrays(joints: Mapping[str, JointReading], names: Sequence[str] = ()) -> JointArrays:
-    """Return the states of the joints in the order of `names`, else alphabetically; nan for unknown values."""
+    """Return joint states in the order of `names`, or of all joints alphabetically; nan for unknown values."""
     values = {name: joint.values for name, joint in joints.items()}
     return arrays_of(values, [name for name in names if name in values] if names else sorted(values))
 
 
 def arrays_of(values: Mapping[str, Values], names: Sequence[str]) -> JointArrays:
-    """Return values by joint and name as arrays, in the order of `names`."""
+    """Return position, velocity and effort of the joints in `names`; `values` is by joint and interface name."""
     columns = [
         [unknown_as_nan(values[name].get(kind)) for name in names] for kind in ("position", "velocity", "effort")
     ]
@@ -50,18 +50,18 @@ def arrays_of(values: Mapping[str, Values], names: Sequence[str]) -> JointArrays
 
 
 def positions_of(sample: JointStatesSample) -> dict[str, float]:
-    """Return the known positions of the joints of a JointState, for their transforms."""
+    """Return the known positions of the joints in a sample, for their transforms."""
     positions = {name: sample.joints[name].get("position") for name in sample.names}
     return {name: position for name, position in positions.items() if position is not None}
 
 
 def seconds_of(seconds: int, nanoseconds: int) -> float | None:
-    """Return a stamp in Unix s; None for a zero stamp."""
+    """Return a ROS time stamp in s; None if the stamp is zero."""
     return seconds + nanoseconds / 1e9 if seconds or nanoseconds else None
 
 
 def diagonal(values: Sequence[float]) -> list[float]:
-    """Return a 6x6 covariance, row by row, with this diagonal; zeros if it is empty."""
+    """Return a 6x6 covariance matrix, row by row, with this diagonal; all zeros if `values` is empty."""
     covariance = [0.0] * 36
     for row, value in enumerate(values[:6]):
         covariance[7 * row] = float(value)
@@ -69,13 +69,13 @@ def diagonal(values: Sequence[float]) -> list[float]:
 
 
 def place_of(sample: OdometrySample) -> Transform:
-    """Return the pose of a base by odometry, in the frames of its controller."""
+    """Return the pose of a base by odometry, between the frames of its controller."""
     pose = Pose((sample.x, sample.y, 0.0), from_yaw(sample.heading))
     return Transform(sample.frame_id, sample.child_frame_id, pose)
 
 
 def transform_of(sample: Sample) -> Transform | None:
-    """Return the transform of odometry or a pose; None for other samples, if it is disabled, or unknown."""
+    """Return the transform of an odometry or pose sample; None for other samples, or if it is disabled or unknown."""
     if isinstance(sample, OdometrySample):
         return place_of(sample) if sample.enable_odom_tf and math.isfinite(sample.x) else None
     if not isinstance(sample, PoseSample) or sample.child_frame_id is None:
@@ -88,13 +88,13 @@ def transform_of(sample: Sample) -> Transform | None:
 
 
 def frames_with_a_place(state: StateSample) -> frozenset[str]:
-    """Return the frames with a pose from odometry or a pose sample; no joint may have one of them as child."""
+    """Return the frames whose transform comes from odometry or a pose sample, so that no joint may publish it."""
     samples = (*state.samples_of(OdometrySample).values(), *state.samples_of(PoseSample).values())
     return frozenset(transform.child for transform in map(transform_of, samples) if transform is not None)
 
 
 def wrong(values: Sequence[float], controller: ControllerReading) -> str | None:
-    """Return why the robot would refuse these values as a command, None if it accepts them."""
+    """Return the reason for which the robot would refuse these values as a command; None if they are valid."""
     if not all(map(math.isfinite, values)):
         return f"{controller.name}: a value is not finite: {_shown(values)}; the command was dropped"
     if controller.width and len(values) != controller.width:
@@ -110,5 +110,5 @@ def _shown(values: Sequence[float], most: int = 8) -> str:
 
 
 def unknown_as_nan(value: float | None) -> float:
-    """Return a value as in ROS messages, nan if it is unknown."""
+    """Return a value for a ROS message: nan if the value is None."""
     return math.nan if value is None else value

@@ -1,8 +1,8 @@
-"""Contents of `/diagnostics` as plain values, without ROS: nodes, controllers and the cycle.
+"""Contents of `/diagnostics` as plain values, without ROS: nodes, controllers, diagnostics broadcasters and the cycle.
 
-Rules (REP 107): OK when it does what it should; WARN when it is not available and that may be meant (an
-axis or robot that is not enabled, a controller that is not active); ERROR when something is broken: a node that is
-missing or in fault. The message is one sentence, the values are what a person looks at next.
+Rules (REP 107): OK if a component works; WARN if it is not available, possibly on purpose (an axis or robot that is not
+enabled, a controller that is not active); ERROR if something is broken (a node that is missing or in fault). The
+message is one sentence; the values are the details that help to find the cause.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _TROUBLE: Final = {
 
 
 class Diagnosis(NamedTuple):
-    """Diagnosis of one component; `values` keep their order."""
+    """Diagnostic status of one component; `values` keep their order."""
 
     name: str
     hardware_id: str
@@ -40,7 +40,7 @@ def diagnose(
 ) -> list[Diagnosis]:
     """Return the diagnoses of every node and controller, of diagnostics broadcasters, and of the cycle.
 
-    `missed_before` is the number in the last report.
+    `missed_before` is the number of missed cycles in the previous report.
     """
     nodes = [_node(robot, name, node) for name, node in state.nodes.items()]
     loaded = [_controller(robot, controller) for controller in controllers.values()]

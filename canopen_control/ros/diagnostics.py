@@ -1,8 +1,9 @@
-"""`/diagnostics` once per second, and at once when a level changes; `~/events` with every event.
+"""Topics of diagnostics and events: `/diagnostics`, `~/events` and `/rosout`.
 
-`/diagnostics` is absolute and holds one status per node, per controller and for the cycle. Events
-are rcl_interfaces/msg/Log, the message of `/rosout`, with the node's or the robot's name; EMCY messages of the drives
-are among them.
+`/diagnostics` is published once per second, and at once when a level changes; its name is absolute, and it has one
+status per node, per controller, per status of a diagnostics broadcaster, and for the cycle. Events are
+rcl_interfaces/msg/Log, the message of `/rosout`, with the name of the node or the robot; they include the EMCY messages
+of the drives.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ _LEVELS: Final = {"debug": 10, "info": 20, "warning": 30, "error": 40, "fatal": 
 
 
 class Diagnostics(Endpoint):
-    """The publisher of `/diagnostics`."""
+    """Publisher of `/diagnostics`."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros
@@ -40,11 +41,11 @@ class Diagnostics(Endpoint):
         self._levels: dict[str, int] = {}
 
     def on_state(self, state: StateSample) -> None:
-        """Publish when due, or when a level has changed."""
+        """Publish all diagnoses if a second has passed, or if a level or a component has changed."""
         diagnoses = diagnose(self._ros.robot, state, self._ros.controllers, self._missed)
         levels = {diagnosis.name: int(diagnosis.level) for diagnosis in diagnoses}
         time = state.time
-        # a clock that was set back does not silence it
+        # publishing continues after the clock was set back
         if levels == self._levels and time < self._next <= time + _PERIOD_S:
             return
         self._next, self._levels = time + _PERIOD_S, levels
@@ -59,14 +60,14 @@ class Diagnostics(Endpoint):
 
 
 class Events(Endpoint):
-    """The publisher of `~/events`."""
+    """Publisher of `~/events`."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros, self._log = ros, interface("rcl_interfaces/msg/Log")
         self._publisher = ros.node.create_publisher(self._log, "~/events", EVENTS)
 
     def on_event(self, event: RobotEvent) -> None:
-        """Publish an event."""
+        """Publish an event of the robot."""
         self._publisher.publish(log_message(self._log, event, self._ros.robot))
 
     def close(self) -> None:
@@ -75,7 +76,7 @@ class Events(Endpoint):
 
 
 def log_message(log: Any, event: RobotEvent, robot: str) -> Any:  # noqa: ANN401 - a generated class
-    """Return an event of the API as a `log`, the class of rcl_interfaces/msg/Log."""
+    """Return an event of the API as an instance of `log`, the class of rcl_interfaces/msg/Log."""
     message = log()
     message.stamp = time_message(event.time)
     message.level = _LEVELS.get(event.level, _LEVELS["info"])
@@ -94,19 +95,20 @@ def _status(diagnosis: Diagnosis) -> DiagnosticStatus:
     )
 
 
-# `/rosout`: what happens to a robot, at its level, from the node it concerns; rqt_console shows it.
+# `/rosout`: the events of a robot with their severity and the name of the node that they concern, for rqt_console.
 #
-# Rules (rcl): the name of a message is its node's, `NAMESPACE.NODE`; the quality is that of every node's
-# log. An event of a drive is its node's, of a controller that controller's, of the robot itself the bridge's. The robot
-# reports repeated events once, and then as a summary; an event that only repeats the reason of the last one of the same
-# node is omitted here, unless it is worse. None of it appears on the bridge's standard error: the robot's log has it.
+# Rules (rcl): the name of a message is the logger name of its node, `NAMESPACE.NODE`; the quality of service is the
+# same as for the log of every ROS node. The name is the node of the drive, the controller, or for the robot itself the
+# bridge. The robot reports repeated events once, and then as a summary; an event that only repeats the reason of the
+# previous event of the same node is omitted here, unless it is more severe. The bridge does not print these events to
+# its standard error, because the robot's log contains them.
 
 
-_SAME_S: Final = 1.0  # within which an event follows from the one before
+_SAME_S: Final = 1.0  # within this time an event may be a consequence of the previous one
 
 
 class _Cause(NamedTuple):
-    """Last reported cause of a node: time, level, and text without its name."""
+    """Last published event of a node: time, level, and text without the node's name."""
 
     time: float
     level: int
@@ -114,7 +116,7 @@ class _Cause(NamedTuple):
 
 
 class Rosout(Endpoint):
-    """Publisher of /rosout; `nodes` are those of the bus, in their namespaces."""
+    """Publisher of `/rosout`; `nodes` are the nodes of the bus, with their namespaces."""
 
     def __init__(self, ros: Ros, nodes: Iterable[RosNode]) -> None:
         self._ros, self._log = ros, interface("rcl_interfaces/msg/Log")
@@ -125,7 +127,7 @@ class Rosout(Endpoint):
         self._causes: dict[str, _Cause] = {}
 
     def on_event(self, event: RobotEvent) -> None:
-        """Publish an event."""
+        """Publish an event, unless it only repeats the cause of the previous event."""
         message = log_message(self._log, event, self._ros.robot)
         if event.controller is not None:
             message.name = _logger(self._namespace, event.controller)
@@ -137,7 +139,7 @@ class Rosout(Endpoint):
             self._publisher.publish(message)
 
     def _repeats_cause(self, event: RobotEvent, name: str, level: int) -> bool:
-        """Whether an event repeats the reported cause, such as a lost node after its missing heartbeat."""
+        """Whether an event only repeats the previous one's cause, such as a lost node after its missing heartbeat."""
         last = self._causes.get(name)
         same = last is not None and abs(event.time - last.time) <= _SAME_S and level <= last.level
         if last is not None and same and event.kind != "stop" and event.text.endswith(last.text):
@@ -151,5 +153,5 @@ class Rosout(Endpoint):
 
 
 def _logger(namespace: str, node: str) -> str:
-    """Return the name of a node's logger."""
+    """Return the name of a node's logger: the namespace and the node, separated by dots."""
     return ".".join([*namespace.strip("/").split("/"), node]).lstrip(".")

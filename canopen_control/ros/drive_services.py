@@ -1,13 +1,14 @@
-"""`/NODE/*` services, of drives as in ros2_canopen's Cia402Driver, of others as in its ProxyDriver, and more.
+"""Services of each node, of a drive as in ros2_canopen's Cia402Driver, of others as in ros2_canopen's ProxyDriver.
 
-A successful Trigger answers success with an empty message, as ros2_canopen does; a refused one has the
-reason, and one that applied to more drives, because a base controller claims them together, names them. No
-service waits for another one: each request goes to the robot at once, so that `halt`, `disable` and
-`quick_stop` are never delayed by a long `init` or `home`. `recover` resets a fault and does not enable:
-nothing moves without an enable. `target` goes through the controller that commands the drive, with its limits and its
-timeout; a drive that no controller commands has none. A node with several axes has the services of each below its
-channel; those of the node itself mean all its axes, and it has no `target`. A node that moves nothing is a proxy: it
-has those of SDO and NMT alone. `nmt_reset_node` boots the node again, as ros2_canopen's master does.
+A successful Trigger is answered with an empty message, as in ros2_canopen; the answer to a refused Trigger has the
+reason. If an action applied to several drives, because a base controller claims them together, the answer names them.
+No service waits for another service: each request is sent to the robot at once, so that `halt`, `disable` and
+`quick_stop` are never delayed by a long `init` or `home`. `recover` resets a fault and does not enable the drive:
+nothing moves without an enable. `target` is sent through the controller that commands the drive, with the controller's
+limits and timeout; without such a controller the target is refused. A node with several axes has the services for each
+axis below its channel; the services of the node itself affect all its axes, and do not include `target`. A node without
+a joint is a proxy, and has only the services for SDO and NMT. `nmt_reset_node` boots the node again, as ros2_canopen's
+master does.
 """
 
 from __future__ import annotations
@@ -39,12 +40,12 @@ def _axis(action: str, mode: str | None = None) -> Asking:
     return lambda node, joint: AxisRequest(node=node, joint=joint, action=action, mode=mode, source=COMMANDER)
 
 
-#: service -> its request to the robot, by the node and the joint of one axis (None: all its axes)
+#: service -> function that makes the request to the robot from a node and the joint of an axis (None: all axes)
 PROXY_TRIGGERS: Final[dict[str, Asking]] = {
     "nmt_reset_node": _nmt("reset-node", boot=True),
     "nmt_start_node": _nmt("start"),
 }
-#: the same of a drive
+#: the same for a drive
 TRIGGERS: Final[dict[str, Asking]] = {
     **PROXY_TRIGGERS,
     "init": _axis("enable"),
@@ -63,11 +64,11 @@ TRIGGERS: Final[dict[str, Asking]] = {
     "interpolated_position_mode": _axis("mode", "IP"),
 }
 _TOPICS: Final = ("commands", "target")
-_RECENT_S: Final = 0.5  # a target is older than this in the state stream as well
+_RECENT_S: Final = 0.5  # a target older than this has reached the state stream
 
 
 class DriveTargets:
-    """Last targets of a controller's drives through `target`; shared by all drives of a robot."""
+    """Recent targets of the drives of each controller, received by the `target` services of one robot."""
 
     def __init__(self) -> None:
         self._last_targets: dict[tuple[str, str], tuple[float, float]] = {}
@@ -75,7 +76,7 @@ class DriveTargets:
     def command(
         self, controller: ControllerReading, joint: str, target: float, joints: Mapping[str, JointReading]
     ) -> list[float]:
-        """Return the command with one joint's target; other joints keep theirs."""
+        """Return the command with one joint's new target; the other joints keep their present commands."""
         now = time.monotonic()
         self._last_targets[controller.name, joint] = (now, target)
         return [self._value(controller, name, joints.get(name), now) for name in controller.joints]
@@ -86,7 +87,7 @@ class DriveTargets:
 
 
 class DriveServices(Endpoint):
-    """Services of one node, or of its axis for one `joint`."""
+    """Services of one node; a `joint` restricts them to the axis of this joint."""
 
     def __init__(self, ros: Ros, node: RosNode, targets: DriveTargets, joint: str | None = None) -> None:
         self._ros, self._node, self._targets, self._own = ros, node, targets, joint
@@ -112,7 +113,7 @@ class DriveServices(Endpoint):
         ]
 
     def on_state(self, state: StateSample) -> None:
-        """Store the newest sample with joints and commands."""
+        """Store the newest state sample, whose joints and commands `target` needs."""
         self._state = state
 
     def close(self) -> None:
@@ -163,7 +164,7 @@ class DriveServices(Endpoint):
         return node.axes[0].joint if node is not None and len(node.axes) == 1 else None
 
     def _controller(self, joint: str) -> ControllerReading | None:
-        """Return the controller that commands this joint with one value per joint, or by its target alone."""
+        """Return the active controller that commands this joint with one value per joint, None if there is none."""
         for controller in self._ros.controllers.values():
             if (
                 controller.active
@@ -176,7 +177,7 @@ class DriveServices(Endpoint):
 
 
 class MasterServices(Endpoint):
-    """`/master/sdo_read` and `/master/sdo_write`: access to a node by its id."""
+    """Services `/master/sdo_read` and `/master/sdo_write`, which access a node by its node ID."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros
@@ -189,7 +190,7 @@ class MasterServices(Endpoint):
 
 
 def _held(joint: JointReading | None, name: str | None) -> float:
-    """Return the present target of a joint: its command, else standstill."""
+    """Return a joint's command; without a command its position if the interface `name` is "position", else 0."""
     if joint is None:
         return 0.0
     command = joint.position if joint.command is None and name == "position" else joint.command

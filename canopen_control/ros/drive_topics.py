@@ -1,13 +1,13 @@
-"""`/NODE/*` topics of each drive, as in ros2_canopen's drivers, and `emcy`.
+"""Topics of each node below its name, as in ros2_canopen's drivers, and `emcy`.
 
-`nmt_state` is the state reported by the node, published on a change and latched for later subscribers, in
-ros2_canopen's words; `joint_states` has the stamp of its sample. `rpdo` has one message per object of the node's TPDOs
-(ros2_canopen names them from the master's side): all of them for a new subscriber, then those that changed, once
-per cycle of the robot; nothing of it is requested without a subscriber. An object of `tpdo` is sent in the RPDO that
-maps it from the next cycle on, and by SDO where none does; one that moves a drive is refused: those are the
-controllers'. A node that moves nothing has no `joint_states`. `emcy` holds the node's EMCY messages: a DiagnosticArray
-with the stamp and one status, whose message is the text and whose values are `error_code` and `error_register`
-(hexadecimal), `data` (bytes, hexadecimal).
+`nmt_state` is the state reported by the node, in ros2_canopen's spelling, published on a change and transient local for
+later subscribers; `joint_states` has the stamp of its sample. `rpdo` has one message per object of the node's TPDOs
+(ros2_canopen names them from the master's side): all objects for a new subscriber, then the changed ones, once per
+cycle of the robot; they are requested from the robot only while there is a subscriber. An object received on `tpdo` is
+sent in the RPDO to which it is mapped, from the next cycle on, or by SDO if it is not mapped; objects that move a drive
+are refused, because they belong to the controllers. A node without a joint has no `joint_states`. `emcy` has the node's
+EMCY messages: a DiagnosticArray with a stamp and one status, whose message is the text and whose values are
+`error_code` and `error_register` (hexadecimal) and `data` (bytes, hexadecimal).
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ if TYPE_CHECKING:
 
 
 _AXIS: Final = 0x800
-#: controlword, mode, and what the modes take for a target (CiA 402)
+#: controlword, mode of operation, targets of the modes, and homing method (CiA 402)
 _MOVING: Final = frozenset((0x6040, 0x6060, 0x607A, 0x60FF, 0x6071, 0x6042, 0x60C1, 0x6098))
 _LEVELS: Final = {"info": DiagnosticStatus.OK, "warning": DiagnosticStatus.WARN, "error": DiagnosticStatus.ERROR}
 
 
 class DriveTopics(Endpoint):
-    """Topics of one node."""
+    """Topics of one node, below the node's name or a controller's name."""
 
     def __init__(self, ros: Ros, node: RosNode) -> None:
         self._ros, self._view = ros, node
@@ -59,7 +59,7 @@ class DriveTopics(Endpoint):
         self._objects: dict[tuple[int, int], int] = {}
 
     def on_state(self, state: StateSample) -> None:
-        """Publish a sample of this node."""
+        """Publish the NMT state if it has changed, and the joint states if there is a subscriber."""
         self._count_listeners()
         node = state.nodes.get(self._view.name)
         if node is None:
@@ -75,24 +75,24 @@ class DriveTopics(Endpoint):
             self._emcy.publish(self._emergency(event))
 
     def on_process_data(self, nodes: dict[str, list[MappedValue]]) -> None:
-        """Publish the received values of this node."""
+        """Publish the objects received in this node's TPDOs."""
         if not self._listeners:
             return
         for mapped in nodes.get(self._view.name, ()):
             if len(mapped.data) > 4:
-                continue  # of more than 32 bits, the size of COData
+                continue  # larger than 32 bits, the size of COData
             value = self._objects[mapped.index, mapped.subindex] = as_uint32(mapped.data)
             self._rpdo.publish(self._object(index=mapped.index, subindex=mapped.subindex, data=value))
 
     def close(self) -> None:
-        """Destroy the publishers."""
+        """Destroy the publishers and the subscription."""
         self._ros.unsubscribe(self._tpdo)
         for publisher in (self._nmt, self._joint_states, self._emcy, self._rpdo):
             if publisher is not None:
                 self._ros.node.destroy_publisher(publisher)
 
     def _count_listeners(self) -> None:
-        """Subscribe to process data while the topic has listeners."""
+        """Request process data while `rpdo` has subscribers, and send all known objects to a new subscriber."""
         before, self._listeners = self._listeners, self._rpdo.get_subscription_count()
         if bool(before) is not bool(self._listeners):
             self._objects.clear()
@@ -108,7 +108,7 @@ class DriveTopics(Endpoint):
             self._nmt.publish(String(data=nmt_state))
 
     def _joints(self, state: StateSample, joints: list[str]) -> JointState:
-        """Return the state under the node's name, as ros2_canopen does; with several axes under the joints' names."""
+        """Return joint states, under the node's name for one axis as in ros2_canopen, else under the joints' names."""
         message = JointState()
         message.header.stamp = time_message(state.time)
         names, message.position, message.velocity, message.effort = joint_arrays(state.joints, joints)
@@ -116,7 +116,7 @@ class DriveTopics(Endpoint):
         return message
 
     def _emergency(self, event: RobotEvent) -> DiagnosticArray:
-        """Return an event as a message; the summary of several has no values."""
+        """Return an EMCY event as a message; a summary of several EMCY messages has no values."""
         level = _LEVELS.get(event.level, DiagnosticStatus.WARN)
         status = DiagnosticStatus(level=level, name=self._view.name, message=event.text)
         status.hardware_id = f"node {self._view.node_id}"
@@ -152,16 +152,16 @@ class DriveTopics(Endpoint):
             self._ros.warn(f"{self._view.name}/tpdo", f"{self._view.name}/tpdo: {error}")
 
 
-# `~/tpdo`, `~/rpdo`, `~/nmt_state` and services of ros2_canopen's device controllers: those of the node of one joint.
+# `~/tpdo`, `~/rpdo`, `~/nmt_state` and services of ros2_canopen's device controllers, for the node of one joint.
 #
-# Rules (canopen_ros2_controllers): a CanopenProxyController has `~/nmt_reset_node`, `~/nmt_start_node`,
-# `~/sdo_read` and `~/sdo_write` (upstream's answer false to every SDO), a Cia402DeviceController the services of a
-# drive besides, for its own joint alone. They are made of what each node has below its own name, and answer the same. A
-# joint that no node drives may be the name of a node.
+# Rules (canopen_ros2_controllers): a CanopenProxyController has `~/nmt_reset_node`, `~/nmt_start_node`, `~/sdo_read`
+# and `~/sdo_write` (upstream answers false to every SDO); a Cia402DeviceController has in addition the services of a
+# drive, only for its own joint. These topics and services are the same as below the node's own name. If no node drives
+# the joint, the joint's name may be the name of a node.
 
 
 class ProxyNode(Endpoint):
-    """Topics and services of one node below its controller."""
+    """Topics and services of one node, below the name of its CanopenProxyController."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller
@@ -169,14 +169,14 @@ class ProxyNode(Endpoint):
         self._requested = self._closed = False
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Find the node of its joint once the controller is configured."""
+        """Find the node of the controller's joint once the controller is configured."""
         self._controller = controller
         if controller.joints and not self._requested:
             self._requested = True
             self._ask()
 
     def on_state(self, state: StateSample) -> None:
-        """Publish a sample."""
+        """Publish the topics of the node for a state sample."""
         for part in self._parts:
             part.on_state(state)
 
@@ -186,7 +186,7 @@ class ProxyNode(Endpoint):
             part.on_event(event)
 
     def on_process_data(self, nodes: dict[str, list[MappedValue]]) -> None:
-        """Publish the contents of TPDOs."""
+        """Publish the objects received in TPDOs."""
         for part in self._parts:
             part.on_process_data(nodes)
 
@@ -197,7 +197,7 @@ class ProxyNode(Endpoint):
             part.close()
 
     def own_joint(self) -> str | None:
-        """Return the joint of the served axis, None without one."""
+        """Return the joint to whose axis the services are restricted; None for a proxy."""
         return None
 
     def _ask(self) -> None:
@@ -228,8 +228,8 @@ class ProxyNode(Endpoint):
 
 
 class DeviceNode(ProxyNode):
-    """Topics and services of one drive below its controller."""
+    """Topics and services of one drive, below the name of its Cia402DeviceController."""
 
     def own_joint(self) -> str | None:
-        """Return the joint."""
+        """Return the controller's joint, to whose axis the services are restricted."""
         return self._controller.joints[0]

@@ -1,7 +1,7 @@
-"""Base of the topics and services of the bridge.
+"""Base classes of the topics, services and actions of the bridge.
 
-Publishing is done on the bridge's own thread, when the robot has sent something; callbacks of ROS
-run on the spinner's thread, and only hand over.
+Messages are published on the bridge's own thread, when the robot has sent something; callbacks of ROS run on the
+spinner's thread, and only pass on what they receive.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample
 
     Reply = Callable[[Any], object]
-    #: takes a request, a response to be filled, and what sends it; once
+    #: called with a request, a response to be filled, and the callable that sends the response, to be called once
     Handler = Callable[[Any, Any, Reply], object]
 
 
@@ -32,7 +32,8 @@ COMMANDER: Final = "ros"  # sender of commands, in the robot's status
 class Ros(Protocol):
     """Context of an endpoint.
 
-    `command` passes a command to the robot, `warn` logs a sentence once per second at most; both from any thread.
+    `command` passes a command to the robot; `warn` logs a message at most once per second. Both may be called from any
+    thread.
     """
 
     node: Node
@@ -43,53 +44,53 @@ class Ros(Protocol):
         """Loaded controllers by name."""
 
     def command(self, request: CommandController | TwistController) -> None:
-        """Send the newest command of a controller."""
+        """Send a command, which replaces a waiting command to the same controller; from any thread."""
 
     def unix(self, stamp: float | None) -> float | None:
-        """Return a stamp of ROS in Unix s of the robot's clock; from any thread."""
+        """Convert a stamp of ROS time to Unix time in s of the robot's clock; callable from any thread."""
 
     def warn(self, key: str, text: str) -> None:
-        """Log a warning, rate-limited."""
+        """Log a warning, at most once per second for each key; callable from any thread."""
 
     def frame(self, name: str) -> str:
         """Return the ROS name of a frame, with the robot's prefix."""
 
     def hand_over(self, function: Callable[[], object]) -> None:
-        """Call a function on the reactor's thread; from any thread."""
+        """Call a function on the reactor's thread; callable from any thread."""
 
     def subscribe(self, message: type, topic: str, callback: Callable[[Any], object], qos: object) -> object:
-        """Create a subscription; an exception of the callback becomes a warning."""
+        """Create a subscription; an exception in the callback is logged as a warning."""
 
     def unsubscribe(self, subscription: object) -> None:
         """Destroy a subscription."""
 
     def serve(self, kind: str, name: str, handler: Handler) -> object:
-        """Create a service of the interface `kind`; omit it with a warning if ROS lacks the interface.
+        """Create a service of the interface `kind`; log a warning and return None if ROS lacks the interface.
 
-        `handler(request, response, reply)` is called on the reactor's thread and never blocks.
+        `handler(request, response, reply)` is called on the reactor's thread and must not block.
         """
 
     def leave_out(self, interface: str) -> None:
-        """Report an interface that ROS lacks, once each."""
+        """Report once for each interface that this ROS installation lacks it."""
 
     def unserve(self, service: object) -> None:
         """Destroy a service."""
 
     def watch_process_data(self, watcher: object, on: bool) -> None:
-        """Subscribe to TPDO contents for `on_process_data`, while they are needed."""
+        """Start or stop calling `on_process_data` of `watcher` with TPDO contents."""
 
     def connect(self) -> ReactorClient:
-        """Return a separate connection to the robot; RemoteError if the robot has ended."""
+        """Return a new connection to the robot; RemoteError if the robot has ended."""
 
     def call(self, function: Callable[[], object]) -> None:
-        """Call a function on the thread of ROS's callbacks; from any thread."""
+        """Call a function on the thread of ROS callbacks; callable from any thread."""
 
     def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
-        """Send a request to the robot; `answer(result, error)` is called on the reactor's thread, like this method."""
+        """Send a request to the robot; this call and `answer(result, error)` run on the reactor's thread."""
 
 
 def success_of(response: RosMessage, reply: Reply) -> Callable[[object, str | None], None]:
-    """Return a callback that fills `success` and `message` of a service's response."""
+    """Return a callback that fills `success` and `message` of a service's response and sends the response."""
 
     def answer(_done: object, error: str | None) -> None:
         response.success, response.message = error is None, error or ""
@@ -99,7 +100,7 @@ def success_of(response: RosMessage, reply: Reply) -> Callable[[object, str | No
 
 
 class NewSamples(Generic[S]):
-    """Samples of one kind, each once, so that a topic gets one message per publication of a controller."""
+    """Filter that passes each sample of a kind once, so that every publication of a controller gives one message."""
 
     def __init__(self, kind: type[S]) -> None:
         self._kind = kind
@@ -114,30 +115,30 @@ class NewSamples(Generic[S]):
 
 
 class Endpoint:
-    """Topics of one controller, or of the robot; methods without an override do nothing."""
+    """Topics, services or actions of a controller, a node or the robot; methods that are not overridden do nothing."""
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Process a change of the controller of the endpoint."""
+        """Process a change of the endpoint's controller."""
 
     def on_state(self, state: StateSample) -> None:
         """Process a sample of the state stream."""
 
     def on_event(self, event: RobotEvent) -> None:
-        """Process an event."""
+        """Process an event of the robot."""
 
     def on_process_data(self, nodes: dict[str, list[MappedValue]]) -> None:
-        """Process TPDO contents by node."""
+        """Process the objects received in TPDOs, by node name."""
 
     def close(self) -> None:
         """Destroy the endpoint."""
 
 
 RosMessage = Any
-"""A message or what else rclpy hands over: generated classes, without types."""
+"""Message or other object of rclpy, whose generated classes have no types."""
 
 
 class Answer:
-    """Sends the response to a request, once; `request_id` is C's rmw_request_id_t, see `participants.client_of`."""
+    """Callable that sends the response to a request; `request_id` is an rmw_request_id_t of C, see `client_of`."""
 
     def __init__(self, send: Callable[[object, object], object], header: object) -> None:
         self._send, self._header = send, header
@@ -154,11 +155,12 @@ class _TakenRequest(NamedTuple):
 
 
 def serve(node: Node, kind: type, name: str, handler: Handler) -> RosMessage:
-    """Create a service whose answer may come later, from another thread.
+    """Create a service whose response may be sent later, from another thread.
 
-    `handler(request, response, reply)` is called on the executor's thread and must not block. rclpy answers a service
-    when its callback returns, and its EventsExecutor takes no coroutine. So the callback here only collects the
-    request, and what the executor then sends through the service's `send_response` starts the work.
+    `handler(request, response, reply)` is called on the executor's thread and must not block. rclpy sends a response
+    when the service's callback returns, and its EventsExecutor does not support coroutines. So the callback here only
+    returns the request, and the replaced `send_response` of the service, which the executor then calls, starts the
+    handler.
     """
     service = node.create_service(kind, name, _TakenRequest)
     send = service.send_response

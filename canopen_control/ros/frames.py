@@ -1,9 +1,9 @@
-"""`/tf` and `/tf_static`: odometry, poses, and the joints of the description as in robot_state_publisher.
+"""Publishers of `/tf` and `/tf_static`: odometry, poses, and the joints of the URDF as in robot_state_publisher.
 
-Both topics are absolute; static ones are latched for later subscribers, moving ones are reliable and
-sent once for each joint state, each odometry and each pose that a controller publishes, with its stamp. Frames get the
-prefix of the namespace, here and in every other message, so that two robots fit into one graph. A frame has one parent:
-a joint is omitted if odometry or a pose already gives the frame of its child.
+Both topics have absolute names; static transforms are transient local for later subscribers, and moving ones are
+reliable and sent once for each joint state, odometry and pose that a controller publishes, with the stamp of that
+sample. Frames get the prefix of the namespace, here and in all other messages, so that two robots fit into one graph. A
+frame has one parent: a joint is omitted if odometry or a pose sample already defines the frame of its child.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class Frames(Endpoint):
-    """Transforms of one robot; `urdf` is its description."""
+    """Publisher of the transforms of one robot; `urdf` is the text of its description."""
 
     def __init__(self, ros: Ros, urdf: str) -> None:
         self._ros = ros
@@ -35,7 +35,7 @@ class Frames(Endpoint):
         joints = read_model(urdf).joints.values()
         self._moving = [joint for joint in joints if not joint.fixed]
         self._fixed = [joint for joint in joints if joint.fixed]
-        self._based: frozenset[str] = frozenset()  # the frames that odometry or a pose gives
+        self._based: frozenset[str] = frozenset()  # frames whose transform comes from odometry or a pose sample
         self._joint_states = NewSamples(JointStatesSample)
         self._odometry, self._poses = NewSamples(OdometrySample), NewSamples(PoseSample)
         self._publisher = ros.node.create_publisher(self._tf_message, "/tf", TF)
@@ -43,7 +43,7 @@ class Frames(Endpoint):
         self._publish_fixed(0.0)
 
     def on_state(self, state: StateSample) -> None:
-        """Publish the changed transforms."""
+        """Publish transforms of new samples; publish the fixed ones again if frames with odometry have changed."""
         based = frames_with_a_place(state)
         if based != self._based:
             self._based = based
@@ -79,7 +79,7 @@ class Frames(Endpoint):
 
 
 def transform_message(ros: Ros, transform: Transform, time: float) -> TransformStamped:
-    """Return a transform at a time."""
+    """Return a transform as a ROS message with a stamp, and with the robot's prefix before its frames."""
     message = TransformStamped()
     message.header.stamp = time_message(time)
     message.header.frame_id = ros.frame(transform.parent)
@@ -91,5 +91,5 @@ def transform_message(ros: Ros, transform: Transform, time: float) -> TransformS
 
 
 def odometry_transform(ros: Ros, sample: OdometrySample) -> TransformStamped:
-    """Return the odometry pose as a transform, in the frames of its controller."""
+    """Return the pose of an odometry sample as a transform message."""
     return transform_message(ros, place_of(sample), sample.time)

@@ -1,7 +1,7 @@
-"""ROS graph for the command line: topics, services, publishing and calling, with a separate node.
+"""ROS graph for the command line: topics, services, publishing and calling, with a separate ROS node.
 
-Every wait has a timeout, and ends at once when its thread is interrupted. A new node has not discovered the graph
-yet, so it gets some time before its first query.
+Every wait has a timeout, and ends at once when its thread is interrupted. A new node has not discovered the graph yet,
+so the first query waits a moment.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     Names = list[tuple[str, list[str]]]
 
 
-# ROS messages made from YAML, and written as text, for people without ros2cli: this file imports no ROS.
+# Conversion of YAML data to ROS messages and of messages to text, for users without ros2cli; ROS is imported on use.
 #
-# Data is what YAML gives, fields by name, what is not named keeps its default; an unknown field or
-# a value of another type is one sentence with the way to it. Text is YAML as `ros2 topic echo` prints it; plain data is
-# what JSON holds, null for a number that is not finite.
+# Data is the content of a YAML document, with fields by name; fields that are not named keep their defaults. An unknown
+# field or a value of the wrong type is reported in one sentence with the path of the field. Text is YAML as printed by
+# `ros2 topic echo`; plain data can be written as JSON, with null for a number that is not finite.
 
 
 _INTEGERS: Final = re.compile(r"u?int(8|16|32|64)")
@@ -39,7 +39,7 @@ _SHORT: Final = re.compile(r"([a-z][a-z0-9_]*)/(?:(msg|srv)/)?([A-Za-z][A-Za-z0-
 
 
 def full_name(text: str, kind: str) -> str:
-    """Return "std_msgs/msg/String" for that or "std_msgs/String"; ConfigError for an unknown interface."""
+    """Return "std_msgs/msg/String" for itself or "std_msgs/String"; ConfigError if `text` names no such interface."""
     match = _SHORT.fullmatch(text)
     if match is None or match[2] not in (None, kind):
         raise ConfigError(
@@ -49,7 +49,7 @@ def full_name(text: str, kind: str) -> str:
 
 
 def fill(message: Any, data: object, class_of: ClassOf, place: str = "") -> Any:  # noqa: ANN401 - generated
-    """Fill a message with data and return it; `class_of` returns the class of a nested one. Raises ConfigError."""
+    """Fill and return a message; ConfigError for invalid data. `class_of` returns the class of a nested message."""
     types = message.get_fields_and_field_types()
     if not isinstance(data, dict):
         raise ConfigError(f"{place or 'the message'} has fields ({', '.join(types)}), not {data!r}")
@@ -90,7 +90,7 @@ def _integer(value: object) -> int | None:
 
 def _number(value: object) -> float | None:
     if isinstance(value, str) and _EXPONENT.fullmatch(value):
-        return float(value)  # YAML 1.1 takes 1e-06 for text
+        return float(value)  # YAML 1.1 reads 1e-06 as text
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
@@ -108,7 +108,7 @@ _SCALARS: Final[tuple[tuple[Callable[[str], object], Callable[[object], object]]
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401 - a message, or what one of its fields holds
-    """Return a message as dicts, lists, numbers, booleans and text."""
+    """Convert a message to dicts, lists, numbers, booleans and text; None for a number that is not finite."""
     if hasattr(value, "get_fields_and_field_types"):
         return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, bytes):
@@ -164,7 +164,7 @@ MOMENT_S: Final = 1.0
 
 @contextlib.contextmanager
 def open_graph() -> Iterator[Graph]:
-    """Open a node; ConfigError without ROS, CanopenError if it does not start."""
+    """Open a node, which is closed on exit; ConfigError without ROS, CanopenError if ROS 2 cannot be started."""
     require_ros()
     prepare(os.environ, wheels=from_wheels(), prefix=sys.prefix)
     try:
@@ -181,7 +181,7 @@ def open_graph() -> Iterator[Graph]:
 
 
 class Graph:
-    """Node for the command line; times in s."""
+    """ROS node for the command line; all times are in s."""
 
     def __init__(self, context: Any, node: Any) -> None:  # noqa: ANN401 - rclpy's
         from canopen_control.ros.rcl import single_threaded_executor
@@ -191,13 +191,13 @@ class Graph:
         self._executor.add_node(node)
 
     def close(self) -> None:
-        """Destroy the node."""
+        """Destroy the node and shut down its context."""
         self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()
 
     def spin(self, seconds: float, until: Callable[[], object] = lambda: False) -> bool:
-        """Execute callbacks until a condition is true; return the condition."""
+        """Execute callbacks until a condition is true; return False if `seconds` pass before that."""
         deadline = time.monotonic() + seconds
         while not until():
             remaining = deadline - time.monotonic()
@@ -207,18 +207,18 @@ class Graph:
         return True
 
     def topics(self) -> Names:
-        """Return (name, types) of topics with publishers or subscribers elsewhere."""
+        """Return the names and types of the topics in the graph, sorted by name."""
         self.spin(MOMENT_S)
         return sorted(self._node.get_topic_names_and_types())
 
     def services(self) -> Names:
-        """Return (name, types) of the services of other nodes."""
+        """Return the names and types of the services of other nodes, sorted by name."""
         self.spin(MOMENT_S)
         own = f"/{self._node.get_name()}/"
         return sorted(service for service in self._node.get_service_names_and_types() if not service[0].startswith(own))
 
     def type_of(self, topic: str, seconds: float) -> str:
-        """Return the type of a topic; CanopenError after a timeout, or with several types."""
+        """Return the type of a topic; CanopenError if it does not appear within `seconds`, or has several types."""
         return self._only(topic, self._node.get_topic_names_and_types, "topic", seconds)
 
     def _only(self, name: str, names: Callable[[], Names], title: str, seconds: float) -> str:
@@ -234,14 +234,14 @@ class Graph:
         return types[0]
 
     def subscribe(self, topic: str, kind: str, callback: Callable[[Any], object]) -> None:
-        """Subscribe with a quality of service that fits the present publishers."""
+        """Subscribe to a topic with a quality of service that is compatible with its present publishers."""
         from canopen_control.ros.qos import quality_of
 
         infos = self._node.get_publishers_info_by_topic(topic)
         self._node.create_subscription(class_of(kind), topic, callback, quality_of(infos))
 
     def publisher(self, topic: str, kind: str, data: object) -> Publication:
-        """Return a publisher of a message made from data; ConfigError if it is invalid."""
+        """Create a publisher of a message that is filled with `data`; ConfigError if the data is invalid."""
         message = _filled(class_of(kind)(), data)
         publisher = self._node.create_publisher(type(message), topic, 10)
         return Publication(
@@ -249,7 +249,7 @@ class Graph:
         )
 
     def call(self, service: str, kind: str, data: object, seconds: float) -> Any:  # noqa: ANN401 - a response
-        """Call a service and return its response; raises ConfigError or CanopenError."""
+        """Call a service and return the response; ConfigError for invalid data, CanopenError after a timeout."""
         service_class = class_of(kind)
         request = _filled(service_class.Request(), data)  # type: ignore[attr-defined] # every service class has one
         client = self._node.create_client(service_class, service)
@@ -264,7 +264,11 @@ class Graph:
 
 
 class Publication:
-    """Message that is published repeatedly; `subscribers` is their number, `fill` changes fields."""
+    """Message that can be published repeatedly.
+
+    `publish` sends the message, `subscribers` returns the number of subscribers, and `fill` changes fields of the
+    message.
+    """
 
     def __init__(
         self, publish: Callable[[], object], subscribers: Callable[[], int], fill: Callable[[object], object]
@@ -273,7 +277,7 @@ class Publication:
 
 
 def class_of(name: str) -> type:
-    """Return the class of an interface; ConfigError if it does not exist."""
+    """Return the class of a ROS interface; ConfigError if this ROS installation does not have the interface."""
     try:
         interface_class: type = interface(name)
     except (ImportError, AttributeError, MissingInterface):

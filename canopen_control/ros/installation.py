@@ -1,11 +1,12 @@
-"""ROS 2 installation for this Python: whether it works, and its environment variables.
+"""ROS 2 installation for this Python: whether it can be used, and the environment variables that it needs.
 
-Importing rclpy with a middleware that it does not have ends the process (exit code 102) instead of raising, and an
-rclpy of another Python fails deep inside a C extension; so both are looked at from outside first.
+Importing rclpy with a middleware that is not installed ends the process (exit code 102) instead of raising an
+exception, and an rclpy for another Python fails deep inside a C extension; so both are checked first, without an
+import.
 
-What the user has set wins, always. Otherwise discovery stays on the local host, and Fast DDS gets
-the profile `loopback.xml` of this folder, which binds its sockets to 127.0.0.1 and announces quickly; the profile goes
-with the local host only, since it cuts every other interface.
+Settings of the user always take precedence. Otherwise discovery is restricted to the local host, and Fast DDS gets the
+profile `loopback.xml` of this folder, which binds its sockets to 127.0.0.1 and announces participants quickly; the
+profile is used only with the local host, because it disables every other network interface.
 """
 
 from __future__ import annotations
@@ -24,19 +25,19 @@ if TYPE_CHECKING:
 
 
 WHEEL_RMW: Final = "rmw_fastrtps_cpp"
-"""The one middleware that the wheels contain."""
+"""The only middleware that the wheels contain."""
 _HOW: Final = 'pip install "canopen-control[ros]" (Linux x86_64), or source a ROS 2 installation'
 _EXTENSION: Final = "_rclpy_pybind11"
 PROFILE: Final = Path(__file__).with_name("loopback.xml")
 _RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _LOCAL_ONLY: Final = "ROS_LOCALHOST_ONLY"  # deprecated, still obeyed by Jazzy
 _PROFILES: Final = "FASTRTPS_DEFAULT_PROFILES_FILE"
-#: set by users with their own discovery or transport settings, which the profile of this package would contradict
+#: variables of users with their own discovery or transport settings, which the profile of this package would override
 _OWN_WAYS: Final = (_PROFILES, "FASTDDS_DEFAULT_PROFILES_FILE", "ROS_DISCOVERY_SERVER", "ROS_STATIC_PEERS")
 
 
 def require_ros(environment: Mapping[str, str] | None = None) -> None:
-    """Raise ConfigError with the reason and the remedy if rclpy cannot be used."""
+    """Raise ConfigError with the reason and a remedy if rclpy cannot be used."""
     environment = os.environ if environment is None else environment
     folder = _rclpy_folder()
     if folder is None:
@@ -72,7 +73,7 @@ def _rclpy_folder() -> Path | None:
 
 
 def prepare(environment: MutableMapping[str, str], *, wheels: bool, prefix: str) -> None:
-    """Set missing environment variables. `wheels`: rclpy is installed from wheels, in `prefix`."""
+    """Set missing environment variables; `wheels` tells that rclpy is installed from wheels below `prefix`."""
     if wheels:
         environment.setdefault("AMENT_PREFIX_PATH", prefix)
     if environment.get(_LOCAL_ONLY) != "1":
@@ -83,7 +84,7 @@ def prepare(environment: MutableMapping[str, str], *, wheels: bool, prefix: str)
 
 
 def describe(environment: Mapping[str, str]) -> str:
-    """Return a sentence about the ROS domain in which the robot is visible."""
+    """Return a sentence about the ROS domain, and the hosts on which the robot is visible."""
     reach = "this host only" if _stays_local(environment) else f"discovery range {environment.get(_RANGE, 'SUBNET')}"
     return f"ROS domain {environment.get('ROS_DOMAIN_ID') or 0}, {reach}"
 

@@ -1,8 +1,8 @@
 """Services of `/controller_manager`, for `ros2 control` and the spawner of a ROS installation, and of lifecycle nodes.
 
-Rules (controller_manager_msgs, Jazzy 4.46): names and answers are upstream's; strictness 2 is strict, any
-other best effort; a refused request is answered with ok false, and the reason is logged, and sent if the answer has
-a field for it. The runtime decides; this module makes no decision of its own.
+Rules (controller_manager_msgs, Jazzy 4.46): names and answers are the same as upstream; strictness 2 is strict, any
+other value is best effort; a refused request is answered with ok false, and its reason is logged, and also sent if the
+response has a field for it. All decisions are made by the runtime, none by this module.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import ComponentState, HardwareReading, InterfaceReading
     from canopen_control.rpc.messages.state import ControllerReading, NodeReading, StateSample
 
-    Ending = Callable[[str | None], object]  # a sentence, or None where it was done
+    Ending = Callable[[str | None], object]  # called with the reason of a failure, or None after success
 
 
 A = TypeVar("A")
 
 _STRICT: Final = 2
-_ALL_STATES: Final = "*"  # the API's word for every state interface of the robot
+_ALL_STATES: Final = "*"  # in the API: every state interface of the robot
 _BASE_CLASS: Final = "controller_interface::ControllerInterface"
-_UNKNOWN: Final = "unknown"  # of a component; no state of a lifecycle node
+_UNKNOWN: Final = "unknown"  # state of a hardware component only, not of a lifecycle node
 #: lifecycle_msgs/msg/State
 STATES: Final = {_UNKNOWN: 0, "unconfigured": 1, "inactive": 2, "active": 3, "finalized": 4}
 
 
 class ControllerManagerServices(Endpoint):
-    """Services of one robot below `controller_manager`, relative to the namespace."""
+    """Services of one robot's controller manager, below `controller_manager` in the namespace."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros
@@ -91,7 +91,7 @@ class ControllerManagerServices(Endpoint):
     def _list_controllers(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
         make = interface("controller_manager_msgs/msg/ControllerState")
         connection = interface("controller_manager_msgs/msg/ChainConnection")
-        states: list[str] = []  # of the robot, which are what "*" stands for
+        states: list[str] = []  # all state interfaces of the robot, for which "*" stands
 
         def fill(answer: tuple[ControllerReading, ...]) -> None:
             commanded = {name for reading in answer for name in reading.claims}
@@ -150,7 +150,7 @@ class ControllerManagerServices(Endpoint):
         self._ask(command, lambda _: _succeed(response), response, reply)
 
     def _reload(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
-        """Refuse the reload: Python code is loaded once per process."""
+        """Answer with ok false and log a warning: Python code is loaded once per process."""
         self._ros.warn("reload", "controller libraries cannot be loaded again while the robot runs; restart it")
         reply(response)
 
@@ -220,7 +220,7 @@ class ControllerManagerServices(Endpoint):
         response: RosMessage,
         reply: Reply,
     ) -> None:
-        """Send a request; `fill` copies its answer into the response; a refusal is logged."""
+        """Send a request and reply with the response; `fill` copies the result to it, and a refusal is logged."""
         method = ROBOT.of(type(query)).name
 
         def answer(result: A | None, error: str | None) -> None:
@@ -240,20 +240,20 @@ def _succeed(response: RosMessage) -> None:
 
 
 def _without_owner(controller: ControllerReading, names: Iterable[str]) -> list[str]:
-    """Return the names of a controller's interfaces without its own name as prefix, as ros2_control lists them."""
+    """Remove the controller's own name from the names of its interfaces, as ros2_control lists them."""
     return [name.removeprefix(f"{controller.name}/") for name in names]
 
 
-# `/lifecycle_manager` and the lifecycle services of master and nodes, which start a ros2_canopen robot.
+# `/lifecycle_manager` and the lifecycle services of the master and the nodes, which start a ros2_canopen robot.
 #
 # Rules (lifecycle_msgs; ros2_canopen's lifecycle_manager): the runtime boots the nodes by itself, so that `configure`
-# finds them, `activate` checks whether they are ready, and `deactivate` stops and disables them; a state that is
-# reached already is not an error. A transition fails without effect when the robot refuses it. The manager brings the
-# master and the nodes with lifecycle drivers up with itself, and down again.
+# has no effect, `activate` checks whether the nodes are ready, and `deactivate` stops and disables them; a request for
+# the present state is not an error. A transition that the robot refuses fails without effect. The transitions of the
+# manager also apply to the master and the nodes with lifecycle drivers.
 
 
 class LifecycleTransition(NamedTuple):
-    """Row of the table: from any of `sources` to `target`; in the states in `reached` it has already been done."""
+    """Transition from any state in `sources` to `target`; in a state in `reached` a request succeeds without effect."""
 
     number: int
     label: str
@@ -270,13 +270,16 @@ TRANSITIONS: Final = (
     LifecycleTransition(4, "deactivate", ("active",), "inactive", ("inactive",)),
     LifecycleTransition(5, "shutdown", ("unconfigured", "inactive", "active"), "finalized", ("finalized",)),
 )
-#: a transition of the manager -> where the nodes are then (ros2_canopen brings them all the way up and down)
+#: transition of the manager -> state of its members afterwards (ros2_canopen also configures and cleans them up)
 _OF_MEMBERS: Final = {"activate": "active", "deactivate": "unconfigured", "shutdown": "finalized"}
-_SHUTDOWN: Final = {6: 5, 7: 5}  # upstream has a number for the shutdown of each state
+_SHUTDOWN: Final = {6: 5, 7: 5}  # upstream has a separate number for the shutdown from each state
 
 
 class LifecycleServices(Endpoint):
-    """Lifecycle services below `path` of `node` (None: of all nodes); `members` are the nodes they affect."""
+    """Lifecycle services below `path` for one node, or for all nodes if `node` is None.
+
+    `members` are the services whose state follows the transitions of these services.
+    """
 
     def __init__(self, ros: Ros, path: str, node: str | None = None, members: Sequence[LifecycleServices] = ()) -> None:
         self._ros, self._path, self._node, self._members = ros, path, node, members
@@ -295,7 +298,7 @@ class LifecycleServices(Endpoint):
         self._actions = {"activate": self._activate, "deactivate": self._deactivate, "shutdown": self._deactivate}
 
     def on_state(self, state: StateSample) -> None:
-        """Update which nodes are ready."""
+        """Store which nodes are ready."""
         self._nodes = state.nodes
 
     def close(self) -> None:

@@ -1,7 +1,7 @@
-"""Context of an endpoint on one ROS node: its topics and services, and the session of the robot.
+"""Context of the endpoints on one ROS node: creates topics and services, and passes requests to the robot's session.
 
-Callbacks of subscriptions come on the spinner's thread, those of services on the reactor's; what
-one raises is a warning of the node. The executor would drop messages otherwise.
+Callbacks of subscriptions run on the spinner's thread, those of services on the reactor's thread. An exception in a
+callback is logged as a warning of the node, since the executor would otherwise drop messages.
 """
 
 from __future__ import annotations
@@ -26,44 +26,44 @@ A = TypeVar("A")
 
 
 class SessionPort(Protocol):
-    """Common part of all nodes of a robot, see `endpoint.Ros`; `warn_of` logs as one of the nodes."""
+    """Session of a robot as seen by all its ROS nodes, see `endpoint.Ros`; `warn_of` logs as one of the nodes."""
 
     robot: str
     controllers: dict[str, ControllerReading]
 
     def command(self, request: CommandController | TwistController) -> None:
-        """Send the newest command of a controller."""
+        """Send a command, which replaces a waiting command to the same controller."""
 
     def unix(self, stamp: float | None) -> float | None:
-        """Return a stamp of ROS in the robot's time."""
+        """Convert a stamp of ROS time to Unix time in s of the robot's clock."""
 
     def frame(self, name: str) -> str:
         """Return the ROS name of a frame, with the robot's prefix."""
 
     def leave_out(self, interface: str) -> None:
-        """Report an interface that ROS lacks."""
+        """Report once for each interface that this ROS installation lacks it."""
 
     def warn_of(self, node: Node, key: str, text: str) -> None:
-        """Log a warning, rate-limited."""
+        """Log a warning as `node`, at most once per second for each key."""
 
     def hand_over(self, function: Callable[[], object]) -> None:
         """Call a function on the reactor's thread."""
 
     def watch_process_data(self, watcher: object, on: bool) -> None:
-        """Subscribe to TPDO contents."""
+        """Start or stop calling `on_process_data` of `watcher` with TPDO contents."""
 
     def connect(self) -> ReactorClient:
-        """Return a connection to the robot."""
+        """Return a new connection to the robot."""
 
     def call(self, function: Callable[[], object]) -> None:
-        """Call a function on the thread of ROS's callbacks."""
+        """Call a function on the thread of ROS callbacks."""
 
     def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
         """Send a request to the robot."""
 
 
 class NodeContext:
-    """Context of one node, as `Ros` for its endpoints."""
+    """Implementation of `Ros` for the endpoints of one ROS node."""
 
     def __init__(self, shared: SessionPort, node: Node) -> None:
         self.node, self._shared = node, shared
@@ -78,11 +78,11 @@ class NodeContext:
         return self._shared.controllers
 
     def warn(self, key: str, text: str) -> None:
-        """Log a warning, each key at most once per second; from any thread."""
+        """Log a warning as this node, at most once per second for each key; callable from any thread."""
         self._shared.warn_of(self.node, key, text)
 
     def subscribe(self, message: type, topic: str, callback: Callable[[Any], object], qos: object) -> object:
-        """Create a subscription; an exception of the callback becomes a warning."""
+        """Create a subscription; an exception in the callback is logged as a warning."""
 
         def guarded(each: object) -> None:
             try:
@@ -94,19 +94,19 @@ class NodeContext:
         return subscription
 
     def unsubscribe(self, subscription: object) -> None:
-        """Destroy a subscription between two callbacks."""
+        """Destroy a subscription on the callback thread, so that it happens between two callbacks."""
         self.call(lambda: self.node.destroy_subscription(subscription))
 
     def serve(self, kind: str, name: str, handler: Handler) -> object:
-        """Create a service of the interface `kind`; None with a warning if ROS lacks it.
+        """Create a service of the interface `kind`; log a warning and return None if ROS lacks the interface.
 
-        `handler(request, response, reply)` is called on the reactor's thread and never blocks.
+        `handler(request, response, reply)` is called on the reactor's thread and must not block.
         """
 
         def guarded(request: object, response: object, reply: Reply) -> None:
             try:
                 handler(request, response, reply)
-            except Exception as error:  # noqa: BLE001 - a refusal is an answer too
+            except Exception as error:  # noqa: BLE001 - the client gets a response in any case
                 self.warn(name, f"{name}: {type(error).__name__}: {error}")
                 reply(response)
 
@@ -120,6 +120,6 @@ class NodeContext:
             return None
 
     def unserve(self, service: object) -> None:
-        """Destroy a service between two callbacks."""
+        """Destroy a service on the callback thread, between two callbacks; None is ignored."""
         if service is not None:
             self.call(lambda: self.node.destroy_service(service))

@@ -1,9 +1,9 @@
-"""Nodes of a bus and their ROS names, by the API; without ROS.
+"""Nodes of a bus and their ROS names, made from messages of the API without importing ROS.
 
-Rules (ros2_canopen): the services and topics of a node are `NAMESPACE/NODE/x`, where NODE is its key in
-bus.yml; its own `namespace` stands in the place of the bridge's, its own `remappings` are followed. Each axis of a node
-with several has its own below its name in `channel_names`, else below `NODE/JOINT` (`NODE/0` of ros2_canopen is not
-allowed by ROS). A name that ROS does not allow gets underscores in the place of what is not allowed.
+Rules (ros2_canopen): the services and topics of a node are `NAMESPACE/NODE/x`, where NODE is the key in bus.yml; the
+node's `namespace` replaces the bridge's namespace, and its `remappings` are applied. Every axis of a multi-axis node
+has its own services below its name in `channel_names`, or without this list below `NODE/JOINT` (`NODE/0` of
+ros2_canopen is not a valid ROS name). Characters that ROS does not allow in a name are replaced by underscores.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import NodeReading
 
 
-#: what ros2_canopen calls an NMT state; one that is not known any more is an error
+#: names of the NMT states in ros2_canopen; an unknown state is "ERROR"
 NMT_STATES: Final = {
     "INITIALISING": "BOOTUP",
     "PRE_OPERATIONAL": "PREOP",
@@ -32,18 +32,19 @@ _FORBIDDEN: Final = re.compile(r"[^A-Za-z0-9_]")
 
 
 class Channel(NamedTuple):
-    """Axis of a multi-axis node: its joint, and the path of its services."""
+    """Axis of a multi-axis node: the joint, and the path below which the axis has its services."""
 
     joint: str
     name: str
 
 
 class RosNode(NamedTuple):
-    """Node of the bus; `remappings` are pairs of absolute names.
+    """Node of a bus with its ROS names; `remappings` are pairs of absolute names.
 
-    `rpdo` are the objects that its RPDOs map, with their bits, by index and subindex. `channels` is empty for a node
-    with one axis or none. `joints` are what it moves, none for a proxy; `is_drive`: its EDS has a controlword.
-    `place` is what its services and topics are below where that is not its name.
+    `rpdo` has the number of bits of each object that is mapped in an RPDO, by index and subindex. `channels` is empty
+    for nodes with fewer than two axes. `joints` are the joints that the node moves, none for a proxy; `is_drive` tells
+    whether the EDS has a controlword. `place` is the path below which the node has its services and topics, "" for its
+    name.
     """
 
     name: str
@@ -58,7 +59,7 @@ class RosNode(NamedTuple):
     place: str = ""
 
     def path(self, name: str, channel: Channel | None = None) -> str:
-        """Return the remapped name of one of its services or topics, or of a channel's."""
+        """Return the absolute name of a service or topic of the node, or of a channel, after remapping."""
         below = (self.place or ros_name(self.name)) if channel is None else channel.name
         path = resolve(self.namespace, f"{below}/{name}".rstrip("/"))
         return dict(self.remappings).get(path, path)
@@ -67,7 +68,10 @@ class RosNode(NamedTuple):
 def nodes_of(
     listing: NodeListing, namespace: str, layout: Layout | None = None, states: Mapping[str, NodeReading] | None = None
 ) -> list[RosNode]:
-    """Return the nodes of the API's listing; `namespace` is the bridge's; `states` are those of the status."""
+    """Return the nodes in a listing of the API.
+
+    `namespace` is the bridge's namespace; `states` are the nodes in the robot's status, with their axes.
+    """
     mapped = {} if layout is None else dict(_mapped(layout))
     known_states = states or {}
     return [
@@ -84,13 +88,13 @@ def nodes_of(
 
 
 def ros_name(name: str) -> str:
-    """Return a name with the characters that ROS allows: letters, digits and underscores, no digit first."""
+    """Replace the characters that ROS does not allow by underscores, and put an underscore before a leading digit."""
     allowed = _FORBIDDEN.sub("_", name)
     return allowed if allowed[:1].isalpha() or allowed[:1] == "_" else f"_{allowed}"
 
 
 def resolve(namespace: str, name: str, node: str = "") -> str:
-    """Return the absolute form of a name: absolute, private (`~/x`, below `node`) or relative to a namespace."""
+    """Return the absolute form of a name that is absolute, private (`~/x`, below `node`) or relative to `namespace`."""
     if name.startswith("/"):
         return name
     if name.startswith("~"):
@@ -109,7 +113,7 @@ def _node(place: NodePlace, bridges: str) -> RosNode:
 
 
 def _mapped(layout: Layout) -> Iterator[tuple[str, dict[tuple[int, int], int]]]:
-    """Yield the name of each node and the objects mapped in its RPDOs."""
+    """Yield the name of each node, and the objects mapped in its RPDOs with their numbers of bits."""
     for bus in layout.buses.values():
         for node in bus.nodes:
             objects = [entry for pdo in node.pdos if pdo.direction == "rpdo" for entry in pdo.objects]

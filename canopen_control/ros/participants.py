@@ -1,8 +1,9 @@
-"""ROS programs as DDS participants: the client of a request, and whether it is still running.
+"""DDS participants of ROS programs: the client that sent a request, and whether this client is still running.
 
-Rules (DDS, Fast DDS): the first twelve bytes of a GUID are its participant's, usually one per process. A participant
-that ends announces it; one that was killed is detected when its lease is over, after 20 s by default. Fast DDS composes
-these bytes of vendor, host and process: so a participant on the same host can be checked at once.
+Rules (DDS, Fast DDS): the first twelve bytes of a GUID identify the participant; usually a process has one. A
+participant that ends announces this; one that was killed is detected when its lease expires, after 20 s by default.
+Fast DDS composes these bytes from vendor, host and process, so that a participant on the same host can be checked at
+once.
 """
 
 from __future__ import annotations
@@ -20,14 +21,15 @@ if TYPE_CHECKING:
 _PREFIX: Final = 12
 _VENDOR: Final = b"\x01\x0f"  # eProsima
 _PROCFS: Final = Path("/proc")
-_PIDS: Final = 1 << 22  # the most that Linux gives
+_PIDS: Final = 1 << 22  # the upper limit of process ids in Linux
 
 
 def client_of(header: RosMessage) -> bytes | None:
-    """Return the participant of a request, None if it is unknown.
+    """Return the participant that sent a request; None if it cannot be determined.
 
-    The header is C's rmw_request_id_t, 16 bytes of GUID and the number of the request. rclpy exposes only the number;
-    pybind11 stores the address after the head of the Python object. The number confirms that the address is right.
+    The header is an rmw_request_id_t of C: a GUID of 16 bytes and the sequence number of the request. rclpy exposes
+    only the number; pybind11 stores the structure's address after the head of the Python object. The number confirms
+    the address.
     """
     pointer = ctypes.c_size_t.from_address(id(header) + object.__basicsize__).value
     if not pointer or pointer % 8:
@@ -38,25 +40,25 @@ def client_of(header: RosMessage) -> bytes | None:
 
 
 class ActionClients:
-    """Participants that could send goals of the action with this full name."""
+    """DDS participants that have a client of the action with this full name."""
 
     def __init__(self, node: Node, action: str) -> None:
         self._node, self._action = node, action
 
     def present(self) -> set[bytes]:
-        """Return the participants presently known to DDS."""
+        """Return the participants of the clients that DDS knows at present."""
         publishers = self._node.get_publishers_info_by_topic(
             f"rq{self._action}/_action/send_goalRequest", no_mangle=True
         )
         return set(map(_participant, publishers))
 
     def runs_here(self, participant: bytes) -> bool:
-        """Whether the participant is a process on this host; False for another container."""
+        """Whether the participant is a running process on this host; False if it is in another container."""
         host = self._host()
         return host is not None and participant[:4] == _VENDOR + host and runs(_process(participant))
 
     def _host(self) -> bytes | None:
-        """Return this host's bytes in a participant, derived from this process; None if that fails."""
+        """Return the two bytes of this host in a participant, taken from this process; None if it is not found."""
         own = self._node.get_publishers_info_by_topic(f"rt{self._action}/_action/status", no_mangle=True)
         for participant in map(_participant, own):
             if participant[:2] == _VENDOR and _process(participant) == os.getpid() % 65536:
@@ -65,7 +67,7 @@ class ActionClients:
 
 
 def folder_of(node: Node, participant: bytes | None) -> Path | None:
-    """Return the working folder of a participant's process, None for another host."""
+    """Return the working directory of a participant's process; None if it is on another host or not readable."""
     own = map(_participant, node.get_publishers_info_by_topic("/rosout"))
     host = next((gid[2:4] for gid in own if gid[:2] == _VENDOR and _process(gid) == os.getpid() % 65536), None)
     if participant is None or host is None or participant[:4] != _VENDOR + host:
@@ -76,7 +78,7 @@ def folder_of(node: Node, participant: bytes | None) -> Path | None:
         return None
     try:
         return (_PROCFS / str(pids[0]) / "cwd").readlink()
-    except OSError:  # of another user, or it has ended
+    except OSError:  # the process belongs to another user, or has ended
         return None
 
 
@@ -89,7 +91,7 @@ def _process(participant: bytes) -> int:
 
 
 def runs(lowest: int, procfs: Path = _PROCFS) -> bool:
-    """Whether a process with these lower 16 bits of its id is running; zombies do not count."""
+    """Whether a process exists whose id has these lower 16 bits; zombies do not count."""
     for number in range(lowest, _PIDS, 65536):
         try:
             text = (procfs / str(number) / "stat").read_text()

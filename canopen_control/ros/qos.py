@@ -1,7 +1,7 @@
-"""Qualities of service as in ros2_control and robot_state_publisher.
+"""Quality of service profiles as in ros2_control and robot_state_publisher.
 
-Measured with Fast DDS: a publisher with the system default is reliable and transient local, a subscription with it
-best effort and volatile. So such a publisher satisfies every subscriber, and such a subscription takes every publisher.
+Measured with Fast DDS: with the system default, a publisher is reliable and transient local, and a subscription is best
+effort and volatile. So such a publisher matches every subscription, and such a subscription matches every publisher.
 """
 
 from __future__ import annotations
@@ -21,27 +21,27 @@ if TYPE_CHECKING:
 
 
 SYSTEM_DEFAULT = qos_profile_system_default
-#: the same, and what was published before the subscription: rclcpp::SystemDefaultsQoS().transient_local()
+#: also receives the last message before the subscription: rclcpp::SystemDefaultsQoS().transient_local()
 KEPT_DEFAULT = QoSProfile(
     depth=1,
     reliability=ReliabilityPolicy.SYSTEM_DEFAULT,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-#: the last message is latched for later subscribers: robot_description, /tf_static
+#: transient local with the last message, for later subscribers: robot_description, /tf_static
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-#: the newest alone: reliable, as joint_state_topic_hardware_interface publishes its commands
+#: only the newest message, reliable: as joint_state_topic_hardware_interface publishes its commands
 LATEST = QoSProfile(depth=1)
-#: the newest alone, of any publisher: as chainable controllers take references
+#: only the newest message of any publisher: as chainable controllers subscribe to references
 REFERENCE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.SYSTEM_DEFAULT)
 TF = QoSProfile(depth=100)
 TF_STATIC = LATCHED
 EVENTS = QoSProfile(depth=50)
-#: as rcl has it for the log of every node
+#: as in rcl for the log of every node
 ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL, lifespan=Duration(seconds=10))
 
 
 def quality_of(publishers: Sequence[Any]) -> Any:  # noqa: ANN401 - rclpy's, without types
-    """Return a subscription's quality that is compatible with these publishers and receives stored messages."""
+    """Return a subscription profile that matches all these publishers, transient local if all of them are."""
     profiles = [publisher.qos_profile for publisher in publishers]
     reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
     is_latched = bool(profiles) and all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles)

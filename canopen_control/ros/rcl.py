@@ -1,7 +1,7 @@
-"""Wrapper of the used part of rclpy, without types.
+"""Wrapper of the used parts of rclpy, without types.
 
-rclpy is typed in parts, differently in each release, and may not be installed where types are checked; what is imported
-by name here is Any everywhere.
+rclpy is partly typed, differently in each release, and may be missing where types are checked; so the names that are
+imported from here have the type Any.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ qos_profile_system_default = _qos.qos_profile_system_default
 
 
 def in_words(error: Exception) -> str:
-    """Return an exception of rclpy as one line."""
+    """Return the message of an rclpy exception in one line."""
     text = " ".join(str(error).split())
     return f"it knows no arguments {text}" if type(error).__name__ == "UnknownROSArgsError" else text
 
 
 def start(name: str, namespace: str, arguments: list[str]) -> tuple[Context, Node]:
-    """Create a context without signal handlers, and a node; may raise what rclpy raises."""
+    """Create a context without signal handlers, and a node; may raise any exception of rclpy."""
     rclpy = importlib.import_module("rclpy")
     context = importlib.import_module("rclpy.context").Context()
     if namespace.strip("/"):  # errors are reported before a node is partly created
@@ -46,13 +46,13 @@ def start(name: str, namespace: str, arguments: list[str]) -> tuple[Context, Nod
 
 
 def further_node(name: str, context: Context, namespace: str, arguments: Sequence[str] = ()) -> Node:
-    """Return another node of a context, without its own services; may raise what rclpy raises.
+    """Return another node in the same context, without parameter services; may raise any exception of rclpy.
 
-    `arguments` are its own, after `--ros-args`, and win over those of all nodes. A name that is remapped for all nodes
-    is the first one's; topics that are remapped are those of all.
+    `arguments` are the node's own arguments after `--ros-args`, and override the arguments of all nodes. A remapping of
+    the node name applies only to the first node; remappings of topics apply to all nodes.
     """
     rclpy = importlib.import_module("rclpy")
-    importlib.import_module("rclpy.validate_node_name").validate_node_name(name)  # the arguments below hold it
+    importlib.import_module("rclpy.validate_node_name").validate_node_name(name)  # it is an argument below
     parameter = importlib.import_module("rclpy.parameter").Parameter
     return rclpy.create_node(
         name,
@@ -67,19 +67,19 @@ def further_node(name: str, context: Context, namespace: str, arguments: Sequenc
         start_parameter_services=False,
         parameter_overrides=[
             parameter("start_type_description_service", value=False),
-            parameter("use_sim_time", value=False),  # /clock is heard once, by the first node
+            parameter("use_sim_time", value=False),  # only the first node subscribes to /clock
         ],
     )
 
 
 def ros_seconds(node: Node) -> float | None:
-    """Return the time of a node by `/clock` in s, 0 before the first message; None with the system clock."""
+    """Return the time of a node in s if it follows `/clock`, 0 before the first message; None with the system clock."""
     clock = node.get_clock()
     return clock.now().nanoseconds / 1e9 if clock.ros_time_is_active else None
 
 
 def make_executor(context: Context) -> Any:  # noqa: ANN401 - see above
-    """Return an EventsExecutor if this rclpy has one, else a single-threaded one."""
+    """Return an EventsExecutor if this rclpy has this class, else a single-threaded executor."""
     try:
         events = importlib.import_module("rclpy.experimental.events_executor")
     except ImportError:
@@ -88,5 +88,5 @@ def make_executor(context: Context) -> Any:  # noqa: ANN401 - see above
 
 
 def single_threaded_executor(context: Context) -> Any:  # noqa: ANN401 - see above
-    """Return an executor for a thread that also does other things."""
+    """Return a single-threaded executor, for a thread that does other things between spins."""
     return _executors.SingleThreadedExecutor(context=context)

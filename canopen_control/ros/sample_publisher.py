@@ -1,7 +1,7 @@
-"""Publisher of a controller's samples: one message per update in the state stream.
+"""Publisher of a controller's samples: one message per publication of the controller in the state stream.
 
-Rules (ros2_controllers, Jazzy): names, types and quality of the topics are upstream's. One object serves for all
-messages of a topic; one that is not latched is filled only where there is a subscriber.
+Rules (ros2_controllers, Jazzy): names, types and quality of service of the topics are the same as upstream. One message
+object is reused for all messages of a topic; a topic that is not `latched` is filled only if it has a subscriber.
 """
 
 from __future__ import annotations
@@ -25,32 +25,32 @@ if TYPE_CHECKING:
 
 
 def time_message(unix_s: float) -> Time:
-    """Return a time in Unix seconds as a message."""
+    """Return the builtin_interfaces/msg/Time of a Unix time in s."""
     seconds, nanoseconds = stamp_of(unix_s)
     return Time(sec=seconds, nanosec=nanoseconds)
 
 
 class RosMessages:
-    """Factory of rclpy's messages, with the frames of a robot."""
+    """Factory of rclpy messages, and of frame names with the robot's prefix."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros
 
     def empty(self, name: str) -> Any:  # noqa: ANN401 - a generated class
-        """Return a new message; MissingInterface if ROS lacks it."""
+        """Return a new message of this type; MissingInterface if this ROS installation does not have the type."""
         return interface(name)()
 
     def floats(self, values: Iterable[float]) -> object:
-        """Return a list of numbers."""
+        """Return the numbers as a list."""
         return list(values)
 
     def frame(self, name: str) -> str:
-        """Return a frame with the prefix of the robot's frames."""
+        """Return the name of a frame with the prefix of the robot."""
         return self._ros.frame(name)
 
 
 class SamplePublisher(Endpoint):
-    """Publisher of one `row` of the table for one controller; an optional topic is created with its first message."""
+    """Publisher of one `row` of `SAMPLE_TOPICS` for one controller; optional topics start with the first message."""
 
     def __init__(self, ros: Ros, controller: ControllerReading, row: SampleTopic) -> None:
         self._ros, self._row, self._controller, self._samples = ros, row, controller, NewSamples(row.kind)
@@ -66,11 +66,11 @@ class SamplePublisher(Endpoint):
         self._publisher = self._ros.node.create_publisher(type(self._message), topic, SYSTEM_DEFAULT)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Use the frame of a controller for samples without a frame."""
+        """Store the controller, whose frame is used for samples without a frame."""
         self._controller = controller
 
     def on_state(self, state: StateSample) -> None:
-        """Publish a new sample."""
+        """Publish the controller's sample if it is new, and if the topic has a subscriber or is `latched`."""
         sample = self._samples.of(state).get(self._controller.name)
         if sample is None or getattr(sample, self._row.optional) is None:
             return

@@ -1,7 +1,7 @@
-"""Samples of controllers as ROS messages: one table of topics, types, fields and units.
+"""Conversion of controller samples to ROS messages: one table of topics, types, fields and units.
 
-The bridge, the writer of bags and the report read it; this module imports no ROS. A message is filled by the names of
-its fields, so that an older ROS that lacks some gets the others. What is not known is nan.
+The table is used by the bridge, the bag writer and the report; this module imports no ROS. A message is filled by field
+names, so that fields that an older ROS lacks are skipped. Unknown values are nan.
 """
 
 from __future__ import annotations
@@ -33,29 +33,29 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.samples import Sample
     from canopen_control.rpc.messages.state import ControllerReading
 
-    #: path to a value in a sample, or a function of the sample
+    #: path of a value in a sample, or a function that returns the value from a sample
     Source = str | Callable[[Any], object]
 
 
 class Messages(Protocol):
-    """Factory of messages: of rclpy's classes in the bridge, of rosbags' in a bag."""
+    """Factory of messages: of rclpy's classes in the bridge, of the rosbags classes in a bag."""
 
     def empty(self, name: str) -> Any:  # noqa: ANN401 - a generated class
-        """Return a message of `package/msg/Name` with zero numbers and empty lists."""
+        """Return a message of type `package/msg/Name` with zeros and empty lists."""
 
     def floats(self, values: Iterable[float]) -> object:
-        """Return an array of numbers."""
+        """Return an array of the numbers, of the type that the messages need."""
 
     def frame(self, name: str) -> str:
-        """Return the name of a frame in messages."""
+        """Return the name of a frame in messages, with a prefix if there is one."""
 
 
 class SampleTopic(NamedTuple):
-    """Topic for samples of one `kind`: its type, the source of each field, and the units in reports.
+    """Topic for samples of one `kind`: message type, source of each field, and units of the values in reports.
 
-    `frame` is the field of the sample that names the header's frame; without it the frame is the controller's. A sample
-    whose field `optional` is None has no message. `latched` ones are published even without a subscriber, for a later
-    subscriber. `bridge` and `bag` are where the topic is.
+    `frame` is the field of the sample with the header's frame; a sample without this field has the controller's frame.
+    No message is sent for a sample whose field `optional` is None. `latched` topics are published even without a
+    subscriber, for later subscribers. `bridge` and `bag` tell whether the topic exists in the bridge and in bags.
     """
 
     kind: type[Sample]
@@ -70,7 +70,7 @@ class SampleTopic(NamedTuple):
     bag: bool = True
 
     def name(self, controller: ControllerReading) -> str:
-        """Return the name of a controller's topic, relative to the namespace of the robot."""
+        """Return the name of a controller's topic, relative to the robot's namespace; "" if it is not published."""
         if self.kind is JointStatesSample:
             return controller.published(self.topic) or ""
         topic = controller.odometry_topic if self.topic == "odom" else self.topic
@@ -94,7 +94,7 @@ def _orientation(sample: OdometrySample) -> tuple[float, float, float, float]:
     return x, y, z, w
 
 
-_BATTERY: Final = tuple(BatteryReading.__struct_fields__[1:])  # without its name
+_BATTERY: Final = tuple(BatteryReading.__struct_fields__[1:])  # without the name
 
 SAMPLE_TOPICS: Final = (
     SampleTopic(
@@ -145,7 +145,7 @@ SAMPLE_TOPICS: Final = (
             "traction_wheels_velocity": "traction_velocities",
             "steer_positions": "steering",
             "linear_velocity_command": "traction_commands",
-            "traction_command": "traction_commands",  # its name in newer ones
+            "traction_command": "traction_commands",  # name of the field in newer releases
             "steering_angle_command": "steering_commands",
         },
     ),
@@ -251,17 +251,17 @@ TRAJECTORY_FEEDBACK: Final = SampleTopic(
     "control_msgs/action/FollowJointTrajectory",
     {"joint_names": "joints", "desired": "reference", "actual": "feedback", "error": "error"},
 )
-"""The feedback of the action."""
+"""Feedback of the FollowJointTrajectory action."""
 ELEMENTS: Final = {
     "dof_states": "control_msgs/msg/SingleDOFState",
     "interface_values": "control_msgs/msg/InterfaceValue",
     "battery_states": "sensor_msgs/msg/BatteryState",
 }
-"""The types of lists of messages, by the name of their field."""
+"""Message types of the elements of list fields, by the name of the field."""
 
 
 def fill(messages: Messages, message: Any, row: SampleTopic, sample: Sample, frame: str = "") -> None:  # noqa: ANN401
-    """Fill a message of a row from a sample; `frame` is that of the controller."""
+    """Fill a message of a row from a sample; `frame` is the controller's frame, for samples without a frame."""
     if hasattr(message, "header"):
         _head(message, sample.time, messages.frame(getattr(sample, row.frame, frame)))
     for place, source in row.fields.items():
@@ -286,7 +286,7 @@ def _value(sample: Sample, source: str) -> Any:  # noqa: ANN401 - of any type
 
 
 def _put(messages: Messages, part: Any, field: str, value: Any, time: float) -> None:  # noqa: ANN401 - as above
-    """Set a field: a structure by names, a vector by axes, an unknown number to nan."""
+    """Set a field if the message has it: structures by field names, vectors by axes, unknown numbers as nan."""
     target = getattr(part, field, None)
     if target is None:  # not in this ROS
         return
@@ -322,7 +322,7 @@ def _element(messages: Messages, name: str, value: Any, time: float) -> object: 
 
 
 def measured_values(sample: Sample) -> Iterator[tuple[str, str, float | None]]:
-    """Yield name, unit and value of a sample's fields in the report."""
+    """Yield name, unit and value of each field of a sample that appears in reports."""
     for row in SAMPLE_TOPICS:
         if isinstance(sample, row.kind):
             for source, unit in row.units.items():

@@ -1,9 +1,9 @@
-"""SDO services of ros2_canopen, and for objects of any type with the reason of a refusal.
+"""SDO services as in ros2_canopen, and services for objects of any type that report the reason of a refusal.
 
-`/NODE/sdo_read`, `/NODE/sdo_write`, `/master/sdo_read` and `/master/sdo_write` answer as
-ros2_canopen's do; they have no field for a reason, which is logged. `get_objects` and `set_objects` use messages that
-every ROS has (rcl_interfaces, GetParameters and SetParameters): an object is named "0x1008:00 str", a value has the
-type of its field, and if an object cannot be read or written `string_value` or `reason` has the reason.
+`/NODE/sdo_read`, `/NODE/sdo_write`, `/master/sdo_read` and `/master/sdo_write` answer as in ros2_canopen; they have no
+field for a reason, which is logged. `get_objects` and `set_objects` use service types that every ROS installation has
+(rcl_interfaces, GetParameters and SetParameters): an object is named "0x1008:00 str", the value is in the field of its
+type, and if an object cannot be read or written `string_value` or `reason` contains the reason.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import SdoData
 
 
-# Objects of a node as ROS messages carry them: addresses as text, values as numbers, text or bytes, without ROS.
+# Objects of a node in ROS messages: addresses as text; values as numbers, text or bytes. No ROS is imported here.
 #
-# Rules (CiA 301): numbers are little endian and as wide as their data type. ros2_canopen carries every
-# value as an unsigned number of 32 bits, negative ones as two's complement and REAL32 as its bits.
+# Rules (CiA 301): numbers are little endian, with the size of their data type. ros2_canopen transfers every value as an
+# unsigned number of 32 bits: negative numbers as two's complement and REAL32 as its bit pattern.
 
 
 Value = int | float | str | bytes | bool
-#: by their names in `sdo --type`
+#: struct formats by the names of the data types in `sdo --type`
 _FORMATS: Final = {
     "bool": "<?", "i8": "<b", "i16": "<h", "i32": "<i", "i64": "<q", "u8": "<B", "u16": "<H", "u32": "<I", "u64": "<Q",
     "f32": "<f", "f64": "<d",
 }  # fmt: skip
 _TEXTS: Final = ("str", "bytes")
-#: the data types of COReadID and COWriteID (CiA 301, table 44), with their size in bytes
+#: sizes in bytes of the data types of COReadID and COWriteID, by their index (CiA 301, table 44)
 _SIZES: Final = {2: 1, 3: 2, 4: 4, 5: 1, 6: 2, 7: 4}
 _ADDRESS: Final = re.compile(r"(?:0x)?([0-9A-Fa-f]{4})(?::([0-9A-Fa-f]{1,2}))?(?:[ /](\w+))?")
 
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Object with the data type for reading; "" uses its length."""
+    """Address of an object, with the data type in which it is read; "" chooses an unsigned integer by its length."""
 
     index: int
     subindex: int
@@ -55,7 +55,7 @@ class Address:
 
 
 def parse_address(text: str) -> Address:
-    """Return the address of "0x6041", "6041:00" or "0x1008:00 str"; ValueError with a sentence."""
+    """Parse "0x6041", "6041:00" or "0x1008:00 str"; ValueError with the reason if the text is invalid."""
     match = _ADDRESS.fullmatch(text.strip())
     if match is None:
         raise ValueError(f"{text!r} is not an object; write INDEX[:SUB] [TYPE] in hexadecimal, such as 0x6083:00 u32")
@@ -66,7 +66,7 @@ def parse_address(text: str) -> Address:
 
 
 def decode(data: bytes, kind: str) -> Value:
-    """Return the value of an object's bytes; ValueError for a wrong length."""
+    """Return the value of an object's data; ValueError if the length does not match the data type."""
     if kind == "str":
         return data.rstrip(b"\0").decode("utf-8", "replace")
     if kind in _FORMATS:
@@ -79,7 +79,7 @@ def decode(data: bytes, kind: str) -> Value:
 
 
 def encode(value: Value, kind: str, length: int) -> bytes:
-    """Return the bytes of a value; without a type a number has `length` bytes. ValueError if it is out of range."""
+    """Return the data of a value; `length` is the size of a number without type. ValueError if it is out of range."""
     try:
         if isinstance(value, bytes):
             return value
@@ -95,21 +95,21 @@ def encode(value: Value, kind: str, length: int) -> bytes:
 
 
 def of_datatype(datatype: int) -> int:
-    """Return the size in bytes of a data type of COReadID; ValueError for an unknown one."""
+    """Return the size in bytes of a data type of COReadID; ValueError if the type is not supported."""
     if datatype not in _SIZES:
         raise ValueError(f"no data type {datatype}; there are: INT8 2, INT16 3, INT32 4, UINT8 5, UINT16 6, UINT32 7")
     return _SIZES[datatype]
 
 
 def as_uint32(data: bytes) -> int:
-    """Return an object's bytes as ros2_canopen's `data`; ValueError if it is too long."""
+    """Return an object's data as the `data` number of ros2_canopen; ValueError if it is longer than 4 bytes."""
     if len(data) > 4:
         raise ValueError(f"it has {len(data)} bytes, `data` of the service has 4; use get_objects")
     return int.from_bytes(data, "little")
 
 
 def of_uint32(data: int, length: int) -> bytes:
-    """Return `data` of a service as an object of a length; ValueError if it is out of range."""
+    """Return the `data` number of a service as `length` bytes; ValueError if the number is out of range."""
     signed = data - (1 << 32) if data >= 1 << 31 else data
     if not 1 <= length <= 4:
         raise ValueError(f"the object has {length} bytes, `data` of the service has 4; use set_objects")
@@ -118,23 +118,23 @@ def of_uint32(data: int, length: int) -> bytes:
     return (data & ((1 << 8 * length) - 1)).to_bytes(length, "little")
 
 
-#: type of rcl_interfaces/msg/ParameterValue -> the field that holds such a value
+#: type of rcl_interfaces/msg/ParameterValue -> field of such a value
 _FIELDS: Final = {1: "bool_value", 2: "integer_value", 3: "double_value", 4: "string_value", 5: "byte_array_value"}
 _TYPE_OF: Final[dict[type, int]] = {bool: 1, int: 2, float: 3, str: 4, bytes: 5}
-#: of a value whose object cannot be read first: how wide it may be, the most usual first
+#: sizes in bytes that are tried for an object that cannot be read first, the most common size first
 _WIDTHS: Final = (4, 2, 1)
 _WRONG_LENGTH: Final = ("06070010", "06070012", "06070013")
 _LARGEST: Final = (1 << 63) - 1
 
 
 class NodeSdo:
-    """SDO services of one node; `name` is its name in the API."""
+    """SDO services of one node; `name` is the name of the node in the API."""
 
     def __init__(self, ros: Ros, name: str) -> None:
         self._ros, self._name = ros, name
 
     def handlers(self) -> list[tuple[str, str, Handler]]:
-        """Return (name, type, handler) of the services."""
+        """Return name, type and handler of each service."""
         return [
             ("sdo_read", "canopen_interfaces/srv/CORead", self._read),
             ("sdo_write", "canopen_interfaces/srv/COWrite", self._write),
@@ -189,7 +189,7 @@ class NodeSdo:
 
 
 def master_handlers(ros: Ros) -> list[tuple[str, str, Handler]]:
-    """Return (name, type, handler) of the services of ros2_canopen's master: access by node id and data type."""
+    """Return name, type and handler of the SDO services of ros2_canopen's master, by node ID and data type."""
 
     def read(request: RosMessage, response: RosMessage, reply: Reply) -> None:
         of_datatype(request.canopen_datatype)
@@ -209,7 +209,7 @@ def master_handlers(ros: Ros) -> list[tuple[str, str, Handler]]:
 
 
 def read_uint32(ros: Ros, node: str, address: Address, response: RosMessage, reply: Reply) -> None:
-    """Read an object into `success` and `data` of a response."""
+    """Read an object, set `success` and `data` of the response, and send the response; errors are logged."""
 
     def answer(result: SdoData | None, error: str | None) -> None:
         try:
@@ -233,10 +233,11 @@ def write_object(
     *,
     width: int | None = None,
 ) -> None:
-    """Write an object and report the error or None; `make(length)` returns the bytes, or ValueError.
+    """Write an object and call `on_done` with the error or None; `make(length)` returns the data, or raises ValueError.
 
-    The type of the object is unknown here: it is read first for its length, and if it cannot be read the usual lengths
-    are tried, since a node refuses a wrong one. With a `width` or a type in the address neither is needed.
+    The data type of the object is unknown here: the object is read first to find its length; if it cannot be read, the
+    common lengths are tried, because a node refuses a wrong length. Neither is needed with a `width`, or with a type in
+    the address.
     """
     if width is not None or address.kind:
         _write_as(ros, node, address, make, (width or 0,), on_done)
@@ -281,7 +282,7 @@ def _read_request(node: str, address: Address) -> SdoRead:
 
 
 def _responder(ros: Ros, node: str, response: RosMessage, reply: Reply) -> Callable[[str | None], None]:
-    """Return a callback that sets `success` of a response and sends it; a reason is logged."""
+    """Return a callback that sets `success` of the response and sends it; the reason of a failure is logged."""
 
     def answer(error: str | None) -> None:
         if error is not None:
@@ -295,7 +296,7 @@ def _responder(ros: Ros, node: str, response: RosMessage, reply: Reply) -> Calla
 def _one_by_one(
     items: list[Any], call_one: Callable[[int, Any, Callable[[], None]], None], done: Callable[[], object]
 ) -> None:
-    """Run the requests in order, because a node serves one transfer at a time."""
+    """Run the requests one after the other, because a node processes one SDO transfer at a time."""
 
     def go_on(number: int) -> None:
         if number == len(items):
@@ -307,7 +308,7 @@ def _one_by_one(
 
 
 def _fill(into: RosMessage, kind: str, result: SdoData | None, error: str | None) -> None:
-    """Set a ParameterValue from an object; without a value its type is not set, and the text is the reason."""
+    """Set a ParameterValue to the value of an object; after an error its type is not set and its text is the reason."""
     try:
         if result is None:
             raise ValueError(error)

@@ -1,8 +1,8 @@
 """Session of one robot in ROS, until the robot or ROS ends.
 
-Two threads. The reactor's thread owns the connection to the robot and publishes what it receives; the spinner's thread
-takes messages from ROS and passes them on through the mailbox. An error of a message, a topic or a
-controller is reported and the rest continues; only the end of the connection ends the session.
+There are two threads. The reactor's thread owns the connection to the robot and publishes the messages that it
+receives; the spinner's thread receives messages from ROS and passes them on through the mailbox. An error of a message,
+a topic or a controller is reported and the session continues; only the end of the connection ends the session.
 """
 
 from __future__ import annotations
@@ -70,18 +70,18 @@ if TYPE_CHECKING:
     Command = CommandController | TwistController
 
 
-# `/controller_manager/activity`: the lifecycle states of controllers and hardware components, whenever one changes.
+# `/controller_manager/activity`: the lifecycle states of controllers and hardware components, after every change.
 #
-# Rules (controller_manager, Jazzy): reliable and transient local, one message deep, so that later subscribers
-# get the present states at once. The stream contains the states of controllers; those of the hardware are requested
-# after an event, one request at a time.
+# Rules (controller_manager, Jazzy): reliable and transient local with a depth of one, so that later subscribers get the
+# present states at once. The state stream contains the states of the controllers; the states of the hardware are
+# requested after an event, one request at a time.
 
 
-_PERIOD_S: Final = 1.0  # of a look at the hardware, should a change have come without an event
+_PERIOD_S: Final = 1.0  # period of requests for hardware states, which may change without an event
 
 
 class Activity(Endpoint):
-    """The publisher of `controller_manager/activity`, relative to the namespace."""
+    """Publisher of `controller_manager/activity`, relative to the namespace."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros
@@ -100,10 +100,10 @@ class Activity(Endpoint):
         self._changed = True
 
     def on_state(self, state: StateSample) -> None:
-        """Request the hardware states if they may have changed."""
+        """Request the hardware states after a change or an event, and once per second."""
         self._time = state.time
         controllers = dict(state.controllers)
-        # a clock that was set back does not silence it
+        # requests continue after the clock was set back
         idle = (
             controllers == self._controllers and not self._changed and self._time < self._next <= self._time + _PERIOD_S
         )
@@ -140,18 +140,17 @@ class Activity(Endpoint):
         self._ros.node.destroy_publisher(self._publisher)
 
 
-# Commands on their way from ROS to the robot: the newest of each controller, at most one per cycle.
+# Transfer of commands from ROS to the robot: the newest command of each controller, at most one per cycle.
 #
-# A publisher may be as fast as it likes; what it sends in between is superseded, never queued, so
-# that the robot gets what was meant last, and gets it once per `interval_ns`. The first message after a pause leaves at
-# once.
+# A publisher may be faster than that: a new command replaces a waiting one and is never queued, so that the robot gets
+# the latest command once per `interval_ns`. The first command after a pause is sent at once.
 
 
 T = TypeVar("T")
 
 
 class Mailbox(Generic[T]):
-    """Newest value by name; `put` from any thread, `take` on the thread that is woken."""
+    """Newest value by name; `put` may be called from any thread, `take` only from the thread that `put` wakes."""
 
     def __init__(self, interval_ns: int) -> None:
         self.interval_ns = interval_ns
@@ -161,14 +160,14 @@ class Mailbox(Generic[T]):
         self._woken = False
 
     def put(self, name: str, value: T) -> bool:
-        """Store the newest value; True if the reader must be woken."""
+        """Store a value, which replaces a waiting one; return True if the reading thread must be woken."""
         with self._lock:
             self._waiting[name] = value
             wake, self._woken = not self._woken, True
             return wake
 
     def take(self, now: int) -> tuple[dict[str, T], int | None]:
-        """Return the values due now, and the time of the next (ns; None: when woken)."""
+        """Return the values due at `now`, and the time at which the next value is due; None if no value is waiting."""
         with self._lock:
             ready = {name: value for name, value in self._waiting.items() if self._due_at(name) <= now}
             for name in ready:
@@ -179,7 +178,7 @@ class Mailbox(Generic[T]):
             return ready, later
 
     def forget(self, name: str) -> None:
-        """Drop the value of a name."""
+        """Drop the waiting value of a name, and the time of its last transfer."""
         with self._lock:
             self._waiting.pop(name, None)
             self._sent.pop(name, None)
@@ -188,11 +187,11 @@ class Mailbox(Generic[T]):
         return self._sent[name] + self.interval_ns if name in self._sent else 0
 
 
-# `/robot_description`, as robot_state_publisher publishes it: the URDF, latched for later subscribers.
+# `/robot_description` as in robot_state_publisher: the URDF, transient local for later subscribers.
 
 
 class RobotDescription(Endpoint):
-    """Publisher of the description at the bridge's start; transient local."""
+    """Publisher of `robot_description`, transient local; the URDF is published once, at the start."""
 
     def __init__(self, ros: Ros, urdf: str) -> None:
         self._ros = ros
@@ -204,21 +203,20 @@ class RobotDescription(Endpoint):
         self._ros.node.destroy_publisher(self._publisher)
 
 
-# The time of ROS if it is not this computer's: with the bridge's `use_sim_time` stamps follow a `/clock` topic.
+# ROS time that differs from the system time: with `use_sim_time` of the bridge, stamps follow a `/clock` topic.
 #
-# Messages of the robot are stamped with the ROS time at which they arrived, and keep that stamp; while `/clock` stands
-# nothing new is published, before it begins the time is 0. The stamp of a command counts by its age, and one in the
-# future by how far ahead it is. Timeouts are the robot's, in its own time: a `/clock` that stands puts none off. A
-# robot that is simulated publishes `/clock` itself: with `use_sim_time` of its controller manager, or of the bridge,
-# its stamps are the simulation's, else this computer's. The stamp of a command is of the one of the two that it is
-# nearer to.
+# Messages of the robot are stamped with the ROS time at which they arrived, and keep that stamp; before the first
+# message on `/clock` the time is 0. Of the stamp of a command only the difference to the present ROS time is used.
+# Timeouts are measured by the robot in its own time, so that a stopped `/clock` does not extend them. A simulated robot
+# publishes `/clock` itself: with `use_sim_time` of its controller manager, or of the bridge, stamps are simulated time,
+# else system time. The stamp of a command is read as the one of these two times to which it is closer.
 
 
-_DIGITS = 6  # of seconds: what a time in Unix seconds can hold
+_DIGITS = 6  # decimal places of seconds: the resolution of a Unix time in a double
 
 
 def wants_sim_time(client: RobotClient) -> bool:
-    """Return whether a robot's controller manager has `use_sim_time`; False if unknown."""
+    """Return whether the robot's controller manager has `use_sim_time`; False if the request fails."""
     try:
         parameters = client.ask(GetParameters(controller=MANAGER))
     except RemoteError:
@@ -229,21 +227,21 @@ def wants_sim_time(client: RobotClient) -> bool:
 class RosTime:
     """Conversion of times between the robot and ROS.
 
-    `clock` returns ROS's time in s, None if it is this computer's; `wall` Unix seconds. Each of the two threads has its
-    own methods: `state` and `event` are the reactor's, `unix` is for both. `in_simulation`: the stamps of a simulated
-    robot are the simulation's.
+    `clock` returns the ROS time in s, None if it is the system time; `wall` returns Unix time in s. `state` and `event`
+    are for the reactor's thread, `unix` for any thread. `in_simulation` tells that the stamps of a simulated robot are
+    simulated time.
     """
 
     def __init__(self, clock: Callable[[], float | None], wall: Callable[[], float]) -> None:
         self._clock, self._wall = clock, wall
-        self._known: dict[str, tuple[float, float]] = {}  # of each controller: the robot's time, and that of ROS
+        self._known: dict[str, tuple[float, float]] = {}  # by controller: sample time, in robot and ROS time
         self.in_simulation = False
         self._simulated = False
-        self._epoch: float | None = None  # of the simulation, in Unix seconds
-        self._reached = 0.0  # by the simulation, in s
+        self._epoch: float | None = None  # start of the simulation as Unix time in s
+        self._reached = 0.0  # simulated time in s
 
     def state(self, message: StateSample) -> StateSample:
-        """Return a sample with ROS's times."""
+        """Return a state sample in which all stamps are converted to ROS time."""
         self._simulated = message.sim_time is not None
         self._epoch, self._reached = self._epoch_of(message), message.sim_time or 0.0
         if (epoch := self._epoch) is not None:
@@ -259,12 +257,12 @@ class RosTime:
         return stamped(message, now, samples=samples)
 
     def event(self, message: RobotEvent) -> RobotEvent:
-        """Return an event with ROS's time."""
+        """Return an event whose stamp is the present ROS time."""
         now = self._now() if self._epoch is None else self._reached
         return message if now is None else stamped(message, now)
 
     def unix(self, stamp: float | None) -> float | None:
-        """Return a stamp of ROS in the robot's time; None without a stamp."""
+        """Convert a stamp of ROS time to Unix time in s of the robot; None for None."""
         if stamp is not None and (epoch := self._epoch) is not None:
             wall = self._wall()
             return stamp if abs(stamp - wall) < abs(stamp - (wall - epoch)) else stamp + epoch
@@ -285,19 +283,19 @@ class RosTime:
 
 # `/clock` of a simulated robot, for programs with `use_sim_time`.
 #
-# Published only while the robot reports the time of its simulation; a real robot has no `/clock`,
-# and no publisher of one, since programs with simulated time would stop on it.
+# Published only if the robot reports simulated time; for a real robot there is not even a publisher of `/clock`,
+# because programs with simulated time would wait for its messages.
 
 
 class SimClock(Endpoint):
-    """Publisher of /clock, created with the first sample with simulated time."""
+    """Publisher of `/clock`, created with the first state sample that has simulated time."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros
         self._publisher: Any = None  # rclpy has no types
 
     def on_state(self, state: StateSample) -> None:
-        """Publish the time of a sample."""
+        """Publish the simulated time of a sample, if any."""
         seconds = state.sim_time
         if seconds is None:
             return
@@ -313,14 +311,14 @@ class SimClock(Endpoint):
 
 A = TypeVar("A")
 _JOIN_S: Final = 1.0
-_LONGEST_TOLD: Final = 500  # characters, as the robot takes them
+_LONGEST_TOLD: Final = 500  # characters, the limit of the robot's API
 _LACKING_NS: Final = 1_000_000_000
 
 
 class RosSession:
-    """Endpoints of one robot; `on_end(why)` is called once, on the loop, when the robot has ended.
+    """Endpoints of one robot; `on_end(why)` is called once, on the reactor's thread, when the robot has ended.
 
-    Its endpoints get it through the context of their node, see `node_context`.
+    The endpoints access the session through the context of their node, see `node_context`.
     """
 
     def __init__(
@@ -354,7 +352,7 @@ class RosSession:
         self._asker = self.connect()
 
     def _make_common(self, urdf: str, nodes: list[RosNode]) -> None:
-        """Create the topics of the robot as a whole; failures are reported, the others exist."""
+        """Create the endpoints of the robot as a whole; a failure is reported and skips only its endpoint."""
         options, ros = self._options, self._ros
         factories: list[Callable[[], Endpoint]] = [
             lambda: RobotDescription(ros, urdf),
@@ -384,7 +382,7 @@ class RosSession:
                 self._warn(str(error), str(error))
 
     def _of_nodes(self, nodes: list[RosNode]) -> list[Callable[[], Endpoint]]:
-        """Return the endpoints of each node, with stop verbs."""
+        """Return factories of the endpoints of the nodes: topics, services and lifecycle services."""
         ros, targets, lifecycles = self._ros, DriveTargets(), list[LifecycleServices]()
 
         def lifecycle(path: str, node: str | None = None) -> Endpoint:
@@ -403,7 +401,7 @@ class RosSession:
         return factories
 
     def open(self) -> None:
-        """Subscribe in ROS and at the robot, and begin; RemoteError."""
+        """Create the common endpoints, subscribe to the robot's stream and start the spinner; may raise RemoteError."""
         client, status = self._client, self._client.ask(GetStatus())
         self._mailbox.interval_ns = round(status.cycle.period_s * 1e9)
         self._rate = stream_rate(status.cycle, self._options.rate)
@@ -413,11 +411,11 @@ class RosSession:
         self._make_common(client.ask(GetDescription()).urdf, nodes)
         client.ask(Subscribe(state_rate=self._options.rate or self._rate, events=True))
         self._reactor.add_reader(client.fileno(), self._on_readable)
-        self._reactor.call_soon(self._on_readable)  # what came together with an answer makes no descriptor readable
+        self._reactor.call_soon(self._on_readable)  # messages received together with an answer are already buffered
         self._spinner.start()
 
     def close(self) -> bool:
-        """Close the connections to ROS and robot; False if a callback of ROS blocks. A second call does nothing."""
+        """Close all endpoints and the connections to the robot; return False if a callback of ROS blocks."""
         self._ended = True
         self._reactor.remove_reader(self._client.fileno())
         done = self._spinner.stop(_JOIN_S)
@@ -433,22 +431,22 @@ class RosSession:
     # ------------------------------------------------------------------------------------------- for endpoints
 
     def command(self, request: Command) -> None:
-        """Send the newest command of a controller, at most one per cycle; from any thread."""
+        """Send a command, replacing a waiting one to the same controller, at most once per cycle; from any thread."""
         if self._mailbox.put(request.controller, request):
             self._reactor.call_threadsafe(self._deliver)
 
     def unix(self, stamp: float | None) -> float | None:
-        """Return a stamp of ROS in Unix s of the robot's clock; from any thread."""
+        """Convert a stamp of ROS time to Unix time in s of the robot's clock; from any thread."""
         return self._time.unix(stamp)
 
     def frame(self, name: str) -> str:
-        """Return a frame name with the prefix of the robot's frames, without repeating it."""
+        """Return a frame name with the prefix of the robot's frames, unless the name already has this prefix."""
         prefix = self._options.frame_prefix
         has_it = prefix.endswith("/") and name.startswith(prefix)
         return name if has_it or not name else prefix + name
 
     def leave_out(self, interface: str) -> None:
-        """Report interfaces that ROS lacks in one sentence per second."""
+        """Report once that ROS lacks an interface, in one message for all interfaces of the same second."""
         if all(self._lacking.values()):
             self._reactor.call_later(_LACKING_NS, self._report_lacking)
         self._lacking.setdefault(interface, False)
@@ -462,16 +460,16 @@ class RosSession:
             )
 
     def warn_of(self, node: Node, key: str, text: str) -> None:
-        """Log a warning as a node, each key at most once per second; from any thread.
+        """Log a warning as `node`, at most once per second for each key; from any thread.
 
-        The robot's terminal and status show it too, because its user may not read /rosout.
+        The warning is also an event of the robot, for its terminal and status, because the user may not read /rosout.
         """
         if self._throttle.allows(key, self._reactor.now()):
             node.get_logger().warning(text)
             self.hand_over(lambda: self._publish_event(text))
 
     def _publish_event(self, text: str) -> None:
-        """Publish a sentence as an event of the robot; on the reactor's thread."""
+        """Publish a text as an event of the robot; on the reactor's thread."""
         sentence = "".join(letter if letter.isprintable() else " " for letter in f"ROS: {text}")[:_LONGEST_TOLD]
         if not self._ended:
             with contextlib.suppress(RemoteError):  # the robot has ended, which is detected elsewhere
@@ -485,9 +483,10 @@ class RosSession:
         self._reactor.call_threadsafe(function)
 
     def watch_process_data(self, watcher: object, on: bool) -> None:
-        """Subscribe to TPDO contents while they are needed; on the reactor's thread.
+        """Add or remove a watcher of TPDO contents; the robot sends them while there are watchers.
 
-        A new subscriber causes one publication of all values, which other subscribers get again.
+        Call on the reactor's thread. A new watcher causes one publication of all values, which the other watchers get
+        again.
         """
         watchers = self._process_data_watchers
         (watchers.add if on else watchers.discard)(watcher)
@@ -495,19 +494,19 @@ class RosSession:
             self._client.notify(Subscribe(state_rate=self._rate, events=True, pdos=on))
 
     def connect(self) -> ReactorClient:
-        """Return a separate connection to the robot; RemoteError if the robot has ended."""
+        """Return a new connection to the robot; RemoteError if the robot has ended."""
         path = socket_path("robot", self.robot)
         return ReactorClient(ROBOT, path, self._reactor, label=f"robot {self.robot}")
 
     def call(self, function: Callable[[], object]) -> None:
-        """Call a function on ROS's callback thread; on this thread if that has ended."""
+        """Call a function on ROS's callback thread; on the calling thread after the session has ended."""
         if self._ended:
             function()
         else:
             self._spinner.call(function)
 
     def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
-        """Send a request to the robot; `answer(result, error)` is called; both on the reactor's thread."""
+        """Send a request to the robot; this call and `answer(result, error)` run on the reactor's thread."""
         self._asker.ask(request, answer)
 
     # ------------------------------------------------------------------------------------------- robot to ROS
@@ -518,7 +517,7 @@ class RosSession:
         try:
             for message in self._client.messages(0):
                 self._on_message(message)
-        except UnreadableMessage as error:  # the next sample is read when it comes
+        except UnreadableMessage as error:  # skipped; later messages are still read
             self._warn("message", str(error))
         except RemoteError as error:
             self._end(error)
@@ -540,7 +539,7 @@ class RosSession:
     def _guarded(self, endpoint: Endpoint, action: Callable[[A], object], message: A) -> None:
         try:
             action(message)
-        except Exception as error:  # noqa: BLE001 - one topic's trouble is not the others'
+        except Exception as error:  # noqa: BLE001 - other endpoints are not affected
             name = type(endpoint).__name__
             self._warn(name, f"{name}: {type(error).__name__}: {error}")
 
@@ -548,7 +547,7 @@ class RosSession:
         return [*self._common, *(endpoint for group in self._endpoints.values() for endpoint in group)]
 
     def _follow(self, states: dict[str, str]) -> None:
-        """Create and remove topics after controllers were loaded, switched or unloaded."""
+        """Update the controllers' endpoints after controllers were loaded, switched or unloaded."""
         if states == self._published:
             return
         controllers = {controller.name: controller for controller in self._client.ask(ListControllers())}
@@ -571,7 +570,7 @@ class RosSession:
         self._report_outpaced()
 
     def _report_outpaced(self) -> None:
-        """Report once which controllers publish faster than the state stream."""
+        """Report which controllers publish faster than the state stream, if this has changed."""
         text = outpaced(self.controllers.values(), self._rate)
         if text is not None and text != self._outpaced:
             self.ask(PublishEvent(kind="ros_rate", text=f"ROS: {text}"), lambda _done, _error: None)
@@ -616,5 +615,5 @@ class RosSession:
 
 
 def _topics(controller: ControllerReading) -> tuple[object, ...]:
-    """Return the values that determine the topics of a controller."""
+    """Return the values that determine which endpoints a controller has."""
     return controller.type, controller.topic, controller.publishes

@@ -1,8 +1,8 @@
-"""The only thread for rclpy's callbacks.
+"""The only thread that runs callbacks of rclpy.
 
-An EventsExecutor where there is one, else a single-threaded one; every wait is finite, because the
-endless one of EventsExecutor.spin() is broken in the wheels (a busy loop without callbacks); never a multi-threaded
-executor, which loses messages.
+The executor is an EventsExecutor if available, else single-threaded; every wait is finite, because the endless wait of
+EventsExecutor.spin() is broken in the wheels (a busy loop without callbacks). A multi-threaded executor is never used,
+because it loses messages.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _WAIT_S: Final = 1.0
 
 
 class Spinner:
-    """Executor thread of nodes, `node` first; `on_error` receives exceptions of callbacks on that thread."""
+    """Thread that runs the callbacks of `node` and of added nodes; `on_error` gets their exceptions on this thread."""
 
     def __init__(self, node: Node, context: Context, on_error: Callable[[Exception], object]) -> None:
         self._executor = make_executor(context)
@@ -37,7 +37,7 @@ class Spinner:
         self._thread.start()
 
     def stop(self, timeout: float) -> bool:
-        """Stop; False if a callback has blocked the thread for `timeout` seconds."""
+        """Stop the thread and remove all nodes; return False if a callback blocks the thread for `timeout` s."""
         self._ending.set()
         self._end.set_result(None)
         self._executor.wake()
@@ -51,12 +51,12 @@ class Spinner:
         return True
 
     def add(self, node: Node) -> None:
-        """Add another node; from the thread that calls `stop`."""
+        """Add another node; only from the thread that calls `stop`."""
         self._nodes.append(node)
         self._executor.add_node(node)
 
     def remove(self, node: Node) -> None:
-        """Remove and destroy a node between two callbacks, or at once after the end."""
+        """Remove and destroy a node between two callbacks, or at once after `stop`."""
         self._nodes.remove(node)
 
         def end() -> None:
@@ -69,7 +69,7 @@ class Spinner:
             self.call(end)
 
     def call(self, function: Callable[[], object]) -> None:
-        """Run a function in the spinning thread, between callbacks; from any thread."""
+        """Run a function on the spinning thread, between callbacks; from any thread."""
         self._executor.create_task(function)
 
     def _run(self) -> None:
@@ -78,5 +78,5 @@ class Spinner:
                 self._executor.spin_until_future_complete(self._end, timeout_sec=_WAIT_S)
             except ExternalShutdownException:
                 return
-            except Exception as error:  # noqa: BLE001 - the error of a callback is reported, and the next one is called
+            except Exception as error:  # noqa: BLE001 - an error in a callback is reported, and spinning continues
                 self._on_error(error)

@@ -1,6 +1,6 @@
-"""Throttle of repeated log messages: a sentence once per interval, refused commands with their number.
+"""Throttle of repeated log messages: each message once per interval, refused commands with their number.
 
-This file imports no ROS.
+This module imports no ROS.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ _NUMBERS: Final = re.compile(r"[-+]?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?")
 
 
 def without_numbers(text: str) -> str:
-    """Return a sentence without its numbers, as a key for its kind."""
+    """Return a message in which numbers are replaced by "#", as a key for messages of the same kind."""
     return _NUMBERS.sub("#", text)
 
 
 class Throttle:
-    """Rate limit: `allows(key, now)` is True once per `interval_ns` for each key, and the first time."""
+    """Rate limit: `allows(key, now)` is True the first time, and then once per `interval_ns` for each key."""
 
     def __init__(self, interval_ns: int = 1_000_000_000) -> None:
         self.interval_ns = interval_ns
         self._last: dict[str, int] = {}
 
     def allows(self, key: str, now: int) -> bool:
-        """Whether the message may be logged again; `now` in ns."""
+        """Whether the message with this key may be logged at `now` in ns; if so, its interval starts."""
         last = self._last.get(key)
         if last is not None and now - last < self.interval_ns:
             return False
@@ -33,10 +33,10 @@ class Throttle:
 
 
 class Refusals:
-    """Refusals of commands by controller: reported at the start and, with their number, at the end.
+    """Refused commands by controller: the first refusal is reported, and at the end the number of refusals.
 
-    A publisher that continues while the drives are off is refused fifty times a second for one reason; another reason
-    is reported again; different numbers in a sentence are not another reason.
+    The commands of a publisher that continues while the drives are off are refused fifty times a second for the same
+    reason. A new reason is reported again; a message in which only the numbers differ is not a new reason.
     """
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class Refusals:
         self._counts: dict[str, int] = {}
 
     def answered(self, controller: str, error: str | None) -> str | None:
-        """Process the answer to a command (None: accepted); return the sentence to log, if any."""
+        """Process the answer to a command (None: accepted); return the message to log, None without one."""
         if error is None:
             count = self._counts.pop(controller, 0)
             self._reasons.pop(controller, None)

@@ -1,9 +1,8 @@
 """Topics and query service of a joint trajectory controller, in addition to its action.
 
-Rules (joint_trajectory_controller, Jazzy): `~/joint_trajectory` replaces the running trajectory, and
-a bad one is dropped with a sentence; `~/controller_state` is published with every update in the state stream;
-`~/query_state` returns the sample of the trajectory at a time; `~/speed_scaling_input` exists only with position
-commands. Different from upstream: a trajectory from the topic ends with this bridge.
+Rules (joint_trajectory_controller, Jazzy): `~/joint_trajectory` replaces the running trajectory, and an invalid message
+is dropped with a warning; `~/query_state` returns the state of the trajectory at a time; `~/speed_scaling_input` exists
+only with position commands. Different from upstream: a trajectory from the topic ends with this bridge.
 """
 
 from __future__ import annotations
@@ -38,15 +37,15 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.trajectory import TrajectoryAt
 
 
-# Conversion between trajectories of ROS and of the robot's socket, as plain numbers: this file imports no ROS.
+# Conversion of trajectories from ROS messages to messages of the API.
 #
-# Rules (trajectory_msgs, control_msgs): an empty list leaves its quantity open; a stamp of zero
-# begins at once; a tolerance of 0 is the controller's. Nonfinite numbers are detected here, since JSON has none: the
-# sentence is the same as the robot's.
+# Rules (trajectory_msgs, control_msgs): an empty list leaves its quantity unspecified; a stamp of zero starts at once;
+# a tolerance of 0 means the controller's tolerance. Numbers that are not finite are refused here, because JSON does not
+# have them, with the same message as the robot's.
 
 
 _PIECE: Final = 1000
-"""The values in one request: some 24 kB, which the robot reads in a fraction of a millisecond between two cycles."""
+"""Maximum number of values in one request: about 24 kB, which the robot reads in a fraction of a millisecond."""
 _QUANTITIES: Final = {
     "positions": "position",
     "velocities": "velocity",
@@ -56,17 +55,17 @@ _QUANTITIES: Final = {
 
 
 def seconds(duration: RosMessage) -> float:
-    """Return a Duration in seconds."""
+    """Return a builtin_interfaces/msg/Duration in s."""
     return float(duration.sec + duration.nanosec / 1e9)
 
 
 def stamp_of(trajectory: RosMessage) -> float | None:
-    """Return the start of a JointTrajectory in Unix s; None for an immediate start."""
+    """Return the start time of a JointTrajectory in s; None for an immediate start."""
     return seconds_of(trajectory.header.stamp.sec, trajectory.header.stamp.nanosec)
 
 
 def point_of(point: RosMessage) -> TrajectoryPoint:
-    """Return a JointTrajectoryPoint."""
+    """Convert a JointTrajectoryPoint message to a TrajectoryPoint."""
     return TrajectoryPoint(
         positions=list(point.positions),
         velocities=list(point.velocities),
@@ -77,7 +76,7 @@ def point_of(point: RosMessage) -> TrajectoryPoint:
 
 
 def tolerances_of(messages: Sequence[RosMessage]) -> tuple[TrajectoryTolerance, ...]:
-    """Return the tolerances of joints."""
+    """Convert JointTolerance messages; values that are not finite become 0, the controller's tolerance."""
     return tuple(
         TrajectoryTolerance(
             joint=message.name,
@@ -90,13 +89,13 @@ def tolerances_of(messages: Sequence[RosMessage]) -> tuple[TrajectoryTolerance, 
 
 
 def _finite(tolerance: float) -> float:
-    return tolerance if math.isfinite(tolerance) else 0.0  # that of the parameters, as upstream takes nan
+    return tolerance if math.isfinite(tolerance) else 0.0  # 0: the parameter's value, as upstream for nan
 
 
 def pieces_of(trajectory: RosMessage) -> Iterator[list[TrajectoryPoint]]:
-    """Yield the points of a JointTrajectory in lists, one per request, at least one.
+    """Yield the points of a JointTrajectory in lists, one list per request, at least one.
 
-    ValueError with a sentence for too many points, and for one that has something in it that is not a finite number.
+    ValueError with the reason if there are too many points, or if a point has a number that is not finite.
     """
     points = trajectory.points
     if len(points) > MAX_POINTS:
@@ -132,7 +131,7 @@ def _demand_numbers(point: TrajectoryPoint, at: int, joints: Sequence[str]) -> N
 
 
 def goal_refusal(goal: RosMessage) -> str | None:
-    """Return the reason why a goal of FollowJointTrajectory is not supported, None if it is."""
+    """Return the reason why a FollowJointTrajectory goal is not supported; None if it is supported."""
     nobody: dict[str, Callable[[], int]] = {
         "multi_dof_trajectory": lambda: len(goal.multi_dof_trajectory.points),
         "component_path_tolerance": lambda: len(goal.component_path_tolerance),
@@ -143,7 +142,7 @@ def goal_refusal(goal: RosMessage) -> str | None:
 
 
 class TrajectoryTopic(Endpoint):
-    """`~/joint_trajectory`: of messages during a transfer the newest is used."""
+    """Subscription of `~/joint_trajectory`; of messages that arrive during a transfer only the newest is sent."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller, self._topic = ros, controller.name, f"{controller.name}/joint_trajectory"
@@ -155,7 +154,7 @@ class TrajectoryTopic(Endpoint):
         )
 
     def close(self) -> None:
-        """Destroy the subscription; its trajectory ends."""
+        """Destroy the subscription and end the trajectory that was received on it."""
         self._ros.unsubscribe(self._subscription)
         self._waiting = None
         self._followed.close()
@@ -169,7 +168,7 @@ class TrajectoryTopic(Endpoint):
         message, self._waiting, self._sending = self._waiting, None, self._waiting
         if message is None:
             return
-        # of a long one a part may come to nothing, and that is not to end the one that is followed
+        # a long trajectory may fail after some pieces, which must not end the running one: it gets its own connection
         sender = self._followed if is_one_piece(message) else TrajectorySender(self._ros.connect)
         sender.send(pieces_of(message), partial(self._request, message), partial(self._on_answer, sender))
 
@@ -196,7 +195,7 @@ class TrajectoryTopic(Endpoint):
 
 
 class TrajectoryQuery(Endpoint):
-    """The service `~/query_state`."""
+    """Service `~/query_state` of a joint trajectory controller."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller.name
@@ -221,7 +220,7 @@ class TrajectoryQuery(Endpoint):
 
 
 class SpeedScalingTopic(Endpoint):
-    """Subscription of `~/speed_scaling_input`, created for controllers that command positions only."""
+    """Subscription of `~/speed_scaling_input`, created only if the controller commands positions."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller.name
@@ -231,7 +230,7 @@ class SpeedScalingTopic(Endpoint):
         self.on_controller(controller)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Subscribe once the controller is configured with positions."""
+        """Subscribe once the controller is configured with position commands."""
         if self._subscription is None and controller.interface == "position":
             self._subscription = self._ros.subscribe(self._message, self._topic, self._on_message, KEPT_DEFAULT)
 

@@ -1,4 +1,4 @@
-"""Topics and services of a simulated world: laser scans, true poses, reset and pause."""
+"""Topics and services of a simulated robot, and joint topics for another controller manager."""
 
 from __future__ import annotations
 
@@ -33,20 +33,21 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import StateSample, TruePose
 
 
-# The other end of joint_state_topic_hardware_interface: C++ controllers of another controller manager move our joints.
+# Counterpart of joint_state_topic_hardware_interface: C++ controllers of another controller manager move our joints.
 #
-# Rules (joint_state_topic_hardware_interface 1.1): JointState in both directions. A command counts for an
-# active forward controller when it holds a finite value for each of its joints in the array of its interface; a NaN,
-# which that package sends before one of its controllers is active, commands nothing. An array that is neither empty nor
-# as long as `name` cannot be assigned to joints, and the whole message is refused. Silence ends in the controller's own
-# timeout, so `trigger_joint_command_threshold` must be -1: otherwise that package is silent while nothing changes.
+# Rules (joint_state_topic_hardware_interface 1.1): JointState in both directions. A message commands an active forward
+# controller if it has a finite value for every joint of the controller in the array of the controller's interface; a
+# NaN, which that package sends before one of its controllers is active, commands nothing. An array that is neither
+# empty nor as long as `name` cannot be assigned to joints, and the whole message is refused. Without messages the
+# controller's own timeout ends the command, so `trigger_joint_command_threshold` must be -1: otherwise that package
+# sends nothing while the command does not change.
 
 
 _INTERFACES: Final = ("position", "velocity", "effort")
 
 
 class TopicHardware(Endpoint):
-    """Topics of topic_based_ros2_control for one robot."""
+    """Topics of joint_state_topic_hardware_interface: the commands and the states of a robot's joints."""
 
     def __init__(self, ros: Ros, commands: str, states: str) -> None:
         self._ros, self._topic = ros, commands
@@ -55,14 +56,14 @@ class TopicHardware(Endpoint):
         self._message = JointState()
 
     def on_state(self, state: StateSample) -> None:
-        """Publish every joint; unknown values are nan, which that package ignores."""
+        """Publish the states of all joints; unknown values are nan, which the other side ignores."""
         message = self._message
         message.header.stamp = time_message(state.time)
         message.name, message.position, message.velocity, message.effort = joint_arrays(state.joints)
         self._publisher.publish(message)
 
     def close(self) -> None:
-        """Destroy both publishers."""
+        """Destroy the subscription and the publisher."""
         self._ros.unsubscribe(self._subscription)
         self._ros.node.destroy_publisher(self._publisher)
 
@@ -85,7 +86,7 @@ class TopicHardware(Endpoint):
 
 
 def commanded(names: list[str], arrays: dict[str, list[float]]) -> dict[tuple[str, str], float]:
-    """Return the finite values by (joint, interface); ValueError if they cannot be assigned to joints."""
+    """Return the finite values by joint and interface; ValueError if the arrays cannot be assigned to joints."""
     if len(set(names)) != len(names):
         raise ValueError("a joint is named twice")
     values = {}
@@ -97,17 +98,17 @@ def commanded(names: list[str], arrays: dict[str, list[float]]) -> dict[tuple[st
     return values
 
 
-# LaserScan of the lidars of a simulated robot, on the topics of their tags (`/scan`), as mujoco_ros2_control has them.
+# LaserScan of the lidars of a simulated robot, on the topics given in their tags (`/scan`), as in mujoco_ros2_control.
 #
-# Rays are cast on request, at the lidar's rate in simulated time; a robot without a
-# lidar gets one request. While the simulation is paused nothing is published.
+# Rays are cast on request, at the lidar's rate in simulated time; a robot without a lidar gets only one request.
+# Nothing is published while the simulation is paused.
 
 
 _CLOSE_S: Final = 1e-6
 
 
 class LaserScans(Endpoint):
-    """Publishers of laser scans, each created with the first scan on its topic."""
+    """Publishers of laser scans, each created with the first scan for its topic."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros
@@ -116,14 +117,14 @@ class LaserScans(Endpoint):
         self._next_scan = 0.0  # simulated seconds of the next scan
 
     def on_state(self, state: StateSample) -> None:
-        """Request a scan if one is due."""
+        """Request the laser scans of a simulated robot when the next scan is due."""
         seconds = state.sim_time
         if seconds is None or state.sim_epoch is None or self._asking or self._none:
             return
         if seconds < self._next_scan - _CLOSE_S:
             return
         self._asking = True
-        offset = state.time - seconds  # of ROS's time from the simulation's
+        offset = state.time - seconds  # of ROS time from simulated time
 
         def answer(scans: tuple[LaserScanReading, ...] | None, error: str | None) -> None:
             self._asking, self._none = False, error is None and not scans
@@ -131,7 +132,7 @@ class LaserScans(Endpoint):
                 self._publish(scan, offset)
             if scans:
                 period = min(scan.scan_time for scan in scans)
-                next_scan = self._next_scan + period  # on its grid, unless it has fallen behind
+                next_scan = self._next_scan + period  # periodic, unless the requests have fallen behind
                 self._next_scan = next_scan if next_scan > seconds else seconds + period
             else:
                 self._next_scan = seconds + 1.0
@@ -156,15 +157,16 @@ class LaserScans(Endpoint):
             self._ros.node.destroy_publisher(publisher)
 
 
-# `ground_truth`: the true pose of the base of a simulated robot, in the frame of its odometry (PoseStamped).
+# `ground_truth`: the true pose of the base of a simulated robot, in the odometry frame (PoseStamped).
 #
-# Published for each new true pose, with its stamp, once a base controller has reported the name of its
-# odometry frame, so that RViz shows it in the same fixed frame as `odom`; a robot with an unknown true pose has no
-# publisher of it. It is not a transform: a frame has one parent, and that of the base is its odometry's.
+# Every new true pose is published with its stamp, once a base controller has reported the name of its odometry frame,
+# so that RViz shows the pose in the same fixed frame as `odom`; a robot without a known true pose has no such
+# publisher. The pose is not a transform, because a frame has one parent, and the parent of the base is the odometry
+# frame.
 
 
 class GroundTruth(Endpoint):
-    """Publisher created with the first true pose that can be compared with odometry."""
+    """Publisher of `ground_truth`, created with the first true pose that can be given in the odometry frame."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros
@@ -172,7 +174,7 @@ class GroundTruth(Endpoint):
         self._frame, self._last = "", 0.0
 
     def on_state(self, state: StateSample) -> None:
-        """Publish new samples."""
+        """Publish a new true pose in the frame of the newest odometry sample."""
         for sample in state.samples_of(OdometrySample).values():
             self._frame = sample.frame_id
         truth = state.true_pose
@@ -190,7 +192,7 @@ class GroundTruth(Endpoint):
 
 
 def pose_message(truth: TruePose, frame: str) -> PoseStamped:
-    """Return a true pose as a message in the frame of odometry."""
+    """Return a true pose as a PoseStamped message in the odometry frame `frame`."""
     message = PoseStamped()
     message.header.stamp, message.header.frame_id = time_message(truth.time), frame
     place, turn = message.pose.position, message.pose.orientation
@@ -200,12 +202,12 @@ def pose_message(truth: TruePose, frame: str) -> PoseStamped:
     return message
 
 
-# `~/set_pause`, `~/step_simulation` and `~/reset_world` of a simulated robot, as mujoco_ros2_control has them.
+# `~/set_pause`, `~/step_simulation` and `~/reset_world` of a simulated robot, as in mujoco_ros2_control.
 #
-# Names and types are upstream's (mujoco_ros2_control_msgs), on the node that runs the controllers
-# there, `ros2_control_node`, and on the plugin's own, `mujoco_ros2_control_node`. A step is a cycle of the robot here,
-# in which controllers and hardware run once; upstream it is one of the physics. They exist once the robot reports
-# the time of its simulation: a real robot has none of them.
+# Names and types are the same as upstream (mujoco_ros2_control_msgs), below the node that runs the controllers there,
+# `ros2_control_node`, and below the plugin's own node, `mujoco_ros2_control_node`. A step is a cycle of the robot here,
+# in which controllers and hardware run once; upstream it is a physics step. The services exist once the robot reports
+# simulated time; a real robot has none of them.
 
 
 _NODES: Final = ("ros2_control_node", "mujoco_ros2_control_node")
@@ -214,18 +216,18 @@ _SERVICES: Final[dict[str, tuple[str, Callable[[RosMessage], Request[Simulation]
     "step_simulation": ("StepSimulation", lambda request: StepSimulation(steps=request.steps)),
     "reset_world": ("ResetWorld", lambda request: ResetSimulation(keyframe=request.keyframe)),
 }
-"""Service -> its type, and what the robot is asked."""
+"""Service -> its type, and the function that makes the request to the robot."""
 
 
 class SimulationServices(Endpoint):
-    """Simulation services, created with the first sample with simulated time."""
+    """Simulation services, created with the first state sample that has simulated time."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros
         self._services: list[object] = []
 
     def on_state(self, state: StateSample) -> None:
-        """Serve them from the first simulated time on."""
+        """Create the services if the robot is simulated and they do not exist yet."""
         if self._services or state.sim_epoch is None:
             return
         for name, (kind, asking) in _SERVICES.items():

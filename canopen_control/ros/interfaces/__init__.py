@@ -1,8 +1,8 @@
-"""Interfaces missing in the installed ROS (tf2_msgs, controller_manager_msgs ...), created at run time.
+"""Interfaces that the installed ROS lacks (tf2_msgs, controller_manager_msgs ...), created at run time.
 
-An installed package is used, never replaced. Generated types have upstream's type hashes, so that they are compatible
-with upstream's own; before first use, a message that ROS's compiled code also has is serialised by both (`provide`),
-and any difference is refused. A class is created on its first use.
+An installed package is used and never replaced. The created types have upstream's type hashes, so that they are
+compatible with upstream's own types; before first use, a message that ROS has also as compiled code is serialised by
+both (`provide`), and any difference is an error. A class is created on its first use.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["PACKAGES", "MissingInterface", "interface", "made", "provide", "put"]
 
 PACKAGES: Final = tuple(dict.fromkeys(parts_of(name)[0] for name in DEFINITIONS))
-"""The packages that can be made."""
+"""Packages that can be created."""
 _PROBE: Final = "canopen_control_probe/msg/Header"  # std_msgs/msg/Header under another name
 _PROBED: Final = "std_msgs/msg/Header"
 
@@ -39,8 +39,8 @@ _PROBED: Final = "std_msgs/msg/Header"
 def provide(packages: Iterable[str] = PACKAGES) -> list[str]:
     """Make the missing packages importable, in any program with rclpy; return their names.
 
-    Call it before they are imported. `packages` are by default all of `PACKAGES`. CanopenError when this ROS is not
-    known, before anything is made; a package that is neither installed nor one of `PACKAGES` is a CanopenError too.
+    Call this function before the packages are imported. CanopenError, before anything is created, if a package is
+    neither installed nor in `PACKAGES`, or if the self-test fails with this ROS.
     """
     names = [packages] if isinstance(packages, str) else list(packages)
     missing = [name for name in names if name not in sys.modules and importlib.util.find_spec(name) is None]
@@ -56,7 +56,7 @@ def provide(packages: Iterable[str] = PACKAGES) -> list[str]:
 
 
 class MissingInterface(CanopenError):
-    """Interface `name` that ROS lacks, because its package has another version."""
+    """Error: this ROS installation lacks the interface `name`, because its package is absent or another version."""
 
     def __init__(self, name: str) -> None:
         super().__init__(f"this ROS has no {name}")
@@ -66,7 +66,7 @@ class MissingInterface(CanopenError):
 def interface(name: str) -> Any:  # noqa: ANN401 - a generated class, or one of ours
     """Return the class of "package/msg/Name", created if necessary.
 
-    MissingInterface when this ROS does not have it; any other CanopenError when this ROS is not known.
+    MissingInterface if this ROS does not have the interface; another CanopenError if none can be created for this ROS.
     """
     package, kind, short = parts_of(name)
     if package in PACKAGES:
@@ -78,13 +78,13 @@ def interface(name: str) -> Any:  # noqa: ANN401 - a generated class, or one of 
 
 
 def made(kind: Any, **values: object) -> Any:  # noqa: ANN401 - as above
-    """Return a message with those values for which its type has a field on this host."""
+    """Return a message with those of the values for which its type has a field in the installed ROS."""
     field_types = kind.get_fields_and_field_types()
     return kind(**{name: value for name, value in values.items() if name in field_types})
 
 
 def put(message: Any, **values: object) -> None:  # noqa: ANN401 - as above
-    """Set those values of a message for which its type has a field on this host."""
+    """Set those of the values for which the message's type has a field in the installed ROS."""
     field_types = message.get_fields_and_field_types()
     for name, value in values.items():
         if name in field_types:
@@ -92,7 +92,7 @@ def put(message: Any, **values: object) -> None:  # noqa: ANN401 - as above
 
 
 class _Factory:
-    """Factory of classes from definitions, one per process, because C keeps pointers to them."""
+    """Factory of classes from definitions; one per process, because C code keeps pointers to their type supports."""
 
     def __init__(self) -> None:
         self.registry = Registry(_shares())
@@ -102,7 +102,7 @@ class _Factory:
         self._supports: Supports | None = None
 
     def supports(self) -> Supports:
-        """Return the factory of type supports; loads ROS's libraries."""
+        """Return the factory of type supports, created on first use; this loads ROS's libraries."""
         if self._supports is None:
             from canopen_control.ros.interfaces.support import Libraries, Supports
 
@@ -110,7 +110,7 @@ class _Factory:
         return self._supports
 
     def class_of(self, name: str) -> type:
-        """Return the class of a message, installed or created."""
+        """Return the class of a message, from the installed package or created."""
         package, kind, short = parts_of(name)
         if name not in self._classes and (owner_of(name) in DEFINITIONS or name == _PROBE):
             self._classes[name] = message_class(self.registry.get(name), self.class_of, self.supports)
@@ -120,20 +120,20 @@ class _Factory:
         return interface_class
 
     def service_of(self, name: str) -> type:
-        """Return the class of a service, created once; also for the two services of an action."""
+        """Return the class of a service, created once per name; also for the two services of an action."""
         if name not in self._classes:
             parts = {part: self.class_of(f"{name}_{part}") for part in ("Request", "Response", "Event")}
             self._classes[name] = service_class(name, parts, self.supports)
         return self._classes[name]
 
     def action_of(self, name: str) -> type:
-        """Return the class of an action, created once."""
+        """Return the class of an action, created once per name."""
         if name not in self._classes:
             self._classes[name] = action_class(name, self.class_of, self.service_of, self.supports)
         return self._classes[name]
 
     def install(self, package: str) -> None:
-        """Add the modules of a package to `sys.modules`."""
+        """Add the modules of a package to `sys.modules`; their classes are created on first access."""
         top = _module(package)
         for kind, make in (("msg", self.class_of), ("srv", self.service_of), ("action", self.action_of)):
             module = _module(f"{package}.{kind}")
@@ -145,7 +145,7 @@ class _Factory:
         sys.modules[package] = top
 
     def _maker(self, prefix: str, make: Callable[[str], type]) -> Callable[[str], type]:
-        """Return the `__getattr__` of a module: the class, or AttributeError."""
+        """Return a module's `__getattr__`, which creates the class of a name or raises AttributeError."""
 
         def made(short: str) -> type:
             name = f"{prefix}/{short}"
@@ -171,7 +171,7 @@ def _factory() -> _Factory:
 
 
 def _check(factory: _Factory) -> None:
-    """Convert a message with our code and with ROS's own, in both directions; raise an error for a difference."""
+    """Convert a message with our code and with ROS's own code, in both directions; RuntimeError if they differ."""
     serialization = importlib.import_module("rclpy.serialization")
     theirs_of, ours_of = factory.class_of(_PROBED), factory.class_of(_PROBE)
     stamp = factory.class_of("builtin_interfaces/msg/Time")(sec=-12345, nanosec=67890)
@@ -188,7 +188,7 @@ def _check(factory: _Factory) -> None:
 
 
 def _shares() -> list[Path]:
-    """Return the folders in which installed packages describe themselves."""
+    """Return the `share` folders in which installed packages have their type descriptions."""
     prefixes = [field for field in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if field]
     return [Path(prefix, "share") for prefix in (*prefixes, sys.prefix)]
 

@@ -1,8 +1,9 @@
-"""C structures of rosidl's type supports for ctypes.
+"""ctypes structures of rosidl's type supports.
 
-Rules (rosidl_runtime_c, rosidl_typesupport_introspection_c, rosidl_typesupport_fastrtps_cpp of Jazzy):
-order and sizes are those of the headers; what is made here lives as long as the process, C keeps pointers to it. Behind
-the fields of a support's header stands what the functions of `callbacks.c` return for it.
+Rules (rosidl_runtime_c, rosidl_typesupport_introspection_c, rosidl_typesupport_fastrtps_cpp of Jazzy): the order and
+sizes of the fields are those of the C headers; objects that are created here are never freed, because C keeps pointers
+to them. The fields of a type support in its C header are followed by the values that the functions of `callbacks.c`
+return for this support.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ T = TypeVar("T")
 _referenced: Final[list[object]] = []
 
 SLOTS: Final = 512
-"""How many types `callbacks.c` has room for."""
+"""Maximum number of message types in `callbacks.c`."""
 
 CREATE = CFUNCTYPE(c_void_p)
 DESTROY = CFUNCTYPE(None, c_void_p)
@@ -39,54 +40,54 @@ CONVERT_TO_PY = PYFUNCTYPE(c_void_p, c_void_p)
 
 
 def keep(value: T) -> T:
-    """Keep a reference to memory that C points to."""
+    """Keep a reference to an object that C points to, and return the object."""
     _referenced.append(value)
     return value
 
 
 def address(value: Any) -> int:  # noqa: ANN401 - any ctypes object
-    """Return the address of a structure, which is kept."""
+    """Return the address of a ctypes object, and keep a reference to the object."""
     return ctypes.addressof(keep(value))
 
 
 class Bytes(Structure):
-    """rosidl_runtime_c__String, and every sequence."""
+    """C structure rosidl_runtime_c__String, which has the same layout as every rosidl sequence."""
 
     _fields_ = (("data", c_void_p), ("size", c_size_t), ("capacity", c_size_t))
 
 
 class FieldTypeDescription(Structure):
-    """type_description_interfaces/msg/FieldType."""
+    """C structure of type_description_interfaces/msg/FieldType."""
 
     _fields_ = (("type_id", c_uint8), ("capacity", c_uint64), ("string_capacity", c_uint64), ("nested", Bytes))
 
 
 class FieldDescription(Structure):
-    """type_description_interfaces/msg/Field."""
+    """C structure of type_description_interfaces/msg/Field."""
 
     _fields_ = (("name", Bytes), ("type", FieldTypeDescription), ("default_value", Bytes))
 
 
 class IndividualDescription(Structure):
-    """type_description_interfaces/msg/IndividualTypeDescription."""
+    """C structure of type_description_interfaces/msg/IndividualTypeDescription."""
 
     _fields_ = (("type_name", Bytes), ("fields", Bytes))
 
 
 class TypeDescriptionStruct(Structure):
-    """type_description_interfaces/msg/TypeDescription."""
+    """C structure of type_description_interfaces/msg/TypeDescription."""
 
     _fields_ = (("type_description", IndividualDescription), ("referenced", Bytes))
 
 
 class TypeSource(Structure):
-    """type_description_interfaces/msg/TypeSource."""
+    """C structure of type_description_interfaces/msg/TypeSource."""
 
     _fields_ = (("type_name", Bytes), ("encoding", Bytes), ("raw", Bytes))
 
 
 class Hash(Structure):
-    """rosidl_type_hash_t."""
+    """C structure rosidl_type_hash_t."""
 
     _fields_ = (("version", c_uint8), ("value", c_uint8 * 32))
 
@@ -100,13 +101,13 @@ _KINDS: Final = ("kinds", c_void_p * 3)
 
 
 class MessageSupport(Structure):
-    """rosidl_message_type_support_t."""
+    """C structure rosidl_message_type_support_t."""
 
     _fields_ = (*_pointers("identifier", "data", "handle"), *_HASHED, _KINDS)
 
 
 class ServiceSupport(Structure):
-    """rosidl_service_type_support_t."""
+    """C structure rosidl_service_type_support_t."""
 
     _fields_ = (
         *_pointers("identifier", "data", "handle", "request", "response", "event", "make_event", "remove_event"),
@@ -116,13 +117,13 @@ class ServiceSupport(Structure):
 
 
 class ActionSupport(Structure):
-    """rosidl_action_type_support_t: rcl_action reads it directly, so it has neither identifier nor handle."""
+    """C structure rosidl_action_type_support_t; rcl_action reads it directly, so there is no identifier or handle."""
 
     _fields_ = (*_pointers("send_goal", "get_result", "cancel", "feedback", "status"), *_HASHED)
 
 
 class FastCallbacks(Structure):
-    """message_type_support_callbacks_t of rosidl_typesupport_fastrtps_cpp."""
+    """C structure message_type_support_callbacks_t of rosidl_typesupport_fastrtps_cpp."""
 
     _fields_ = (
         ("namespace", c_char_p),
@@ -136,13 +137,13 @@ class FastCallbacks(Structure):
 
 
 class FastService(Structure):
-    """service_type_support_callbacks_t of rosidl_typesupport_fastrtps_cpp."""
+    """C structure service_type_support_callbacks_t of rosidl_typesupport_fastrtps_cpp."""
 
     _fields_ = (("namespace", c_char_p), ("name", c_char_p), ("request", c_void_p), ("response", c_void_p))
 
 
 class MessageMember(Structure):
-    """rosidl_typesupport_introspection_c__MessageMember; its functions are not used by rmw_fastrtps."""
+    """C structure rosidl_typesupport_introspection_c__MessageMember; rmw_fastrtps does not use its functions."""
 
     _fields_ = (
         ("name", c_char_p),
@@ -160,7 +161,7 @@ class MessageMember(Structure):
 
 
 class Members(Structure):
-    """rosidl_typesupport_introspection_c__MessageMembers."""
+    """C structure rosidl_typesupport_introspection_c__MessageMembers."""
 
     _fields_ = (
         ("namespace", c_char_p),
@@ -175,7 +176,7 @@ class Members(Structure):
 
 
 class ServiceMembers(Structure):
-    """rosidl_typesupport_introspection_c__ServiceMembers."""
+    """C structure rosidl_typesupport_introspection_c__ServiceMembers."""
 
     _fields_ = (
         ("namespace", c_char_p),
@@ -187,7 +188,7 @@ class ServiceMembers(Structure):
 
 
 class EventInfo(Structure):
-    """rosidl_service_introspection_info_t."""
+    """C structure rosidl_service_introspection_info_t."""
 
     _fields_ = (
         ("event_type", c_uint8),
@@ -199,19 +200,19 @@ class EventInfo(Structure):
 
 
 class LayoutField(Structure):
-    """struct field of `callbacks.c`."""
+    """C structure `field` of `callbacks.c`."""
 
     _fields_ = (("kind", c_uint8), ("shape", c_uint8), ("size", c_uint8), ("count", c_uint32), ("nested", c_void_p))
 
 
 class StructLayout(Structure):
-    """struct layout of `callbacks.c`."""
+    """C structure `layout` of `callbacks.c`."""
 
     _fields_ = (("count", c_size_t), ("fields", c_void_p))
 
 
 class CallbackSettings(Structure):
-    """`settings` of `callbacks.c`."""
+    """C structure of the variable `settings` of `callbacks.c`."""
 
     _fields_ = (
         ("put", c_void_p),
@@ -227,12 +228,12 @@ REMOVE_EVENT = CFUNCTYPE(c_bool, c_void_p, c_void_p)
 
 
 def string(text: str) -> Bytes:
-    """Return a text as a C string."""
+    """Return a rosidl string in UTF-8, whose memory is never freed."""
     buffer = ctypes.create_string_buffer(text.encode())
     return Bytes(address(buffer), len(buffer) - 1, len(buffer))
 
 
 def sequence(kind: type[Structure], items: list[Any]) -> Bytes:
-    """Return a sequence of structures."""
+    """Return a rosidl sequence of structures of the type `kind`, whose memory is never freed."""
     array = (kind * max(1, len(items)))(*items)
     return Bytes(address(array), len(items), len(items))

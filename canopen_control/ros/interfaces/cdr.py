@@ -1,9 +1,9 @@
-"""Messages to bytes and back: the body of a CDR message in little endian, without its header of four bytes.
+"""CDR serialisation of messages: the body in little endian, without the header of four bytes.
 
-Rules (OMG CDR, XCDR version 1, as Fast CDR writes it): a number is aligned to its own size, at most
-eight, counted from the beginning of the body; a string is its length with the final zero byte, the text, the zero; a
-sequence is its length and its elements, an array the elements alone, and the elements of an empty one are not aligned.
-What comes from the wire may be anything: a body that is too short or senseless is a ValueError, never a wrong value.
+Rules (OMG CDR, XCDR version 1, as written by Fast CDR): a number is aligned to its own size, at most eight, counted
+from the beginning of the body; a string is its length including the final zero byte, the text and the zero byte; a
+sequence is its length and its elements; an array is only its elements; an empty sequence has no alignment for elements.
+Data from the network may be anything: an invalid or short body is a ValueError, never a wrong value.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     Codec = tuple[Encoder, Decoder]
 
 
-#: struct and array codes of the numbers by type id
+#: codes of number types for the modules struct and array, by type id
 NUMBERS: Final = {2: "b", 3: "B", 4: "h", 5: "H", 6: "i", 7: "I", 8: "q", 9: "Q", 10: "f", 11: "d"}
 _BOOL: Final = 15
 _BYTE: Final = 16
@@ -32,14 +32,14 @@ _LENGTH: Final = struct.Struct("<I")
 
 
 class Codecs:
-    """Cache of codecs of structures; `class_of(name)` returns a Python class."""
+    """Cache of the encoders and decoders of structures; `class_of(name)` returns the Python class of a message."""
 
     def __init__(self, structure_of: Callable[[str], Structure], class_of: Callable[[str], type]) -> None:
         self._structure_of, self.class_of = structure_of, class_of
         self._codecs: dict[str, Codec] = {}
 
     def encode(self, name: str, message: object) -> bytes:
-        """Return the body of a message; ValueError for a field with an unsuitable value."""
+        """Return the body of a message of type `name`; ValueError if a field has an unsuitable value."""
         body = bytearray()
         try:
             self.codec(name)[0](message, body)
@@ -48,14 +48,14 @@ class Codecs:
         return bytes(body)
 
     def decode(self, name: str, body: bytes) -> Any:  # noqa: ANN401 - a message of the class of that name
-        """Return the message; ValueError if the body is invalid. Trailing bytes are ignored."""
+        """Return the message in a body; ValueError if the body is invalid. Trailing bytes are ignored."""
         try:
             return self.codec(name)[1](memoryview(body), 0)[0]
         except (struct.error, IndexError) as error:
             raise ValueError(f"not the body of a {name}: {error}") from error
 
     def codec(self, name: str) -> Codec:
-        """Return the codec of a structure."""
+        """Return the encoder and the decoder of a structure."""
         if name not in self._codecs:
             self._codecs[name] = self._make(name)
         return self._codecs[name]
@@ -100,7 +100,7 @@ class Codecs:
 
 
 def size_of(base: int) -> int:
-    """Return the size of a number, a bool or a byte in bytes, by its type id."""
+    """Return the size in bytes of a number, bool or byte by its type id."""
     return struct.calcsize(f"<{NUMBERS[base]}") if base in NUMBERS else 1
 
 
@@ -134,7 +134,7 @@ def _encode_string(value: str, body: bytearray) -> None:
 def _decode_string(body: memoryview, at: int) -> tuple[str, int]:
     length, at = _length(body, at)
     _demand(body, at, length)
-    # as rosidl_generator_py: text that is not UTF-8 is a message all the same
+    # as in rosidl_generator_py: text that is not UTF-8 does not make the message invalid
     return str(body[at : at + max(length - 1, 0)], "utf-8", "replace"), at + length
 
 

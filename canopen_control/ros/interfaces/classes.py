@@ -1,10 +1,11 @@
 """Python classes of messages, services and actions, as rclpy expects them from rosidl_generator_py.
 
-The metaclass holds the type support, created when rclpy first requests it; a message has its fields
-as attributes, None in the constructor is the default; its slots are the fields with an underscore before the name, in
-their order, and `SLOT_TYPES` their types in rosidl_parser's words, by which rosidl_runtime_py prints and fills
-messages; a service cannot be made, only its Request and Response; of an action Goal, Result and Feedback, and what
-rclpy.action sends is in its Impl. A field holds what was put in it: whether that can be sent shows when it is sent.
+The metaclass has the type support, which is created when rclpy first requests it. A message has its fields as
+attributes; None in the constructor means the default. Its slots are the field names with a leading underscore, in their
+order, and `SLOT_TYPES` are their types as objects of rosidl_parser, which rosidl_runtime_py uses to print and fill
+messages. A service class cannot be instantiated, only its Request and Response. An action class has Goal, Result and
+Feedback, and in its Impl the types that rclpy.action sends. A field accepts any value; an unsuitable value is an error
+on sending.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from canopen_control.ros.interfaces.support import Supports
 
 
-#: what rclpy looks for in a metaclass, in the order of `Capsules`
+#: attributes that rclpy reads from a metaclass, in the order of `Capsules`
 _CAPSULES: Final = (
     "_CREATE_ROS_MESSAGE",
     "_DESTROY_ROS_MESSAGE",
@@ -36,11 +37,11 @@ _SUPPORT: Final = _CAPSULES[-1]
 _IMPORT: Final = "__import_type_support__"
 _TEXT: Final = {2: "int8", 3: "uint8", 4: "int16", 5: "uint16", 6: "int32", 7: "uint32", 8: "int64", 9: "uint64",
                 10: "float", 11: "double", 15: "boolean", 16: "octet", 17: "string"}  # fmt: skip
-_EMPTY: Final[dict[int, object]] = {10: 0.0, 11: 0.0, 15: False, 16: b"\0", 17: "", 21: ""}  # any other is 0
+_EMPTY: Final[dict[int, object]] = {10: 0.0, 11: 0.0, 15: False, 16: b"\0", 17: "", 21: ""}  # all others: 0
 
 
 class _SlotTypes:
-    """`SLOT_TYPES` of a class, created on first use, because it needs ROS's parser."""
+    """Descriptor of `SLOT_TYPES`, whose value is created on first use, because it needs rosidl_parser."""
 
     def __get__(self, _message: object, owner: type[MadeMessage]) -> tuple[object, ...]:
         types = tuple(_rosidl_type(kind) for kind in owner.__field_types__)
@@ -49,7 +50,7 @@ class _SlotTypes:
 
 
 class MadeMessage:
-    """Message of a class created at run time."""
+    """Base class of all message classes that are created at run time."""
 
     __slots__ = ()
     __defaults__: ClassVar[dict[str, Callable[[], object]]] = {}
@@ -82,7 +83,10 @@ class MadeMessage:
 
 
 def message_class(structure: Structure, class_of: Callable[[str], type], supports: Callable[[], Supports]) -> type:
-    """Return the class of a structure; `class_of` returns those of nested ones, `supports` creates type supports."""
+    """Return the class of a structure.
+
+    `class_of` returns the classes of nested messages, `supports` the factory of type supports.
+    """
     package, kind, short = parts_of(structure.name)
     fields = [field for field in structure.fields if field.name != DUMMY]
 
@@ -102,12 +106,12 @@ def message_class(structure: Structure, class_of: Callable[[str], type], support
     }
     new_class: type = _metaclass(short, load)(short, (MadeMessage,), contents)
     for field in fields:
-        setattr(new_class, field.name, new_class.__dict__[f"_{field.name}"])  # the slot itself: as fast as an attribute
+        setattr(new_class, field.name, new_class.__dict__[f"_{field.name}"])  # the slot itself, without a property
     return new_class
 
 
 def service_class(name: str, parts: dict[str, type], supports: Callable[[], Supports]) -> type:
-    """Return the class of a service; `parts` are its Request, Response and Event."""
+    """Return the class of a service; `parts` are the classes of its Request, Response and Event."""
     package, kind, short = parts_of(name)
 
     def load(metaclass: Any) -> None:  # noqa: ANN401 - the metaclass below
@@ -124,9 +128,9 @@ def service_class(name: str, parts: dict[str, type], supports: Callable[[], Supp
 def action_class(
     name: str, class_of: Callable[[str], type], service_of: Callable[[str], type], supports: Callable[[], Supports]
 ) -> type:
-    """Return the class of an action; `class_of` returns its messages, `service_of` its own two services.
+    """Return the class of an action; `class_of` returns its message classes, `service_of` those of its two services.
 
-    Cancelling and the status are the same for all actions, and installed.
+    The types for cancelling and for the status are common to all actions, and are installed.
     """
     package, kind, short = parts_of(name)
     carriers = {
@@ -138,7 +142,7 @@ def action_class(
     }
 
     def load(metaclass: Any) -> None:  # noqa: ANN401 - the metaclass below
-        for part in carriers.values():  # rclpy requests only that of the action
+        for part in carriers.values():  # rclpy requests only the type support of the action
             if getattr(type(part), _SUPPORT) is None:
                 load_support = getattr(type(part), _IMPORT)
                 load_support()
@@ -192,7 +196,7 @@ def _text_of(kind: FieldType) -> str:
 
 
 def _rosidl_type(kind: FieldType) -> object:
-    """Return a type as defined by rosidl_parser."""
+    """Return a field's type as an object of rosidl_parser.definition."""
     parser = importlib.import_module("rosidl_parser.definition")
     if kind.shape is not Shape.SCALAR:
         element = _rosidl_type(FieldType(kind.base, string_capacity=kind.string_capacity, nested=kind.nested))

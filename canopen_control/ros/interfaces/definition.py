@@ -1,9 +1,10 @@
 """Parser of .msg, .srv and .action files into structures, for interfaces created at run time.
 
-Rules (rosidl): a line is `type name [default]` or `type NAME=value`; `---` parts a service and an action;
-`Header` is std_msgs', a name without a package is of the same one. An empty structure has one byte on the wire. A
-service is three messages (request, response, event) and one structure that names them. An action is three messages
-(goal, result, feedback), two services and a message that carry them with the goal's id, and one that names all six.
+Rules (rosidl): a line is `type name [default]` or `type NAME=value`; `---` separates the parts of a service or action;
+`Header` is std_msgs/msg/Header, and a type without a package belongs to the same package. An empty structure has one
+byte in CDR. A service consists of three messages (request, response, event) and a structure of these three. An action
+consists of three messages (goal, result, feedback), two services and a message that transfer them with the goal's id,
+and a structure of all six.
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ from typing import Final
 DEFINITIONS: Final[dict[str, list[str]]] = json.loads(
     Path(__file__).with_name("definitions.json").read_text(encoding="utf-8")
 )
-"""The lines of what can be made here, by full names."""
+"""Lines of the definitions of all interfaces that can be created, by full name."""
 DUMMY: Final = "structure_needs_at_least_one_member"
-"""The byte of an empty structure: on the wire, not in Python."""
+"""Field of an empty structure: one byte in CDR, not an attribute in Python."""
 NESTED: Final = 1
 STRING: Final = 17
 BOUNDED_STRING: Final = 21
-_SHAPE_STEP: Final = 48  # between the type ids of a scalar and those of its arrays
+_SHAPE_STEP: Final = 48  # difference of the type ids of a scalar and of its arrays and sequences
 
 #: type ids of type_description_interfaces/msg/FieldType
 PRIMITIVES: Final = {
@@ -38,7 +39,7 @@ _LINE: Final = re.compile(
 
 
 class Shape(enum.IntEnum):
-    """Multiplicity of a field."""
+    """Kind of a field: a scalar, an array, or a sequence with or without an upper bound."""
 
     SCALAR = 0
     ARRAY = 1
@@ -48,7 +49,7 @@ class Shape(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class FieldType:
-    """Type of a field: `base` is the id of the scalar, `nested` the full name of a structure."""
+    """Type of a field: `base` is the type id of the scalar, `nested` the full name of a structure or ""."""
 
     base: int
     shape: Shape = Shape.SCALAR
@@ -58,19 +59,19 @@ class FieldType:
 
     @property
     def type_id(self) -> int:
-        """The id in a type description."""
+        """Id of the type in a type description."""
         return self.base + _SHAPE_STEP * self.shape
 
     @classmethod
     def of_id(cls, type_id: int, capacity: int, string_capacity: int, nested: str) -> FieldType:
-        """Return the type with this id in a type description."""
+        """Return the field type for an id in a type description."""
         shape = (type_id - 1) // _SHAPE_STEP
         return cls(type_id - _SHAPE_STEP * shape, Shape(shape), capacity, string_capacity, nested)
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """Field of a structure; `default` is None for zero, empty or false."""
+    """Field of a structure; `default` is None if it is zero, empty or false."""
 
     name: str
     type: FieldType
@@ -79,7 +80,7 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class Structure:
-    """Message, or the structure of a service; `name` is "package/msg/Name"."""
+    """Message, or the structure that describes a service or an action; `name` is "package/msg/Name"."""
 
     name: str
     fields: tuple[Field, ...]
@@ -87,13 +88,13 @@ class Structure:
 
 
 def parts_of(name: str) -> tuple[str, str, str]:
-    """Return package, kind ("msg", "srv", "action") and short name of a full name."""
+    """Split a full name into package, kind ("msg", "srv" or "action") and short name."""
     package, kind, short = name.split("/")
     return package, kind, short
 
 
 def owner_of(name: str) -> str:
-    """Return the interface to which a structure belongs (for a message itself); names of interfaces have no "_"."""
+    """Return the interface to which a structure belongs: the full name up to the first "_" of its last part."""
     package, kind, short = parts_of(name)
     return f"{package}/{kind}/{short.partition('_')[0]}"
 
@@ -101,7 +102,7 @@ def owner_of(name: str) -> str:
 def parse(name: str, lines: list[str]) -> list[Structure]:
     """Return the structures of an interface: one for a message, four for a service, thirteen for an action.
 
-    ValueError names a bad line.
+    ValueError names an invalid line.
     """
     package, kind, _ = parts_of(name)
     if kind == "msg":

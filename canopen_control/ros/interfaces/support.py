@@ -1,12 +1,12 @@
-"""Type supports created at run time: what rclpy and rmw_fastrtps need for an interface, without a compiler.
+"""Type supports created at run time, without a compiler, as rclpy and rmw_fastrtps need them for an interface.
 
-rmw_fastrtps requests two supports of each type, fastrtps_c to serialise and introspection_c for its
-type object; both carry the same hash and description. Fast DDS calls their functions while it holds its mutexes, so
-that no Python runs there: the functions are those of `callbacks.c`, here are the constants that they need. Bytes of
-another layout are dropped there, as compiled code does it: were they refused later, rclpy would raise out of `spin`,
-and a stranger's message would end the process. rclpy itself calls the converters and what makes service events, outside
-of all locks; no exception leaves one, since what C would see then is garbage: a failure is False or NULL and a line on
-standard error.
+rmw_fastrtps requests two supports of each type, fastrtps_c to serialise and introspection_c for its type object; both
+have the same hash and description. Fast DDS calls their functions while it holds mutexes, so that they must not run
+Python: they are in `callbacks.c`, and this module makes the constants that they need. Data with another layout is
+dropped there, as by compiled code: if it were refused later, rclpy would raise an exception out of `spin`, and a
+foreign message would end the process. rclpy itself calls the converters and the functions for service events, outside
+of all locks; they never raise an exception, because C would use an undefined result: a failure is False or NULL and a
+line on standard error.
 """
 
 from __future__ import annotations
@@ -43,13 +43,12 @@ if TYPE_CHECKING:
     from canopen_control.ros.interfaces.cdr import Codecs
 
 
-# The functions and names of ROS's C libraries that a type support made at run time stands on.
+# Functions and names of ROS's C libraries that a type support created at run time uses.
 #
-# A ROS message of ours is a `std_msgs/String` in C whose text is the CDR body; so creating,
-# destroying and copying are upstream's own functions. The type supports' identifiers are compared by address and so
-# must be the libraries' own. Where in a Fast CDR object the end of its buffer stands is found by making one and
-# looking. What Fast DDS calls while it holds its mutexes is `callbacks.c`, made for each processor: see there why it is
-# not Python.
+# In C, a message of a created type is a `std_msgs/String` whose text is the CDR body; so upstream's own functions
+# create, destroy and copy messages. Identifiers of type supports are compared by address, so those of the libraries are
+# used. The offset of the end of the buffer in a Fast CDR object is found by creating an object and searching its
+# memory. The functions that Fast DDS calls while it holds mutexes are in `callbacks.c`, compiled for each processor.
 
 
 _CDR: Final = "_ZN8eprosima7fastcdr3Cdr"  # eprosima::fastcdr::Cdr
@@ -62,7 +61,7 @@ _XCDR1: Final = 1
 
 
 class Libraries:
-    """Loader of the libraries; OSError or AttributeError if one, or a function in it, is missing."""
+    """Libraries of ROS with the symbols used; OSError or AttributeError if a library or a symbol is missing."""
 
     def __init__(self) -> None:
         self._folder = _library_folder()
@@ -83,17 +82,17 @@ class Libraries:
         )
 
     def set_body(self, message: int, body: bytes) -> bool:
-        """Set the body of a C message."""
+        """Set the CDR body of the C message at this address; return False on failure."""
         return bool(self._assign(message, body, len(body)))
 
     def body_of(self, message: int) -> bytes:
-        """Return the body of a C message."""
+        """Return the CDR body of the C message at this address."""
         body = Bytes.from_address(message)
         return ctypes.string_at(body.data, body.size) if body.size else b""
 
     def _open(self, name: str) -> ctypes.CDLL:
         try:
-            return ctypes.CDLL(name)  # loaded already, or on the library path
+            return ctypes.CDLL(name)  # already loaded, or on the library path
         except OSError:
             return ctypes.CDLL(str(self._folder / name))
 
@@ -102,7 +101,7 @@ class Libraries:
 
 
 class Callbacks:
-    """Addresses of the functions in `callbacks.c`; OSError if there are none for this processor."""
+    """Functions of the compiled `callbacks.c`; OSError if there is no library for this processor."""
 
     def __init__(self, put: int, position: int, assign: int, end_offset: int) -> None:
         path = Path(__file__).with_name(f"callbacks_{platform.machine()}.so")
@@ -120,11 +119,11 @@ class Callbacks:
         self._reported, self._reported_in_all = [0] * SLOTS, 0
 
     def __getitem__(self, name: str) -> int:
-        """Return the address of a function."""
+        """Return the address of a function of `callbacks.c`."""
         return _symbol_address(self._library[name])
 
     def deserializer(self, name: str, layout: int) -> int:
-        """Return the function that deserialises a message of a new type; RuntimeError if no slot is free."""
+        """Return the address of a deserialiser for a new type; RuntimeError if all `SLOTS` are in use."""
         slot = len(self._names)
         if slot == SLOTS:
             raise RuntimeError(f"more than {SLOTS} types of messages in one process")
@@ -133,7 +132,7 @@ class Callbacks:
         return int(self._slot(slot))
 
     def newly_dropped(self) -> list[str]:
-        """Return the types whose messages were dropped for another layout since the last call."""
+        """Return the types of which messages with another layout were dropped since the last call."""
         if self._dropped_in_all.value == self._reported_in_all:
             return []
         self._reported_in_all = self._dropped_in_all.value
@@ -144,7 +143,7 @@ class Callbacks:
 
 
 def _library_folder() -> Path:
-    """Return the folder of the libraries of ROS."""
+    """Return the folder of ROS's shared libraries, found from the location of rosidl_generator_py."""
     generator = importlib.import_module("rosidl_generator_py")
     return Path(str(generator.__file__)).resolve().parents[4] / "lib"
 
@@ -159,7 +158,7 @@ def _symbol_address(function: Any) -> int:  # noqa: ANN401 - as above
 
 
 def _find_end(cdr: ctypes.CDLL, position: Any) -> int:  # noqa: ANN401 - as above
-    """Return the offset of the end pointer in a Cdr; RuntimeError unless it occurs exactly once."""
+    """Return the offset of the end pointer in a Fast CDR object; RuntimeError unless it occurs exactly once."""
     size, words = 16, 128
     raw = keep(ctypes.create_string_buffer(size))
     buffer, array = keep(ctypes.create_string_buffer(64)), keep(ctypes.create_string_buffer(words * 8))
@@ -172,15 +171,15 @@ def _find_end(cdr: ctypes.CDLL, position: Any) -> int:  # noqa: ANN401 - as abov
     return 8 * memory.index(end)
 
 
-# Type descriptions and their hashes: what two ROS programs compare before they talk.
+# Type descriptions and their hashes, which two ROS programs compare before they communicate.
 #
-# Rules (REP 2011, rosidl's RIHS01): the hash is the SHA-256 of the description as JSON with ", " and ": "
-# as separators, without default values, all referenced types sorted by name, including indirect references.
-# Descriptions of installed packages come from the JSON files that they install.
+# Rules (REP 2011, rosidl's RIHS01): the hash is the SHA-256 of the description as JSON with the separators ", " and ":
+# ", without default values, with all directly and indirectly referenced types sorted by name. Descriptions of installed
+# packages are read from the JSON files that these packages install.
 
 
 class DescribedFieldType(TypedDict):
-    """type_description_interfaces/msg/FieldType."""
+    """Fields of type_description_interfaces/msg/FieldType."""
 
     type_id: int
     capacity: int
@@ -189,28 +188,28 @@ class DescribedFieldType(TypedDict):
 
 
 class DescribedField(TypedDict):
-    """type_description_interfaces/msg/Field, without its default value."""
+    """Fields of type_description_interfaces/msg/Field, without the default value."""
 
     name: str
     type: DescribedFieldType
 
 
 class DescribedStructure(TypedDict):
-    """type_description_interfaces/msg/IndividualTypeDescription."""
+    """Fields of type_description_interfaces/msg/IndividualTypeDescription."""
 
     type_name: str
     fields: list[DescribedField]
 
 
 class TypeDescription(TypedDict):
-    """type_description_interfaces/msg/TypeDescription: dicts in this order, because they are hashed as JSON."""
+    """Fields of type_description_interfaces/msg/TypeDescription; their order matters for the hash of the JSON."""
 
     type_description: DescribedStructure
     referenced_type_descriptions: list[DescribedStructure]
 
 
 class Registry:
-    """Structures by full name: added ones, and those of installed packages below `shares`."""
+    """Structures by full name, from added definitions and from installed packages below the folders `shares`."""
 
     def __init__(self, shares: Iterable[Path] = ()) -> None:
         self._shares = list(shares)
@@ -218,16 +217,16 @@ class Registry:
         self._texts: dict[str, list[str]] = {}
 
     def add(self, definitions: Mapping[str, list[str]]) -> None:
-        """Add interfaces by their texts, as {"package/msg/Name": lines}; they are parsed on first use."""
+        """Add interfaces as {"package/msg/Name": lines of the definition}, which are parsed on first use."""
         for name, lines in definitions.items():
             self._texts[name] = lines
             for structure_name in [structure for structure in self._structures if owner_of(structure) == name]:
                 del self._structures[structure_name]
 
     def get(self, name: str) -> Structure:
-        """Return a structure; LookupError without a definition and an installed package.
+        """Return a structure; LookupError if there is no definition and no installed package with it.
 
-        ValueError names a bad line of a definition.
+        ValueError names an invalid line of a definition.
         """
         if name not in self._structures:
             owner = owner_of(name)
@@ -238,7 +237,7 @@ class Registry:
         return self._structures[name]
 
     def referenced(self, name: str) -> list[Structure]:
-        """Return every structure contained in a structure, without itself, sorted by name."""
+        """Return all structures that are nested in a structure, directly or indirectly, sorted by name."""
         names: set[str] = set()
         todo = [name]
         while todo:
@@ -248,7 +247,7 @@ class Registry:
         return [self.get(dependency) for dependency in sorted(names)]
 
     def describe(self, name: str) -> TypeDescription:
-        """Return the type description in the form of type_description_interfaces/msg/TypeDescription."""
+        """Return the type description of a structure and of all nested structures."""
         return {
             "type_description": _describe(self.get(name)),
             "referenced_type_descriptions": [_describe(structure) for structure in self.referenced(name)],
@@ -266,12 +265,12 @@ class Registry:
 
 
 def hash_of(description: TypeDescription) -> bytes:
-    """Return the 32 bytes of the RIHS01 hash."""
+    """Return the 32 bytes of the RIHS01 hash of a type description."""
     return hashlib.sha256(json.dumps(description, separators=(", ", ": ")).encode()).digest()
 
 
 def hash_text(description: TypeDescription) -> str:
-    """Return the hash as `ros2 topic info -v` prints it."""
+    """Return the hash of a type description as printed by `ros2 topic info -v`."""
     return f"RIHS01_{hash_of(description).hex()}"
 
 
@@ -306,15 +305,15 @@ def _structure(described: DescribedStructure) -> Structure:
 
 _GETTERS: Final = ("hash", "description", "sources")
 _NUMBER, _TEXT, _NESTED = range(3)  # enum kind of `callbacks.c`
-#: enum shape of `callbacks.c`: a bounded sequence looks like any other on the wire
+#: enum shape of `callbacks.c`; a bounded sequence is serialised like any other sequence
 _LAYOUT_SHAPES: Final = {Shape.SCALAR: 0, Shape.ARRAY: 1, Shape.BOUNDED_SEQUENCE: 2, Shape.SEQUENCE: 2}
-#: type ids of a description to those of rosidl_typesupport_introspection_c
+#: type ids in a type description -> type ids of rosidl_typesupport_introspection_c
 _INTROSPECTION: Final = {10: 1, 11: 2, 15: 6, 16: 7, 3: 8, 2: 9, 5: 10, 4: 11, 7: 12, 6: 13, 9: 14, 8: 15,
                          17: 16, 21: 16, NESTED: 18}  # fmt: skip
 
 
 class Capsules(NamedTuple):
-    """Content of the metaclass of a message."""
+    """Attributes of the metaclass of a message, each a PyCapsule with the address of a function or type support."""
 
     create: object
     destroy: object
@@ -324,7 +323,7 @@ class Capsules(NamedTuple):
 
 
 class _Message(NamedTuple):
-    """Addresses of a message's type supports: dispatch, Fast CDR, introspection and members."""
+    """Addresses of a message's type supports (dispatch, Fast CDR, introspection) and of its introspection members."""
 
     dispatch: int
     fast: int
@@ -333,7 +332,7 @@ class _Message(NamedTuple):
 
 
 class Supports:
-    """Cache of type supports of the structures in a registry."""
+    """Factory and cache of type supports for the structures in a registry."""
 
     def __init__(self, libraries: Libraries, registry: Registry, codecs: Codecs) -> None:
         self._libraries, self._registry, self._codecs = libraries, registry, codecs
@@ -342,7 +341,7 @@ class Supports:
         self._layouts: dict[str, int] = {}
 
     def message(self, name: str) -> Capsules:
-        """Create the type supports of a message, once per name."""
+        """Return the capsules of a message; its type supports are created once per name."""
         support = self._message(name)
         libraries, codecs = self._libraries, self._codecs
 
@@ -360,7 +359,7 @@ class Supports:
             except Exception as error:  # noqa: BLE001 - see the module's docstring
                 _complain(name, error)
                 return None
-            ctypes.pythonapi.Py_IncRef(ctypes.py_object(codec))  # the caller takes the reference over
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(codec))  # the caller owns this reference
             return id(codec)
 
         return Capsules(
@@ -429,7 +428,7 @@ class Supports:
         return _Message(dispatch, fast, introspected, members)
 
     def _introspection(self, name: str) -> tuple[int, abi.MessageSupport]:
-        """Return the addresses of a structure's members and of its introspection support."""
+        """Return the address of a structure's members, and its introspection support."""
         if name not in self._members:
             package, kind, short = parts_of(name)
             fields = [self._member(field.name, field.type) for field in self._registry.get(name).fields]
@@ -455,7 +454,7 @@ class Supports:
         )
 
     def _layout(self, name: str) -> int:
-        """Return the address of a structure's layout, against which `callbacks.c` checks messages."""
+        """Return the address of the layout of a structure, by which `callbacks.c` checks received messages."""
         if name not in self._layouts:
             fields = [self._layout_field(field.type) for field in self._registry.get(name).fields]
             array = (abi.LayoutField * max(1, len(fields)))(*fields)
@@ -479,7 +478,7 @@ class Supports:
     def _described(self, kind: str, name: str, supports: Sequence[Any]) -> list[int]:
         """Set hash, description and sources in the type supports of an interface; return their addresses.
 
-        `kind` is the structure in `callbacks.c` that they are.
+        `kind` is the name of the structure of the supports in `callbacks.c`.
         """
         description = self._registry.describe(name)
         value = (ctypes.c_uint8 * 32)(*hash_of(description))
@@ -504,7 +503,7 @@ class Supports:
     # ----------------------------------------------------------------------------------------------- service events
 
     def _event_functions(self, name: str) -> tuple[Any, Any]:
-        """Return the functions that make and remove the event of a service; without them its introspection crashes."""
+        """Return the C functions that create and destroy service events; rcl crashes without them."""
         libraries, codecs = self._libraries, self._codecs
         create, destroy = abi.CREATE(libraries.create), abi.DESTROY(libraries.destroy)
 
