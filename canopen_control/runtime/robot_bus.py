@@ -1,4 +1,4 @@
-"""One bus of a robot: its port, the master's network on it, counters, and external SYNC."""
+"""CAN bus of a robot: the port, the NMT master's network, traffic counters, and the SYNC of another producer."""
 
 from __future__ import annotations
 
@@ -24,51 +24,51 @@ if TYPE_CHECKING:
     from canopen_control.master.config import BusConfig
 
 
-# A SYNC that the kernel, or a node of the bus, sends and the cycle follows.
+# SYNC that the kernel or a node of the bus sends, and that the cycle follows.
 #
-# The kernel's SYNC is received like any frame (a frame of one socket reaches all others), and the cycle's edges are
-# placed after it (`SyncPhase`): half a period, in which the drives' answers arrive; the frames of the cycle
-# have the other half to be sent before the next SYNC, at which the drives apply them. With `sync_order: first` it is
-# an eighth, which leaves seven eighths to a process that is late. Without SYNC the cycle continues by its own
-# clock, the task is set up again, and that is reported.
+# The kernel's SYNC is received like any frame (a frame sent by one socket reaches all others), and the edges of the
+# cycle are half a period later (`SyncPhase`): the answers of the drives arrive in the first half, and the frames of
+# the cycle are sent in the second half, before the next SYNC, at which the drives apply them. With `sync_order: first`
+# the edges are an eighth of a period after SYNC, which leaves seven eighths to a process that is late. Without SYNC
+# the cycle continues by its own clock, the SYNC task is set up again, and that is reported.
 #
-# The kernel measures each period from the end of its transmission: its SYNC is slow by its own latency, some us per
-# period. That is measured from the received SYNC and subtracted from the period passed to the kernel (`_Excess`).
+# The kernel measures each period from the end of its transmission, so that its SYNC period is too long by its latency
+# of some us. The excess is measured from the received SYNCs and subtracted from the period passed to the kernel.
 
 
-_MISSED = 5  # periods without SYNC until it is set up again
+_MISSED = 5  # periods without SYNC until the task is set up again
 _RETRY_NS = 500_000_000
-_BLOCK, _BLOCKS = 64, 5  # SYNCs that are judged together, and so often before anything is changed
-_MOST_TRIMMED = 20  # this part of a period at most, and _LATENCY_US
-_LATENCY_US = 100  # beyond that it is not latency: the machine stands still at times
+_BLOCK, _BLOCKS = 64, 5  # SYNCs in a block, and blocks before a correction
+_MOST_TRIMMED = 20  # a correction is at most this fraction of a period, and _LATENCY_US
+_LATENCY_US = 100  # a larger excess is no latency, but pauses of the machine
 
 
 class SyncTask(Protocol):
-    """Sender of SYNC with its name; `correction` is the action while SYNC is missing."""
+    """Producer of SYNC on a bus, other than the cycle of this process."""
 
     @property
     def sender(self) -> str:
-        """Name of the sender of SYNC on this bus."""
+        """Name of the SYNC producer in messages."""
 
     @property
     def correction(self) -> str:
-        """Action while SYNC is missing; empty otherwise."""
+        """Text about the consequence of a missing SYNC and the remedy."""
 
     def start(self, period_us: int) -> None:
-        """Send every `period_us`, also if already running; BusError."""
+        """Start to send SYNC every `period_us`, also if already running; BusError if that fails."""
 
     def adjust(self, period_us: int) -> None:
-        """Change the period without a SYNC in between; BusError."""
+        """Change the period of a running task without an additional SYNC; BusError if that fails."""
 
     def close(self) -> None:
-        """Stop sending."""
+        """Stop to send SYNC."""
 
 
 class _Excess:
-    """Difference of the SYNC period to `period_ns`, from the earliest SYNC of each block.
+    """Measurement of the difference between the received SYNC period and `period_ns`.
 
-    A SYNC is seen late or in time, never early, so that the earliest of a block show when it was sent; the minimum of
-    several blocks counts, since a pause of the machine delays all SYNCs after it.
+    A SYNC can be received late, but never early, so that the earliest SYNC of a block shows when it was sent; the
+    minimum of several blocks counts, since a pause of the machine delays all later SYNCs.
     """
 
     __slots__ = ("_before", "_count", "_least", "_longer", "_next_check", "_period_ns")
@@ -78,13 +78,13 @@ class _Excess:
         self.restart()
 
     def restart(self) -> None:
-        """Clear the measurements."""
+        """Discard the measurements so far."""
         self._count = self._next_check = self._least = 0
         self._before: int | None = None
         self._longer: list[int] = []
 
     def receive_sync(self, now: int) -> int | None:
-        """Process a SYNC; return the excess of its period in ns once it is known, else None."""
+        """Process a SYNC received at `now`; return the excess of the period in ns after enough SYNCs, else None."""
         if not self._count:
             self._next_check = self._least = now
         self._count += 1
@@ -103,7 +103,7 @@ class _Excess:
 
 
 class NodeSync:
-    """SYNC of a node, which can only be received."""
+    """SYNC task for a SYNC that a node produces, which can only be received."""
 
     sender = "a node of the bus (sync_producer: other)"
     correction = (
@@ -111,20 +111,20 @@ class NodeSync:
     )
 
     def start(self, period_us: int) -> None:
-        """Do nothing: the node sends it."""
+        """Do nothing: the node sends SYNC."""
 
     def adjust(self, period_us: int) -> None:
         """Do nothing: the node has its own clock."""
 
     def close(self) -> None:
-        """Do nothing."""
+        """Do nothing: the node continues to send SYNC."""
 
 
 class ExternalSync:
-    """SYNC of one bus; `lead(now)` is called for each one received, None for a bus that is not followed.
+    """SYNC that another producer sends on a bus; `lead(now)`, unless None, is called for each received SYNC.
 
-    `count` is the number received; `first_wait_ns` is the additional time for the first one, which waits for the boot
-    of a node that sends it.
+    `count` is the number of received SYNCs; `first_wait_ns` is additional time until the first SYNC, for the boot of a
+    node that produces SYNC.
     """
 
     def __init__(
@@ -143,12 +143,12 @@ class ExternalSync:
         self._excess, self._trimmed_us = _Excess(period_us * 1000), 0
 
     def start(self, now: int) -> None:
-        """Start SYNC of the kernel; BusError."""
+        """Start the SYNC task and the supervision of SYNC; BusError if that fails."""
         self._begin()
         self._deadline = now + self._first_wait + self._timeout
 
     def receive_sync(self, now: int) -> None:
-        """Process a received SYNC."""
+        """Process a SYNC received at `now`, in ns."""
         self.count += 1
         self._deadline = now + self._timeout
         self._silent = False
@@ -163,16 +163,16 @@ class ExternalSync:
         self._task.start(self._period_us)
 
     def _trim(self, longer_us: int) -> None:
-        """Reduce the kernel's period by the latency it adds."""
+        """Correct the period passed to the SYNC task by a measured excess in us."""
         most = min(self._period_us // _MOST_TRIMMED, _LATENCY_US)
         trimmed = max(0, min(most, self._trimmed_us + longer_us))
         if trimmed != self._trimmed_us:
             self._trimmed_us = trimmed
-            with contextlib.suppress(BusError):  # what does not come is set up again
+            with contextlib.suppress(BusError):  # a missing SYNC is set up again later
                 self._task.adjust(self._period_us - trimmed)
 
     def tick(self, now: int) -> None:
-        """Restart SYNC every half second while none is received."""
+        """Restart the SYNC task after a timeout, every half second until a SYNC is received; report the loss once."""
         if now < self._deadline:
             return
         self._deadline = now + _RETRY_NS
@@ -187,36 +187,36 @@ class ExternalSync:
             self._report(Event(now, "sync_lost", "", f"no SYNC comes from {self._task.sender}; {why}", Level.WARNING))
 
     def close(self) -> None:
-        """Stop SYNC of the kernel; a second call does nothing."""
+        """Stop the SYNC task; a second call does nothing."""
         self._task.close()
 
 
-_LENGTH: Final = 4  # where a record holds its length
+_LENGTH: Final = 4  # position of the data length in a frame record
 _BOOT_UP: Final = bytes([NmtState.INITIALISING])
 _WINDOW_NS: Final = 1_000_000_000
-_AWAY_NS: Final = 10_000_000  # lateness of a cycle from which the frames received meanwhile are read first
+_AWAY_NS: Final = 10_000_000  # lateness of a cycle beyond which all waiting frames are read first
 _BACKLOG: Final = 100  # reads, of up to a thousand frames
-_SIMULATED_NS: Final = 250_000_000  # drives that are processes wait for a processor, as this one does
+_SIMULATED_NS: Final = 250_000_000  # virtual drives in other processes wait for a processor too
 _FAILURES: Final = (BusEventKind.BUS_OFF, BusEventKind.DOWN)
 _RETURNS: Final = (BusEventKind.ERROR_ACTIVE, BusEventKind.UP)
-_LONGEST_NS: Final = 20_000_000  # of a cycle that needs no look at the port in between
+_LONGEST_NS: Final = 20_000_000  # longest cycle in which the port need not be read
 _LOST_WHILE_SILENT: Final = ("bus_frames_lost", "while it carried nothing")
 
 
 def is_simulated(channel: str) -> bool:
-    """Return whether a channel connects only processes of this computer, without a wire."""
+    """Return whether a channel connects only processes on this computer (vcan, vxcan or `local:`)."""
     parsed = parse_channel(channel)
     virtual = parsed.kind is ChannelKind.SOCKETCAN and parsed.name.startswith(("vcan", "vxcan"))
     return virtual or parsed.kind is ChannelKind.LOCAL
 
 
 class RobotBus:
-    """Moves records between port and network; an error of the port ends the bus, never the cycle.
+    """CAN bus of a robot, which passes frame records between port and network; a port error closes the bus.
 
-    `watched`: a received frame wakes the process. Otherwise it is read at the next edge: while all nodes are ready and
-    no answer is awaited, no frame has a consequence before that, and a wake-up costs more than the cycle.
-    A heartbeat or event timer that stays away is found on an edge either way, on the same one if its time is whole
-    periods.
+    If `watched`, the reactor reads a frame as soon as it is received, else at the next edge of the cycle: while all
+    nodes are ready and no answer is awaited, no frame has an effect before the edge, and a wake-up of the process costs
+    more than the cycle. A missing heartbeat or PDO is detected at an edge in both cases, and at the same edge if the
+    timeout is a multiple of the period.
     """
 
     def __init__(
@@ -235,20 +235,20 @@ class RobotBus:
         self.network = Network(name, config, report, cycle_ns)
         self.port: Port | None = None
         self.load: float | None = None
-        self.booted_up: set[int] = set()  # node ids that sent their boot-up between `join` and `open`
+        self.booted_up: set[int] = set()  # nodes whose boot-up came between `join` and `open`
         self._reactor, self._report, self._on_lost = reactor, report, on_lost
         self._synchronous = config.master.sync_period > 0
         self._sync_with_rpdos = not config.master.sends_sync_first
         self._followed: ExternalSync | None = None
         self._by_kernel = False
-        self._syncs = 0  # heard when the last cycle's RPDOs left
+        self._syncs = 0  # received SYNCs at the time of the last cycle's RPDOs
         self._writing = False
         self._lost_frames = 0
         self._told_lost = -_WINDOW_NS
         self._carries_nothing = self._was_silent = False
         self._data_bytes = 0
         self._away_ns = cycle_ns + max(cycle_ns, _AWAY_NS)
-        self._looked_at = 0  # when no frame waited at the port
+        self._looked_at = 0  # time at which no frame waited at the port
         self.network.reader = self.network.pdo_watch.reader = self
         if is_simulated(channel):
             self.network.pdo_watch.least_ns = _SIMULATED_NS
@@ -256,21 +256,21 @@ class RobotBus:
         times = [plan.heartbeat_timeout_ns for plan in config.plans.values()]
         times += [pdo.age_limit_ns for pdo in self.network.image.inputs.values()]
         self._may_rest = cycle_ns <= _LONGEST_NS and not any(time % cycle_ns for time in times)
-        self._window: tuple[int, int] | None = None  # since when, and the bits until then
+        self._window: tuple[int, int] | None = None  # start of the measurement, and the number of bits at that time
         self._measure_at = 0
 
     @property
     def sends_sync_first(self) -> bool:
-        """Whether this master sends SYNC, before the RPDOs of the cycle."""
+        """Whether this process sends SYNC, and sends it before the RPDOs of the cycle."""
         return self._synchronous and self._followed is None and not self._sync_with_rpdos
 
     @property
     def follows_sync(self) -> bool:
-        """Whether another sender provides SYNC."""
+        """Whether the cycle follows the SYNC of the kernel or of a node."""
         return self._followed is not None
 
     def unserved_syncs(self) -> int:
-        """Return the number of external SYNCs since the last call without new RPDOs."""
+        """Return how many followed SYNCs since the last call came without new RPDOs before them."""
         if self._followed is None:
             return 0
         syncs, self._syncs = self._followed.count - self._syncs, self._followed.count
@@ -278,22 +278,22 @@ class RobotBus:
 
     @property
     def sync_words(self) -> str:
-        """Sender and timing of SYNC as text."""
+        """Text about the producer and the timing of SYNC."""
         return self.config.master.sync_words(by_kernel=self._by_kernel)
 
     def why_no_kernel_sync(self) -> str | None:
-        """Return the reason why the kernel cannot send SYNC on this SocketCAN interface, None if it can."""
+        """Return the reason why the kernel cannot send SYNC on this SocketCAN interface, None if that is possible."""
         return KernelSync(parse_channel(self.channel).name, ()).why_not()
 
     def leave_sync_to_kernel(self, lead: Callable[[int], None] | None) -> None:
-        """Leave SYNC to the kernel and call `lead(now)` for each one; before `open`, on a SocketCAN interface only."""
+        """Let the kernel send SYNC and call `lead(now)` for each SYNC; only before `open`, and only on SocketCAN."""
         sync = self.network.sync
         task = KernelSync(parse_channel(self.channel).name, [sync.frame() for _ in range(max(1, sync.overflow))])
         self._by_kernel = True
         self._follow(ExternalSync(task, self.config.master.sync_period, lead, self._report))
 
     def follow_sync(self, lead: Callable[[int], None] | None) -> None:
-        """Follow the SYNC of a node and call `lead(now)` for each one; before `open`."""
+        """Follow the SYNC that a node sends and call `lead(now)` for each SYNC; only before `open`."""
         master = self.config.master
         first_wait_ns = (master.boot_time or DEFAULT_BOOT_MS) * 1_000_000
         self._follow(ExternalSync(NodeSync(), master.sync_period, lead, self._report, first_wait_ns))
@@ -303,13 +303,13 @@ class RobotBus:
         self.network.hear_sync(sync.receive_sync)
 
     def join(self) -> None:
-        """Open the channel; BusError. Frames are ignored before `open`."""
+        """Open the channel, but evaluate only boot-up messages before `open`; BusError if opening fails."""
         if self.port is None:
             self.port = open_port(self.channel, label="master")
             self._reactor.add_reader(self.port.fileno(), self._pass_over)
 
     def open(self) -> None:
-        """Process frames of the channel from now on, opening it if necessary; BusError."""
+        """Start to process received frames, after opening the channel if necessary; BusError if that fails."""
         self.join()
         if self.port is None:
             return
@@ -321,13 +321,13 @@ class RobotBus:
         self.watch()
 
     def watch(self) -> None:
-        """Read frames as they arrive."""
+        """Let the reactor read frames as soon as they are received."""
         self.watched = True
         if self.port is not None:
             self._reactor.add_reader(self.port.fileno(), self.receive)
 
     def rest_or_watch(self) -> None:
-        """Read frames only at the edges unless an answer is awaited; for callers that cycle at edges."""
+        """Decide whether frames are read at the edges of the cycle or, if an answer is awaited, as soon as received."""
         rests = self._may_rest and self._followed is None and not self.network.waits
         if rests is not self.watched:
             return
@@ -338,13 +338,13 @@ class RobotBus:
             self._reactor.remove_reader(self.port.fileno())
 
     def _take(self) -> bytes:
-        """Return the records to send; answers to them are then read on arrival."""
+        """Return the waiting records to send; if answers are expected, watch the port for these."""
         if not self.watched and self.network.waits:
             self.watch()
         return self.network.take()
 
     def _pass_over(self) -> None:
-        """Read waiting frames only for boot-ups; report the end of the channel."""
+        """Discard waiting frames, except that boot-up messages are noted; a port error closes the bus."""
         try:
             records = b"" if self.port is None else self.port.receive()
         except BusError as error:
@@ -355,12 +355,12 @@ class RobotBus:
         )
 
     def follow_identifiers(self) -> None:
-        """Set the filter of the channel to the identifiers of the network."""
+        """Set the receive filter of the channel to the identifiers that the network needs."""
         if self.port is not None:
             set_filter(self.port, self.network.identifiers)
 
     def receive(self, edge: int | None = None) -> None:
-        """Process all waiting frames, and send the results; `edge` is their nominal time, default now."""
+        """Process all waiting frames, and send the resulting frames; `edge` is their nominal time, None for now."""
         port, network = self.port, self.network
         if port is None:
             return
@@ -377,11 +377,11 @@ class RobotBus:
                 self._send(self._take())
         for event in (
             port.events() if self.port is port else ()
-        ):  # else it was lost while sending, which has been reported
+        ):  # else the port was closed while sending, which has been reported
             self._on_bus_event(event)
 
     def tick(self, now: int) -> None:
-        """Process timers of the network's services, and send the results."""
+        """Process timeouts of the network's services, and send the resulting frames; measure load and lost frames."""
         network = self.network
         if now - self._looked_at > self._away_ns:
             self.catch_up()
@@ -401,12 +401,12 @@ class RobotBus:
             self._report_lost(port.stats.lost, now)
 
     def send_sync(self, now: int) -> None:
-        """Send SYNC separately, at the beginning of the cycle."""
+        """Send SYNC at the beginning of a cycle, before the RPDOs."""
         self._send(self.network.sync_record())
         self._sent_sync(now)
 
     def send_cycle(self, now: int) -> None:
-        """Send waiting frames, due RPDOs, and SYNC unless it was sent first."""
+        """Send waiting frames and the due RPDOs, followed by SYNC if this process sends SYNC last."""
         network = self.network
         with_sync = self._synchronous and self._sync_with_rpdos
         records = network.cycle(sync=with_sync)
@@ -416,11 +416,11 @@ class RobotBus:
 
     def _sent_sync(self, now: int) -> None:
         network, port = self.network, self.port
-        if port is not None and not port.stats.queued:  # else SYNC waits here as well
+        if port is not None and not port.stats.queued:  # else SYNC is still queued
             network.synced(now)
 
     def catch_up(self) -> None:
-        """Read all frames waiting at the port, for a process that was late."""
+        """Process all frames waiting at the port, after the process was late."""
         for _ in range(_BACKLOG):
             port = self.port
             before = port.stats.rx if port is not None else 0
@@ -429,19 +429,19 @@ class RobotBus:
                 return
 
     def send_waiting(self) -> None:
-        """Send waiting frames except process data."""
+        """Send waiting frames (NMT, SDO), but no process data."""
         self.network.changed()
         self._send(self._take())
 
     def release_nodes(self) -> None:
-        """Restore the nodes' stored communication parameters, so that they stop consuming this master's heartbeat."""
+        """Reset the communication of all nodes, so that they no longer consume the heartbeat of this master."""
         for node in self.network.nodes.values():
-            if node.config.boot.reset_communication:  # a node with `reset_communication: false` keeps its state
+            if node.config.boot.reset_communication:  # no reset with `reset_communication: false`
                 self.network.send_nmt(NmtCommand.RESET_COMMUNICATION, node.node_id)
         self.send_waiting()
 
     def close(self) -> None:
-        """Close the channel; a second call does nothing."""
+        """Stop the SYNC task and close the channel; a second call does nothing."""
         if self._followed is not None:
             self._followed.close()
         if self.port is not None:
@@ -483,7 +483,7 @@ class RobotBus:
         self._on_lost(error)
 
     def _on_bus_event(self, event: BusEvent) -> None:
-        """Report a channel event; a failed bus sets all its nodes to lost, a returned bus boots them."""
+        """Report a bus event; pass a bus failure (bus-off, interface down) or the end of the failure to the network."""
         now = self._reactor.now()
         kind = event.kind.value.replace("-", "_")
         level = Level.INFO if kind in ("up", "error_active") else Level.WARNING
@@ -496,7 +496,7 @@ class RobotBus:
             self.network.bus_back(now)
 
     def _report_lost(self, lost: int, now: int) -> None:
-        """Report lost frames with the reason, at most once a second; for a failed bus after its return."""
+        """Report lost frames with the reason, at most once a second, and not before a failed bus has recovered."""
         if now - self._told_lost < _WINDOW_NS or self._carries_nothing:
             return
         kind, why = ("bus_queue_full", "its queue was full") if not self._was_silent else _LOST_WHILE_SILENT
@@ -506,7 +506,7 @@ class RobotBus:
         self._lost_frames, self._told_lost = lost, now
 
     def _measure(self, stats: PortStats, now: int) -> None:
-        """Compute the load of the last second, without stuff bits."""
+        """Compute the bus load of the last second, without stuff bits."""
         bits = FRAME_BITS * (stats.rx + stats.tx) + 8 * self._data_bytes
         if self._window is not None and self.bitrate > 0:
             since, before = self._window

@@ -1,12 +1,12 @@
-"""Clock of a robot's controllers: this computer's, or for a simulated robot one that can be paused and stepped.
+"""Clocks of a robot: the controllers' time, which can be paused in a simulation, and the Unix time of stamps.
 
-A simulated robot without buses lives on the grid of its cycles, each a period after the last one.
-While it is paused its time stands, nothing moves and no command runs out; `step` lets a number of cycles happen, with
-the commands that are in force. To continue afterwards clears all commands: the first motion needs a newer one.
-Real drives have a time of their own, so that a robot on buses cannot be paused. Times in ns.
+The time of a simulated robot without buses advances by one period per cycle. While the simulation is paused, the time
+does not advance, nothing moves and no command times out; `step` executes a number of cycles with the present commands.
+Resuming clears all commands: only newer commands move the robot. Real drives have their own time, so that a robot on
+buses cannot be paused. All times are in ns.
 
-Stamps of commands and samples are Unix time, which may be set while the robot runs (NTP, a GPS that finds its
-satellites, a person). `WallClock` follows it; everything else counts monotonic time, which cannot be set.
+Stamps of commands and samples are Unix time, which may be set while the robot runs (by NTP, a GPS receiver or a user).
+`WallClock` follows the Unix time; everything else uses monotonic time, which cannot be set.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from canopen_control.host.reactor import Reactor
 
 
-_STEP_NS: Final = 50_000_000  # more than NTP slews away unseen, and less than any command lives
-_NOISE_NS: Final = 100_000  # smaller differences are of the measurement
+_STEP_NS: Final = 50_000_000  # more than NTP slews between checks, less than any command timeout
+_NOISE_NS: Final = 100_000  # smaller differences are measurement noise
 _LOOK_NS: Final = 100_000_000
 
 
 class WallClock:
-    """Unix time of the reactor's monotonic clock; `offset_ns` is the difference.
+    """Conversion between the reactor's monotonic time and Unix time; `offset_ns` is the difference.
 
-    A clock of virtual time has none to follow: the offset stays as it was at the start, or as `fix` sets it.
+    If the reactor runs in virtual time, `follows` is False: the offset stays as at the start, or as set by `fix`.
     """
 
     def __init__(self, now: Callable[[], int], *, follows: bool, unix: Callable[[], int] | None = None) -> None:
@@ -36,24 +36,24 @@ class WallClock:
         self._unix = time.time_ns if unix is None else unix
         self.offset_ns = self._unix() - now()
         self.look_at = 0
-        """When `look` is due again."""
+        """Monotonic time at which `look` is due again."""
         self._before: tuple[int, int] | None = (
-            None  # the offset before the clock was set back, and until when it counts
+            None  # the offset before the clock was set back, and the time until which it is used
         )
 
     def fix(self, offset_ns: int) -> None:
-        """Fix the offset."""
+        """Set a constant offset, and no longer follow the system clock."""
         self.offset_ns, self._follows = offset_ns, False
 
     def look(self, now: int) -> int:
-        """Follow the system clock, ten times a second; return its forward step in ns since the last call."""
+        """Follow the system clock if due, ten times a second; return a detected step in ns as `follow` does, else 0."""
         if now < self.look_at:
             return 0
         self.look_at = now + _LOOK_NS
         return self.follow()
 
     def follow(self) -> int:
-        """Follow the clock now; return its step in ns, negative for a step back, 0 for none."""
+        """Correct the offset by the system clock; return a step of that clock in ns, negative if set back, else 0."""
         if not self._follows:
             return 0
         before = self._now()
@@ -69,7 +69,7 @@ class WallClock:
         return moved if abs(moved) >= _STEP_NS else 0
 
     def made_at(self, unix_ns: int) -> int:
-        """Return the creation time of a stamp; a future stamp may date from before the clock was set back."""
+        """Convert a Unix stamp to monotonic time; a future stamp may be from before the system clock was set back."""
         now = self._now()
         created_ns = unix_ns - self.offset_ns
         if created_ns > now and self._before is not None:
@@ -81,7 +81,7 @@ class WallClock:
 
 
 def step_words(moved_ns: int) -> str:
-    """Return a sentence about a change of this computer's clock and its effect on stamps."""
+    """Return a sentence about a step of this computer's clock and the effect on stamps."""
     way = "forward" if moved_ns > 0 else "back"
     return (
         f"this computer's clock was set {way} by {abs(moved_ns) / 1e9:.3f} s; stamps are judged by the new time, and "
@@ -90,17 +90,17 @@ def step_words(moved_ns: int) -> str:
 
 
 class StepRequest(Protocol):
-    """Receiver of the result of simulation steps."""
+    """Requester of simulation steps, who is notified when they are complete."""
 
     def settle(self, error: str | None) -> None:
-        """Report that the steps are complete, or why they were not."""
+        """Process the completion of the steps, or the reason `error` why they were not completed."""
         ...
 
 
 class RobotClock:
-    """Clock of one robot; a `simulated` clock advances with the robot's cycles.
+    """Clock of a robot's controllers; if `simulated`, the clock advances with the cycles and can be paused.
 
-    `edge` is the time of the newest cycle, `stood_ns` for how long it has stood so far.
+    `edge` is the time of the newest cycle, `stood_ns` is the total delay by pauses.
     """
 
     def __init__(self, reactor: Reactor, period_ns: int, *, simulated: bool) -> None:
@@ -113,37 +113,37 @@ class RobotClock:
         self._request: StepRequest | None = None
 
     def now(self) -> int:
-        """Return the time for commands and controllers."""
+        """Return the present time for commands and controllers, in ns."""
         return self.edge if self.paused or self._resumed else self._reactor.now() - self.stood_ns
 
     def of(self, now: int) -> int:
-        """Convert a time of this computer's clock to the robot's clock."""
+        """Convert a time of the reactor to the robot's clock."""
         return now - self.stood_ns
 
     @property
     def hint(self) -> str | None:
-        """Reason why the robot does not move, with the next step, in one sentence; None while time runs."""
+        """Sentence that the simulation is paused and how to resume; None while not paused."""
         return "the simulation is paused; let it go on with: canopen-control world play" if self.paused else None
 
     # -- requests of users
 
     def pause(self) -> None:
-        """Pause the clock after the present cycle; a second call does nothing."""
+        """Pause the clock from the next cycle on; a second call does nothing."""
         self.paused = True
 
     def resume(self) -> None:
-        """Resume the clock; remaining steps are dropped."""
+        """Resume the paused clock; the request for remaining steps fails."""
         if self.paused:
             self._end("the simulation goes on: the steps that were left are no longer wanted")
             self.paused, self._resumed, self._steps = False, True, 0
 
     def step(self, count: int, request: StepRequest) -> None:
-        """Run a number of cycles while paused; the `request` is answered after them."""
+        """Request `count` cycles while paused; `request` is notified after the last cycle, or if replaced."""
         self._end("other steps were asked for")
         self._steps, self._request = count, request
 
     def end(self) -> None:
-        """Answer pending step requests, because the robot has stopped."""
+        """Let a pending step request fail, because the robot has stopped."""
         self._end("the robot has stopped")
 
     def _end(self, error: str | None) -> None:
@@ -154,7 +154,7 @@ class RobotClock:
     # -- the cycle
 
     def take(self, edge: int) -> bool:
-        """Process an edge of this computer's clock; return whether the robot has a cycle now."""
+        """Process an edge of the pacer; return whether the robot executes a cycle now."""
         if self.paused:
             return self.take_step(edge)
         if self._resumed:
@@ -164,7 +164,7 @@ class RobotClock:
         return True
 
     def take_step(self, edge: int) -> bool:
-        """Return whether a step is pending, and count it."""
+        """Advance the clock by one period if a step is pending; return whether that was so."""
         if not self._steps:
             return False
         self._steps -= 1
@@ -173,6 +173,6 @@ class RobotClock:
         return True
 
     def report_steps(self) -> None:
-        """Answer the step request after its last cycle."""
+        """Notify the requester of steps if the last step is done."""
         if not self._steps:
             self._end(None)

@@ -1,8 +1,8 @@
-"""Files of a robot: from a folder, a bundled name, a ROS package, or three single files.
+"""Search for a robot's files in a folder, a bundled robot, a ROS package or a launch file, or by single options.
 
-A robot without drives on a bus, simulated or mocked, needs no bus.yml. A bus without controllers needs nothing else:
-neither a ros2_controllers.yaml nor a description belongs to its folder. In a ROS package the files lie in `config` or
-`config/x`, and the description in `urdf` or `urdf/x` beside that.
+A simulated or mocked robot without drives on a bus needs no bus.yml. A bus without controllers needs only a bus.yml:
+its folder has neither a ros2_controllers.yaml nor a description. In a ROS package the files are in `config` or
+`config/x`, and the description is in the package's `urdf` or `urdf/x`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from canopen_control.runtime.launch_file import Launched
 
 
-MAIN_BUS = "can"  # the name of the bus of bus.yml; that of bus_NAME.yml is NAME
+MAIN_BUS = "can"  # name of the bus in bus.yml; the bus in bus_NAME.yml is NAME
 BUS, CONTROLLERS = "bus.yml", "ros2_controllers.yaml"
 _LOOKED_AT: Final = 100_000  # characters of a file that may be a bus.yml
 _BUS_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
@@ -44,10 +44,10 @@ _YES, _NO = frozenset({"true", "1", "yes", "on"}), frozenset({"false", "0", "no"
 class AskedHardware:
     """Hardware options among the user's NAME:=VALUE, by the conventions of ros2_canopen's launch files.
 
-    `channel` is that of an argument such as can_interface_name:=can0, "" without one. `real` is the value of an
-    argument such as use_real_hardware:=true, None without one. `channel_word` and `real_word` are the arguments
-    themselves, `names` all of this kind, including those without a value. `world` is the file of an argument such as
-    world:=hall.sdf, which `world_word` is.
+    `channel` is the value of an argument such as can_interface_name:=can0, "" without such an argument. `real` is the
+    value of an argument such as use_real_hardware:=true, None without one. `world` is the file in an argument such as
+    world:=hall.sdf, "" without one. `channel_word`, `real_word` and `world_word` are these arguments in full, `names`
+    the names of all such arguments.
     """
 
     channel: str = ""
@@ -59,7 +59,7 @@ class AskedHardware:
     world_word: str = ""
 
     def channels(self, can: Sequence[str], buses: Collection[str]) -> list[str]:
-        """Return the `--can` options with the requested channel; RobotConfigError if the two contradict each other."""
+        """Return the `--can` options, or the channel of the argument; RobotConfigError for a contradiction."""
         if not self.channel:
             return list(can)
         if can:
@@ -74,14 +74,14 @@ class AskedHardware:
         return [self.channel]
 
     def is_real(self, *, option: bool) -> bool:
-        """Return whether the drives are real, by `--real` or an argument; RobotConfigError if they contradict."""
+        """Return whether real drives are requested by `--real` or an argument; RobotConfigError for a contradiction."""
         if option and self.real is False:
             raise RobotConfigError(f"{self.real_word} contradicts --real; omit one of them")
         return option or bool(self.real)
 
 
 def asked_hardware(words: Mapping[str, str]) -> AskedHardware:
-    """Return the hardware options in a user's arguments; RobotConfigError for a value other than yes or no."""
+    """Return the hardware options in a user's arguments; RobotConfigError for contradictory or invalid values."""
     channels = {name: value for name, value in words.items() if _names_channel(name, value)}
     answers = {name: says for name, value in words.items() if (says := _requests_real(name, value)) is not None}
     worlds = {name: file for name, value in words.items() if (file := _sdf_file(value))}
@@ -103,19 +103,19 @@ def asked_hardware(words: Mapping[str, str]) -> AskedHardware:
 
 
 def _sdf_file(value: str) -> str:
-    """Return the Gazebo world file in a value (hall.sdf, "-r hall.sdf"), "" for none."""
+    """Return the Gazebo world file in an argument's value (hall.sdf, "-r hall.sdf"), "" if there is none."""
     return next((word for word in value.split() if word.lower().endswith(SDF_SUFFIXES)), "")
 
 
 def _names_channel(name: str, value: str) -> bool:
-    """Whether an argument is the channel of a bus, by its name (can_interface_name) or value (can0)."""
+    """Whether an argument gives the channel of a bus, by the name (can_interface_name) or the value (can0)."""
     parts = set(name.lower().split("_"))
     named = bool(parts & _CAN_WORDS) and parts <= _CAN_WORDS | _CHANNEL_WORDS
     return bool(_CHANNEL_VALUE.fullmatch(value)) or (named and value.lower() not in _YES | _NO)
 
 
 def _requests_real(name: str, value: str) -> bool | None:
-    """Return whether an argument requests real drives (use_real_hardware, hardware:=real); None for others."""
+    """Return whether real drives are requested (use_real_hardware:=true, hardware:=real); None for other arguments."""
     parts, word = set(name.lower().split("_")), value.strip().lower()
     if word == "real":
         return True
@@ -130,12 +130,12 @@ def _requests_real(name: str, value: str) -> bool | None:
 
 @dataclass(frozen=True, slots=True)
 class RobotFiles:
-    """Three files of a robot and its name; `bus` may be absent; `more_buses` are its bus_NAME.yml by NAME.
+    """Files and name of a robot; `bus` is None for a robot without bus.yml, `more_buses` are bus_NAME.yml by NAME.
 
-    `arguments` are those of its xacro, `hardware` are the settings in the user's arguments, `idle` are arguments
-    without effect on this robot. `spawned` are the controllers that its launch file starts, `variables` the values of
-    that file's arguments, `world` the file of what stands around the robot that an argument names. Of a bus without
-    controllers the other two files are its bus.yml, which is where their mistakes stand.
+    `arguments` are the xacro arguments, `hardware` the hardware options in the user's arguments, `idle` the arguments
+    without an effect on this robot. `spawned` are the controllers that the launch file starts, `variables` the values
+    of the launch file's arguments. `world` is the Gazebo world file that an argument names. For a bus without
+    controllers, `controllers` and `description` are the path of bus.yml, so that error messages refer to that file.
     """
 
     name: str
@@ -151,28 +151,28 @@ class RobotFiles:
     world: Path | None = None
 
     def refuse_hardware(self, why: str) -> None:
-        """Raise RobotConfigError for an argument that requests an impossible channel or real drives."""
+        """Raise RobotConfigError, with the reason `why`, if an argument requests a channel or real drives."""
         word = self.hardware.channel_word or (self.hardware.real_word if self.hardware.real else "")
         if word:
             raise RobotConfigError(f"{word}: {why}; omit the argument")
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """Paths of all files."""
+        """Paths of all files of the robot."""
         return (*self.buses.values(), self.controllers, self.description)
 
     def mappings(self, *, mock: bool = False) -> dict[str, str]:
-        """Return the mappings of xacro, with the mock hardware argument if the description declares it."""
+        """Return the xacro mappings; with `mock`, also use_mock_hardware for a description that declares it."""
         return {"use_mock_hardware?": "true"} | self.arguments if mock else self.arguments
 
     @property
     def bus_alone(self) -> bool:
-        """Whether the robot is a bus without controllers and description."""
+        """Whether the robot is only a bus, without controllers and description."""
         return self.controllers == self.description == self.bus
 
     @property
     def buses(self) -> dict[str, Path]:
-        """Files of all buses by bus name."""
+        """Paths of all bus files, by bus name."""
         return ({MAIN_BUS: self.bus} if self.bus is not None else {}) | self.more_buses
 
 
@@ -187,7 +187,8 @@ def find_robot(
 ) -> RobotFiles:
     """Find the files of a robot; single options override the folder. RobotConfigError lists all missing files.
 
-    `arguments` are NAME:=VALUE, for xacro. A ROS launch file gives xacro more of them, and files that are nowhere else.
+    `arguments` are NAME:=VALUE for xacro. A ROS launch file adds arguments for xacro, and files that neither an option
+    nor the folder provides.
     """
     if config == "" or all(option is None for option in (config, bus, controllers, description, launch)):
         raise _not_given(", or its three files")
@@ -229,9 +230,9 @@ def find_robot(
 
 
 def _bus_of_description(described: Path, words: Mapping[str, str]) -> Path:
-    """Return the bus.yml named by a hardware plugin in the description (`bus_config`), as ros2_canopen reads it.
+    """Return the bus.yml named by a hardware plugin in the description (`bus_config` of ros2_canopen), else Path().
 
-    Path() if there is none. Mistakes of the description are reported where it is read for the robot.
+    Errors in the description are ignored here, and reported when the robot is read.
     """
     from canopen_control.urdf.description import DescriptionReader  # only for a robot without a bus.yml
 
@@ -248,7 +249,7 @@ def _bus_of_description(described: Path, words: Mapping[str, str]) -> Path:
 
 
 def _world(hardware: AskedHardware, launch: str | None, missing: list[str]) -> Path | None:
-    """Return the world file in an argument: relative to here, else in `worlds` of the launch file's package."""
+    """Find the world file of an argument: relative to the working directory, else in the launch file's package."""
     if not hardware.world:
         return None
     path = Path(hardware.world).expanduser()
@@ -263,7 +264,7 @@ def _world(hardware: AskedHardware, launch: str | None, missing: list[str]) -> P
 def _heeded(
     words: dict[str, str], launched: Launched | None, hardware: AskedHardware, described: Path
 ) -> dict[str, str]:
-    """Return the arguments that have an effect: of the description, and of the launch file if there is one."""
+    """Return the xacro arguments: the user's, or those of the launch file; RobotConfigError for a mistyped name."""
     if launched is None:  # the description may have an argument of that name, and need not
         return {f"{name}?" if name in hardware.names else name: value for name, value in words.items()}
     from canopen_control.runtime.launch_file import refuse_mistyped
@@ -275,9 +276,9 @@ def _heeded(
 def _refuse_missing(
     launch: str | None, launched: Launched | None, no_bus: Sequence[str], missing: Sequence[str], *, needed: bool
 ) -> NoReturn:
-    """Raise RobotConfigError for missing files, with those named by a `launch` file that was given alone.
+    """Raise RobotConfigError that lists the missing files, in other words for a `launch` file given without a folder.
 
-    If a bus is not `needed`, because another of the robot's files was found, its absence is not an error.
+    If a bus is not `needed`, because other files of the robot were found, a missing bus.yml is not listed.
     """
     lacks = [*(no_bus if needed else ()), *missing]
     if launched is not None and launch is not None:
@@ -288,7 +289,7 @@ def _refuse_missing(
 def _not_launched(
     launch: str, files: Mapping[str, Path], no_bus: Sequence[str], missing: Sequence[str]
 ) -> Iterator[str]:
-    """Return a sentence about missing files and files that a launch file without a folder does not name."""
+    """Yield texts about the files that a launch file without a folder does not name, and about other missing files."""
     for option, kind in (("--bus", "bus"), ("--controllers", "controllers"), ("--description", "description")):
         if any(text.endswith(f" or {option}") for text in (*no_bus, *missing)):
             problem = f"names {files[kind]}, which is not a file" if kind in files else f"names no {kind} file"
@@ -298,7 +299,7 @@ def _not_launched(
 
 
 def _refuse_unheeded(idle: Iterable[str]) -> None:
-    """Raise RobotConfigError for a launch file's argument that chooses the kind of drives without effect."""
+    """Raise RobotConfigError for an argument without effect whose name seems to select real or virtual drives."""
     for word in idle:
         if set(word.partition(":=")[0].lower().split("_")) & (_FAKE_WORDS | {"hardware"}):
             raise RobotConfigError(
@@ -308,7 +309,7 @@ def _refuse_unheeded(idle: Iterable[str]) -> None:
 
 
 def xacro_arguments(words: Iterable[str]) -> dict[str, str]:
-    """Read NAME:=VALUE, the last of a name counts; RobotConfigError."""
+    """Split arguments NAME:=VALUE; the last value of a name counts. RobotConfigError for any other form."""
     arguments = {}
     for word in words:
         name, is_pair, value = word.partition(":=")
@@ -319,7 +320,7 @@ def xacro_arguments(words: Iterable[str]) -> dict[str, str]:
 
 
 def find_buses(config: str | None) -> dict[str, Path]:
-    """Return the bus files of a folder or bundled robot by bus name; no other files are needed."""
+    """Return the bus files of a robot's folder, by bus name; other files are not required. RobotConfigError."""
     if not config:
         raise _not_given()
     missing: list[str] = []
@@ -338,7 +339,7 @@ def _not_given(or_else: str = "") -> RobotConfigError:
 
 
 def _folder(config: str) -> Path:
-    """Return the folder for a user's word: a path, a bundled robot, a ROS package, or a folder in a package."""
+    """Find the folder that a user names: a path, a bundled robot, a ROS package, or a folder in a ROS package."""
     path = Path(config).expanduser()
     if path.is_dir():
         return path
@@ -360,7 +361,7 @@ def _folder(config: str) -> Path:
 
 
 def find_launch(text: str) -> Path:
-    """Return the launch file for a user's word: a path, else one in a ROS package; it may not exist."""
+    """Return the launch file that a user names: an existing path, PACKAGE/FILE in a ROS package, else the path."""
     path = Path(text).expanduser()
     package, _, rest = text.partition("/")
     inside = () if path.is_file() else (package_folder / rest for package_folder in installed_packages(package))
@@ -368,7 +369,7 @@ def find_launch(text: str) -> Path:
 
 
 def _launched(launch: str | None, words: dict[str, str], obeyed: AbstractSet[str]) -> Launched | None:
-    """Return the files of a launch file with these arguments; those in `obeyed` are always used."""
+    """Read a launch file with the user's arguments; None without a launch file. Names in `obeyed` need no other use."""
     if launch is None:
         return None
     from canopen_control.runtime.launch_file import launched_robot  # most robots are run without
@@ -384,7 +385,7 @@ def _one(
     missing: list[str],
     launched: Path | None = None,
 ) -> Path:
-    """Return a file: as given, else from the folder, else from the launch file; or add it to the missing files."""
+    """Return one file: as given, else from the folder, else from the launch file; else add a text to `missing`."""
     count = len(missing)
     file = _own(path, folder, names, option, missing)
     if file == Path() and launched is not None and launched.is_file():
@@ -419,16 +420,16 @@ def _own(
 
 
 def _is_default(controllers: str | None, description: str | None, launched: Launched | None) -> bool:
-    """Whether neither the user nor a launch file may select controllers or a description."""
+    """Whether neither the user nor a launch file selects controllers or a description."""
     if launched is not None and (launched.uncertainties or launched.files.keys() - {"bus"}):
         return False
     return controllers is None and description is None
 
 
 def _is_alone(folder: Path | None) -> bool:
-    """Whether a bus has neither controllers nor a description in its folder.
+    """Whether neither controllers nor a description are found for a folder, so that a bus.yml there is alone.
 
-    The description of the whole package is another robot's, where the folder is one of several in its `config`.
+    For a folder below `config` of a package, a description directly in the package's `urdf` does not count.
     """
     if folder is None:
         return True
@@ -441,7 +442,7 @@ def _is_alone(folder: Path | None) -> bool:
 
 
 def _places(folder: Path, *, described: bool) -> list[Path]:
-    """Return the folders to search for a file, in order: the given one, then those of ROS packages."""
+    """Return the folders to search for a file or description, in order: the given folder, then those of its package."""
     if not described:
         return [folder, folder / "config"]
     places = [folder, folder / "urdf"]
@@ -455,7 +456,7 @@ def _places(folder: Path, *, described: bool) -> list[Path]:
 
 
 def _elsewhere(folder: Path, names: str | Sequence[str]) -> str:
-    """Return a hint about such files in subfolders of config or urdf, from which the user must choose."""
+    """Return a hint about suitable files elsewhere in the package, from which the user must choose; "" for none."""
     if names is _DESCRIPTIONS:
         roots = [place for place in _places(folder, described=True) if place.name == "urdf"]
         folders = [path for root in roots for pattern in _DESCRIPTIONS for path in root.glob(f"*/{pattern}")]
@@ -467,7 +468,7 @@ def _elsewhere(folder: Path, names: str | Sequence[str]) -> str:
 
 
 def _is_bus(path: Path) -> bool:
-    """Whether a file looks like a bus.yml with another name: a node id in a line of its own."""
+    """Whether a file looks like a bus.yml, whatever its name, because a line contains `node_id:`."""
     try:
         return path.is_file() and bool(re.search(r"(?m)^\s+node_id\s*:", path.read_text(encoding="utf-8")[:_LOOKED_AT]))
     except (OSError, UnicodeDecodeError):
@@ -479,19 +480,19 @@ def _listed(paths: Sequence[Path]) -> str:
 
 
 def _name(folder: Path) -> str:
-    """Return the name of a robot: of its folder, or of the package of a `config` folder."""
+    """Return the name of a robot: the name of its folder, or of the parent folder if that name is `config`."""
     return folder.parent.name if folder.name == "config" else folder.name
 
 
 def _irregular(paths: Iterable[Path]) -> Iterator[str]:
-    """Yield paths other than regular files, because opening a pipe or a device could block."""
+    """Yield an error text for every path that is no regular file, because opening a pipe or a device could block."""
     for path in paths:
         if path != Path() and path.exists() and not path.is_file():
             yield f"{path} is {'a folder' if path.is_dir() else 'a pipe or a device'}, no file"
 
 
 def _more_buses(folder: Path, missing: list[str]) -> dict[str, Path]:
-    """Find the files of further buses, without copies such as bus_template.yml."""
+    """Find the files bus_NAME.yml of further buses, by NAME, without copies such as bus_template.yml."""
     files = {path.stem.removeprefix("bus_"): path for path in sorted(folder.glob("bus_*.yml"))}
     buses = {name: path for name, path in files.items() if name.lower().rpartition("_")[2] not in _COPIES}
     for name, path in buses.items():
@@ -503,6 +504,6 @@ def _more_buses(folder: Path, missing: list[str]) -> dict[str, Path]:
 
 
 def _safe(name: str) -> str:
-    """Return a name valid for a socket."""
+    """Replace the characters of a name that are not allowed in the name of a socket; at most 32 remain."""
     cleaned = "".join(letter if letter.isalnum() or letter in "_-" else "_" for letter in name if letter.isascii())
     return cleaned[:32] or "robot"

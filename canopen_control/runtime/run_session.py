@@ -1,7 +1,7 @@
-"""One run of a robot in this process: core, API, child processes and signals, from start to end.
+"""Run of a robot in this process, from start to end: core, API, child processes and signals.
 
-In every case `close` leaves no child, no socket and no lock behind;
-the stop order is ramp, disable, clients, drives, and the hub leaves by itself.
+`close` always ends all child processes and removes sockets and locks. At the end, the drives are ramped down and
+disabled, then the client processes are ended, then the virtual drives.
 """
 
 from __future__ import annotations
@@ -44,11 +44,10 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
 
 
-# The motion of `demo`: velocities, positions or a curve, until a client commands the robot.
+# The motion of the demo: velocities, positions or a curve, until a client commands the robot.
 #
-# It is a commander like any other and the humblest: the first command of anyone else ends it for good. Velocities step,
-# positions swing slowly about where the joints were, a base goes a curve; an effort, whose end cannot be predicted, is
-# not played.
+# The first command of any client ends the demo motion for good. Velocities change in steps, positions swing slowly
+# about the initial positions, a base drives a curve; efforts are not commanded, since their result is unpredictable.
 
 
 SOURCE = "demo"
@@ -58,11 +57,11 @@ _PHASES = (0, 1, -1)
 _SPEED = 10.0  # rad/s (m/s)
 _TWIST = {"linear.x": 0.2, "linear.y": 0.1, "angular.z": 0.5}  # m/s, rad/s
 _SWING = 0.25  # rad (m), each way
-_SWING_STEPS = 80  # eight seconds there and back: 0.2 rad/s at most
+_SWING_STEPS = 80  # eight seconds per cycle: 0.2 rad/s at most
 
 
 class DemoMotion:
-    """Demo motion on a controller in a loop: velocities, twists or positions, alternating in direction."""
+    """Demo motion that repeatedly commands velocities, twists or positions to a controller, in both directions."""
 
     def __init__(self, robot: RobotCore, controller: str) -> None:
         self._robot, self._controller = robot, controller
@@ -89,13 +88,13 @@ class DemoMotion:
             if values:
                 self._robot.command(self._controller, values, SOURCE)
         except ControlError:
-            return  # the controller was deactivated: there is nothing to play on
+            return  # for example, the controller is not active
         self._step += 1
 
     def _values(self) -> list[float]:
-        """Return the commands of this step, none while there is no motion."""
+        """Return the command values of the present step; [] for a controller that the demo cannot move."""
         controller = self._robot.manager.get(self._controller)
-        if controller.topic is None:  # it takes goals
+        if controller.topic is None:  # the controller accepts goals
             return []
         if axes := twist_axes_of(controller):
             return [_TWIST[axis] * _PHASES[self._step // _STEPS_EACH % len(_PHASES)] for axis in axes]
@@ -111,24 +110,24 @@ class DemoMotion:
         return [middle + swing for middle in self._middle]
 
 
-# Faults of this program while a robot runs: reported like any other event, and the robot continues.
+# Unexpected exceptions while a robot runs: each is reported as an event, and the robot continues.
 #
-# An unexpected exception is one sentence with its place, once for each place; its
-# traceback is printed with CANOPEN_CONTROL_DEBUG.
+# The event has the place in the code, and is reported once for each place. If CANOPEN_CONTROL_DEBUG is set, the
+# traceback is printed.
 
 
 _MOST_PLACES = 20
 
 
 class ProgramErrors:
-    """Handler of a reactor's `on_error`: passes an event to `report`; `now` returns the time."""
+    """Handler for a reactor's `on_error`, which reports unexpected exceptions as events to `report`."""
 
     def __init__(self, now: Callable[[], int], report: Callable[[Event], None]) -> None:
         self._now, self._report = now, report
         self._reported: set[str] = set()
 
     def __call__(self, error: BaseException) -> None:
-        """Report an exception once per place in the code."""
+        """Report an exception, unless one from the same place in the code was reported before."""
         if os.environ.get("CANOPEN_CONTROL_DEBUG"):
             traceback.print_exception(error, file=sys.stderr)
         place = _place_of(error)
@@ -149,20 +148,20 @@ def _place_of(error: BaseException) -> str:
     return f"{last.filename.rpartition('canopen_control/')[2]}:{last.lineno}"
 
 
-_BOOT_FIRST_NS = 1_000_000_000  # a usual boot is over then; the start of one more process would cost it 50 ms
-_HEARING_NS, _HEARING_TRIES = 5_000_000, 400  # a boot-up is a moment under way, on a busy machine a long one
+_BOOT_FIRST_NS = 1_000_000_000  # after a usual boot, which another process start would delay by 50 ms
+_HEARING_NS, _HEARING_TRIES = 5_000_000, 400  # waiting for boot-up messages
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """Options of a run: `drives` starts virtual drives where the channel allows it, `duration` in s.
+    """Options of a run of a robot; `duration` is in s, None without a limit.
 
-    `ros_arguments` are those of the bridge, which `ros` starts, `bridge` is one that waits already; `view` is the page
-    in a browser, from which `teleop` drives; `recorder` is the flight recorder. `realtime` is a priority of SCHED_FIFO,
-    `cpu` the processor that the robot's thread stays on. `like` is the personality of the virtual drives. `physics`:
-    the virtual drives move the robot in a world, that of a file where one is given; `plant`: the file of what hangs on
-    them otherwise.
+    `drives` starts virtual drives where the channel allows that; `like` is their personality. With `physics` they move
+    the robot in a physics simulation, in the world file `world` if given; else `plant` is their plant file, if any.
+    `ros` starts the ROS bridge with `ros_arguments`, `bridge` is its process if already started. `view` serves the web
+    page, `teleop` allows that page to drive the robot. `recorder` starts the flight recorder. `realtime` is a priority
+    of SCHED_FIFO, `cpu` the processor to which the robot's thread is bound.
     """
 
     drives: bool = True
@@ -184,7 +183,7 @@ class RunOptions:
 
 
 class RunSession(RobotObserver):
-    """One run of a robot. `run` blocks until the robot has stopped and returns why it failed, or None."""
+    """Run of a robot; `run` blocks until the robot has stopped."""
 
     def __init__(self, setup: RobotSetup, options: RunOptions, *, reactor: Reactor | None = None) -> None:
         self.setup, self.options = setup, options
@@ -231,7 +230,7 @@ class RunSession(RobotObserver):
         self.robot.observers.append(self)
 
     def start(self) -> None:
-        """Start the children, then the robot once they are ready; BusError."""
+        """Start the child processes, and the robot as soon as they are ready; CanopenError if that fails."""
         if self.realtime.text:
             self.robot.report(Event(self.reactor.now(), "realtime", "", self.realtime.text))
         self.robot.latch.report(self.reactor.now())
@@ -251,18 +250,18 @@ class RunSession(RobotObserver):
         self.supervisor.when_ready(self)
 
     def child_failed(self, text: str) -> None:
-        """End the run."""
+        """End the run, because a child process failed with the error `text`."""
         self.robot.fail(text)
 
     def children_ready(self, tries: int = _HEARING_TRIES) -> None:
-        """Boot the nodes once the child processes have written their first lines, which are not events."""
+        """Boot the nodes when all virtual drives have sent their boot-up messages, or after `tries` checks."""
         if self.robot.has_heard(self.supervisor.driven) or not tries:
             self._begin()
         else:
             self.reactor.call_later(_HEARING_NS, lambda: self.children_ready(tries - 1))
 
     def _begin(self) -> None:
-        """Boot the robot after all children have started."""
+        """Start the robot, bind the thread to its processor, and schedule the start of the web page."""
         try:
             self.robot.start()
         except CanopenError as error:
@@ -278,11 +277,11 @@ class RunSession(RobotObserver):
         self.supervisor.start_client("view", view, restarts=Restarts())
 
     def run(self) -> str | None:
-        """Run until a signal, the end of the duration, a client's request or a failure."""
+        """Run the robot until it has stopped; return the error text of a failed run, else None."""
         shutdown = self.robot.shutdown
         self.reactor.handle_signals({number: partial(shutdown, number.name) for number in _SIGNALS})
         lifeline = lifeline_fd()
-        if lifeline is not None:  # of the program that runs several robots
+        if lifeline is not None:  # the program that runs several robots started this one
             self.reactor.add_reader(lifeline, partial(self._on_orphaned, lifeline))
         self.start()
         self.reactor.run()
@@ -293,22 +292,22 @@ class RunSession(RobotObserver):
         self.robot.shutdown("the program that started it is gone")
 
     def close(self) -> None:
-        """Release everything; a second call does nothing."""
+        """End child processes and release all resources; a second call does nothing."""
         self._cleanup.close()
 
     def _take_true_pose(self, base: BasePose) -> None:
-        """Add the true pose to the odometry of the same time."""
+        """Pass a true pose, with the odometry at the same time, to the comparison of both."""
         odometry = odometry_at(self.robot.manager, base.time_ns - self.reactor.now())
         self.robot.truth.take(base, odometry, self.robot.wall_offset_ns)
 
     def stopped(self) -> None:
-        """End the process's loop."""
+        """Stop the reactor, so that `run` returns."""
         self.reactor.stop()
 
     def running(self) -> None:
-        """Start the services of a running robot: true pose, demo motion, duration."""
+        """Start the true pose query, the demo motion and the timer for the duration."""
         self._true_pose.start()
-        gc.freeze()  # what booting has made stays as well
+        gc.freeze()  # the objects created by booting stay as well
         if self.options.motion and self.setup.files.bus_alone and self.robot.joints:
             text = "nothing moves by itself on a bus without controllers: axis enable NODE, then command NODE VALUE"
             self.robot.report(Event(self.reactor.now(), "demo", "", text))
@@ -324,7 +323,7 @@ class RunSession(RobotObserver):
 
 
 def _claim(channel: str) -> int:
-    """Lock a channel for one master on this host, because two would control the same drives."""
+    """Lock a channel on this host for one NMT master; RobotConfigError if another process has the lock."""
     safe = "".join(letter if letter.isalnum() or letter in "_-" else "_" for letter in channel)
     path = runtime_dir() / f"master-{safe[:48]}.lock"
     try:

@@ -1,7 +1,7 @@
-"""Robot as described by its files, read and checked before anything is opened.
+"""Configuration of a robot, read from its files and checked before any channel is opened.
 
-All errors that can be detected before the first frame are reported here (exit code 2), and the
-three files are compared with each other.
+All errors that can be detected before the first frame are reported here (exit code 2); the three files are also
+compared with each other.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ BUS_NAME = MAIN_BUS
 
 
 def unit_quirks(bus: BusConfig, name: str) -> list[str]:
-    """Return the quirks of a node's virtual drive whose velocities, by the scales, are not position units per s.
+    """Return the quirks for a node's virtual drive whose velocity unit is not one position unit per s.
 
-    A unit that the device's dictionary names (0x60A9) is left to the drive.
+    The unit follows from the scales in bus.yml. No quirk is needed if the EDS gives the velocity unit (0x60A9).
     """
     units, od, axes = bus.nodes[name].units, bus.dictionaries[name], bus.plans[name].axes
     if any((entry := od.get(SI_UNIT_VELOCITY + offset)) and entry.value for offset in axes):
@@ -61,11 +61,11 @@ def unit_quirks(bus: BusConfig, name: str) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class RobotSetup:
-    """Parts of a robot; `channels` maps bus names to channels, `to_activate` lists controllers.
+    """Checked configuration of a robot; `channels` maps bus names to channels, `to_activate` names controllers.
 
     `sync` has the SYNC producer by the name of the bus; `kernel_sync` is True if the command line requests the kernel.
-    `unplaced` are the buses without a given channel, which are embedded ones; `world` is the file of the bodies
-    around the robot, with physics.
+    `unplaced` are the buses for which neither an option nor bus.yml gives a channel, so that a local bus is used;
+    `world` is the world file for a physics simulation.
     """
 
     name: str
@@ -88,11 +88,11 @@ class RobotSetup:
 
     @property
     def reaches_real_drives(self) -> bool:
-        """Whether real drives may move: at least one of its buses is not virtual."""
+        """Whether real drives may move: `--real` is given or a used bus is not virtual."""
         return bool(self.joined) and (self.real or not all(map(may_host_virtual_drives, self.channels.values())))
 
     def require_places(self, option: str) -> None:
-        """Raise RobotConfigError for real drives without a channel."""
+        """Raise RobotConfigError if a used bus has no given channel; `option` is the option that needs the channel."""
         if self.unplaced and self.joined:
             which = " ".join(f"--can {name}=can{at}" for at, name in enumerate(self.unplaced))
             example = "--can can0" if self.unplaced == (BUS_NAME,) else which
@@ -103,12 +103,12 @@ class RobotSetup:
 
     @property
     def uncertainties(self) -> tuple[str, ...]:
-        """Warnings about drives of a bus without controllers, with the change in bus.yml."""
+        """Warnings about nodes of a bus without controllers, with the remedy in bus.yml."""
         return tuple(default_warnings(self.buses)) if self.files.bus_alone else ()
 
     @property
     def notices(self) -> Iterator[tuple[str, Level, str]]:
-        """Events about the files at start-up: kind, level and text."""
+        """Notes and warnings about the files, as kind, level and text of events at the start."""
         yield from (("note", Level.INFO, text) for text in self.notes)
         yield from (("doubt", Level.WARNING, text) for text in self.uncertainties)
         yield from (("argument", Level.WARNING, f"{word} {_IDLE}") for word in self.files.idle)
@@ -116,34 +116,34 @@ class RobotSetup:
 
     @property
     def on_drives(self) -> bool:
-        """Whether drives, real or virtual, move the joints, regardless of the plugins in the description."""
+        """Whether an option requires real or virtual drives, regardless of the hardware plugins in the description."""
         return self.real or self.physics or self.drives
 
     @property
     def kinds(self) -> list[PluginKind]:
-        """Kind of each <ros2_control> tag."""
+        """Kinds of the hardware plugins, in the order of the <ros2_control> tags."""
         tags, real = self.description.hardware, self.on_drives
         return [kind_of(self.description, tag, mock=self.mock, real=real) for tag in tags]
 
     @property
     def joined(self) -> Mapping[str, BusConfig]:
-        """Connected buses: none if plugins simulate or mock the whole robot."""
+        """Buses that a run uses: none if plugins simulate or mock the whole robot."""
         return self.buses if self.files.bus_alone or PluginKind.CANOPEN in self.kinds else {}
 
     @property
     def bus(self) -> BusConfig:
-        """Bus of bus.yml; all others have its SYNC period."""
+        """Bus in bus.yml; all other buses have the same SYNC period."""
         return self.buses[BUS_NAME]
 
     @property
     def runs(self) -> str:
-        """Started controllers, or nodes of a bus without controllers, as text."""
+        """Names of the started controllers, or of the nodes of a bus without controllers, as text."""
         nodes = [name for bus in self.buses.values() for name in bus.nodes]
         return ", ".join(nodes if self.files.bus_alone else self.to_activate)
 
     @property
     def sync_notes(self) -> Iterator[str]:
-        """Notes on SYNC by the kernel, and on the effect of a late process on the motion of real drives."""
+        """Notes about SYNC by the kernel, or about a late SYNC of this process that disturbs real drives."""
         for name, choice in self.sync.items() if not self.mock else ():
             if choice.sender is SyncSender.KERNEL:
                 yield choice.words
@@ -152,20 +152,20 @@ class RobotSetup:
 
     @property
     def cycle_ns(self) -> int:
-        """Period of the cycle: of SYNC, else of the controllers."""
+        """Period of the control cycle in ns: the SYNC period if set, else from the controllers' update rate."""
         sync = self.bus.master.sync_period * 1000 if self.buses else 0
         return sync or 1_000_000_000 // self.controllers.update_rate
 
     @property
     def phase_ns(self) -> int:
-        """Delay of the cycle after an external SYNC: an eighth of a period, or half of it."""
+        """Delay of the cycle after a followed SYNC in ns: half a period, or an eighth with `sync_order: first`."""
         followed = (self.buses[name] for name, choice in self.sync.items() if choice.sender in _OTHERS)
         closely = any(bus.master.follows_closely for bus in followed)
         return self.cycle_ns // (8 if closely else 2)
 
     @property
     def update_rate(self) -> int:
-        """Maximum update rate of controllers in Hz: the manager's update_rate, at most the cycle's rate."""
+        """Update rate in Hz: the cycle rate, or update_rate of the controller manager if given and lower."""
         cycle = max(1, round(1e9 / self.cycle_ns))
         return min(self.controllers.update_rate, cycle) if "update_rate" in self.controllers.manager_lines else cycle
 
@@ -192,14 +192,14 @@ def read_robot(
     world: Path | None = None,
     reader: DescriptionReader | None = None,
 ) -> RobotSetup:
-    """Read and check all three files; raises a ConfigError.
+    """Read and check the files of a robot; ConfigError lists the errors.
 
-    `mock` and `real` overrule the hardware plugins of the description; with `strict`, suspicious settings of
-    ros2_controllers.yaml are errors; `peer_merge` lets `defaults` of bus.yml win over the nodes;
-    `allow_unsupervised` accepts drives that nothing stops when the master is lost; `kernel_sync` leaves SYNC to the
-    kernel; with `physics` virtual drives move the robot in a world, with `drives` drives replace simulation plugins;
-    `simulate` lets plugins move it in a `world`. A `reader` has begun to read the description already. The hardware
-    settings in the user's NAME:=VALUE arguments (`files.hardware`) count as `can` and `real`.
+    `mock` and `real` override the hardware plugins of the description. With `strict`, suspicious settings in
+    ros2_controllers.yaml are errors. `peer_merge` lets `defaults` in bus.yml override the nodes. `allow_unsupervised`
+    accepts drives that do not stop when the NMT master is lost. `kernel_sync` lets the kernel send SYNC. `physics` lets
+    virtual drives move the robot in a physics simulation; `drives` replaces simulation plugins by drives; `simulate`
+    lets the simulation plugins move the robot, in the `world` if given. A `reader` has started to read the description
+    already. The hardware options in the user's arguments (`files.hardware`) have the effect of `can` and `real`.
     """
     name = name or files.name
     real = files.hardware.is_real(option=real)
@@ -232,7 +232,7 @@ def _contents(
     strict: bool,
     real: bool,
 ) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile, tuple[str, ...]]:
-    """Return the contents of the files, with controllers of free drives, and the names of those to activate."""
+    """Read all files, and add controllers for drives without a joint; also return the controllers to activate."""
     buses, written, options = _read(files, name, read, reader, mock=mock, strict=strict)
     description, control, free = _add_free_drives(files, buses, written, options, mock=mock)
     _require_bus(files, buses, description, mock=mock, real=real)
@@ -240,7 +240,7 @@ def _contents(
 
 
 def _unplaced(buses: Mapping[str, BusConfig], can: Sequence[str]) -> tuple[str, ...]:
-    """Return the buses without a channel in options and bus.yml."""
+    """Return the buses for which neither `--can` nor bus.yml gives a channel."""
     named = {name_and_channel(text)[0] or BUS_NAME for text in can}
     return tuple(name for name, bus in buses.items() if name not in named and not bus.master.channel)
 
@@ -248,7 +248,7 @@ def _unplaced(buses: Mapping[str, BusConfig], can: Sequence[str]) -> tuple[str, 
 def _read(
     files: RobotFiles, name: str, read: _ReadBuses, reader: DescriptionReader | None, *, mock: bool, strict: bool
 ) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile]:
-    """Return the buses, the description and the controllers: from the files, or the defaults of a bus alone."""
+    """Read the buses, the description and the controllers, with defaults for a bus without controllers."""
     if files.bus_alone:
         return _read_bus_alone(files, name, read, mock=mock)
     with reader or DescriptionReader(files.description, mappings=files.mappings(mock=mock)) as begun:
@@ -263,7 +263,7 @@ def _add_free_drives(
     *,
     mock: bool,
 ) -> tuple[UrdfDescription, ControllersFile, tuple[str, ...]]:
-    """Return both with the controllers of the drives without a joint added, and the names of these."""
+    """Add joints and controllers for drives without a joint; also return the names of the added controllers."""
     if files.bus_alone:
         return description, control, tuple(control.controllers)
     return (description, control, ()) if mock else with_free_drives(description, control, buses)
@@ -272,7 +272,7 @@ def _add_free_drives(
 def _read_bus_alone(
     files: RobotFiles, name: str, read: _ReadBuses, *, mock: bool
 ) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile]:
-    """Return the buses of a bus.yml without ros2_control, with default description and controllers."""
+    """Read the buses of a robot without controllers, and make a default description and controllers."""
     _refuse_for_a_bus(files, mock=mock)
     buses = read()
     description = description_of(name, str(files.bus), buses)
@@ -282,7 +282,7 @@ def _read_bus_alone(
 def _read_files(
     files: RobotFiles, read: _ReadBuses, reader: DescriptionReader, *, strict: bool
 ) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile]:
-    """Return the buses, the description and the controllers of the three files."""
+    """Read the buses, the description and the controllers from the files of a robot."""
     buses = read()  # while xacro runs
     control = read_controllers(files.controllers, strict=strict, variables=files.variables)
     return buses, add_plugin_interfaces(reader.result(), plans_of(buses)), control
@@ -305,7 +305,7 @@ def _told_by_files(
 
 
 def _refuse_for_a_bus(files: RobotFiles, *, mock: bool) -> None:
-    """Raise RobotConfigError for options without meaning on a bus without controllers."""
+    """Raise RobotConfigError for `--mock` or xacro arguments, which a bus without controllers does not support."""
     if mock:
         raise RobotConfigError(f"--mock: {files.bus} is a bus without controllers; omit the option")
     if files.arguments:
@@ -325,7 +325,7 @@ def _buses(files: RobotFiles, peer_merge: bool, allow_unsupervised: bool) -> dic
 
 
 def plans_of(buses: Mapping[str, BusConfig]) -> list[NodePlan]:
-    """Return the plans of all nodes of a robot."""
+    """Return the plans of all nodes on all buses."""
     return [plan for bus in buses.values() for plan in bus.plans.values()]
 
 
@@ -345,7 +345,7 @@ def _sim_time(control: ControllersFile, kinds: Sequence[PluginKind]) -> list[str
 
 
 def clashes_of(buses: Mapping[str, BusConfig]) -> list[str]:
-    """Return the contradictions of several buses: different SYNC periods, a node name used twice."""
+    """Return error texts about several buses: different SYNC periods, or a node name used twice."""
     owner: dict[str, str] = {}
     first = next(iter(buses.values()), None)
     differing = [
@@ -366,7 +366,7 @@ def clashes_of(buses: Mapping[str, BusConfig]) -> list[str]:
 def _require_bus(
     files: RobotFiles, buses: Mapping[str, BusConfig], description: UrdfDescription, *, mock: bool, real: bool
 ) -> None:
-    """Raise RobotConfigError for a description with drives and no bus.yml."""
+    """Raise RobotConfigError if the description needs CANopen drives and there is no bus.yml."""
     for tag in () if buses else description.hardware:
         if kind_of(description, tag, mock=mock, real=real) is PluginKind.CANOPEN:
             raise RobotConfigError(
@@ -383,7 +383,7 @@ def _choose_sync(
     kernel_sync: bool,
     mock: bool,
 ) -> dict[str, SyncChoice]:
-    """Return the SYNC producer of each bus."""
+    """Return the SYNC producer of each bus; RobotConfigError if the kernel is requested and cannot be used."""
     if kernel_sync:
         _require_kernel_sync(buses, channels, mock=mock)
     return {
@@ -392,7 +392,7 @@ def _choose_sync(
 
 
 def _require_kernel_sync(buses: Mapping[str, BusConfig], channels: Mapping[str, str], *, mock: bool) -> None:
-    """Refuse kernel SYNC on a bus that does not support it, or without SYNC."""
+    """Raise RobotConfigError for `--kernel-sync` if a bus has no SYNC or is not a SocketCAN interface."""
     if mock or not buses:
         raise RobotConfigError("--kernel-sync: there is no bus; omit the option")
     for name, config in buses.items():
@@ -406,7 +406,7 @@ def _require_kernel_sync(buses: Mapping[str, BusConfig], channels: Mapping[str, 
 
 
 def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> dict[str, str]:
-    """Read the `--can [BUS=]CHANNEL` options; else `channel` of bus.yml, else an embedded bus of the robot's name."""
+    """Return the channel of each bus: by `--can`, else by bus.yml, else a local bus with the robot's name."""
     channels = {
         bus_name: bus.master.channel
         or (f"local:{name}" if bus_name == BUS_NAME else f"local:{f'{name}_{bus_name}'[:32]}")
@@ -429,7 +429,11 @@ def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> 
 def started_controllers(
     files: RobotFiles, control: ControllersFile, description: UrdfDescription, names: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return the controllers to activate: requested ones, else the first that moves joints; and all that move none."""
+    """Return the controllers to activate at the start, in order; RobotConfigError for an unknown name.
+
+    These are all controllers that move no joints, and the requested `names`, else the first controller that moves
+    joints. If no names are given, controllers that a launch file spawns have precedence.
+    """
     for name in names:
         if name not in control.controllers:
             raise RobotConfigError(f"{files.controllers}: no controller {name!r}{nearest(name, control.controllers)}")

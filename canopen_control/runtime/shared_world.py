@@ -1,8 +1,8 @@
-"""Several robots in one simulated world: one process for all drives, and one runtime per robot.
+"""Several robots in one physics world, with one process for all virtual drives and one process per robot.
 
-Each robot runs as by `run ROBOT --as NAME --no-drives`, on buses of its own, with all functions of a single
-robot. A runtime that ends stops its drives, as the loss of a master does, and no others. At the
-end the robots stop first, then the drives.
+Each robot runs as with `run ROBOT --as NAME --no-drives`, on its own buses, with all functions of a single robot. If
+the process of a robot ends, only the drives of that robot stop, as after the loss of an NMT master. At the end the
+robots are stopped first, then the process of the drives.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @dataclass(frozen=True)
 class SharedRobot:
-    """Robot of the world: its files and the options of its runtime."""
+    """Robot in a shared world, with the command-line arguments of its process."""
 
     setup: RobotSetup
     arguments: tuple[str, ...]
@@ -57,7 +57,7 @@ class SharedRobot:
 
 
 def read_shared(world: Path) -> list[SharedRobot]:
-    """Return the robots of a world file; ConfigError with every error and its line."""
+    """Return the robots of a world file; ConfigError lists the errors of all robots with their lines."""
     require_physics()
     description = read_world_description(world)
     if not description.robots and world.suffix.lower() in SDF_SUFFIXES:
@@ -81,7 +81,7 @@ def read_shared(world: Path) -> list[SharedRobot]:
 
 
 def _read(start: RobotStart, world: Path) -> SharedRobot:
-    """Read one robot: a bundled one, or a folder next to the world file."""
+    """Read one robot of a world file, whose name is a folder next to that file or as for `find_robot`."""
     beside = world.parent / start.robot
     config = str(beside) if beside.is_dir() else start.robot
     words = [f"{name}:={value}" for name, value in start.arguments.items()]
@@ -100,9 +100,9 @@ def _read(start: RobotStart, world: Path) -> SharedRobot:
 
 
 class SharedRun:
-    """Runs robots in a shared world until all have ended; `options` are those of each runtime.
+    """Run of several robots in a shared world until all have ended; `options` are passed to every robot process.
 
-    `of_each` are the options of one robot by its name, such as its ROS namespace.
+    `of_each` returns further options for the robot with a name, such as its ROS namespace.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class SharedRun:
         self._refused = self._ending = False
 
     def run(self) -> None:
-        """Run to the end; ConfigError for invalid drives, CanopenError for a failed robot."""
+        """Run until the end; ConfigError if the drives refuse their files, CanopenError for another failure."""
         try:
             self._reactor.handle_signals(dict.fromkeys(_SIGNALS, self._end))
             self._start_drives()
@@ -134,7 +134,7 @@ class SharedRun:
             raise (ConfigError if self._refused else CanopenError)(self._failed)
 
     def _start_drives(self) -> None:
-        """Start all drives in their common world."""
+        """Start the process of all virtual drives."""
         plants = [(robot.setup, _written(robot.setup)) for robot in self._robots]
         file = write_buses(state_dir(f"world-{self._robots[0].name}"), plants, self._world.resolve())
         argv = [*MODULE, "canopen_control", "drive", "--buses", str(file)]
@@ -145,7 +145,7 @@ class SharedRun:
 
     def _on_ready(self) -> None:
         if self._drives is None or self._drives.heard_at is None:
-            return  # its process was killed, which is reported at its end
+            return  # the process was killed, which is reported at its end
         self._late.cancel()
         for line in self._drives.last_lines(_NOTES):
             if line.startswith(WORLD_NOTE):
@@ -164,7 +164,7 @@ class SharedRun:
         self._end()
 
     def _on_drives_ended(self, returncode: int, lines: list[str]) -> None:
-        """End all robots, because their drives do not move without the world."""
+        """End all robots after the end of the drives' process."""
         reasons = [line.removeprefix(_COMPLAINT) for line in lines if not line.startswith(WORLD_NOTE)]
         self._drives, self._refused = None, returncode == _USAGE
         self._fail(
@@ -187,14 +187,14 @@ class SharedRun:
         self._reactor.stop()
 
     def _close(self) -> None:
-        """End the robots, then the drives."""
+        """End the robot processes, then the process of the drives."""
         end_children(list(self._running.values()), self._reactor, _GRACE_S)
         end_children([] if self._drives is None else [self._drives], self._reactor, _GRACE_S)
         self._reactor.close()
 
 
 def _written(setup: RobotSetup) -> Path:
-    """Write the plant file of a robot."""
+    """Write the plant file of a robot; return its path."""
     with Reactor() as reactor:
         core = RobotCore(dataclasses.replace(setup), reactor)
         try:

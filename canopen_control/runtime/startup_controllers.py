@@ -1,7 +1,7 @@
-"""Loading and configuration of the controllers that a run activates, before anything is opened.
+"""Loading, configuration and switching of a robot's controllers, as ROS 2 spawners do.
 
-An unknown type, a wrong parameter, an interface that no joint has or that two
-controllers claim is an error in a file, and reported before the first frame is sent.
+The controllers of the start are prepared before any channel is opened: an unknown type, a wrong parameter, and an
+interface that does not exist or that two controllers claim are reported as errors in the file.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
 
 
-UNLOADED = "unloaded"  # of a controller that is only in the file
+UNLOADED = "unloaded"  # state of a controller that is only in the file
 
 
 def load_controller(setup: RobotSetup, manager: ControllerManager, name: str, *, configure: bool = True) -> None:
-    """Load and `configure` a controller of the file, and its fallbacks; ControlError or ConfigError."""
+    """Load and, by default, configure a controller of the file; ControlError or ConfigError."""
     config = setup.controllers.controllers.get(name)
     if config is None:
         by_name = setup.controllers.controllers
@@ -37,7 +37,7 @@ def load_controller(setup: RobotSetup, manager: ControllerManager, name: str, *,
 
 
 def configure_controller(setup: RobotSetup, manager: ControllerManager, name: str) -> None:
-    """Configure a loaded controller, and load its fallbacks; ControlError or ConfigError."""
+    """Configure a loaded controller, and load and configure its fallback controllers; ControlError or ConfigError."""
     manager.configure(name)
     loaded, config = manager.states, setup.controllers.controllers.get(name)
     for fallback in () if config is None else config.fallbacks:
@@ -54,10 +54,10 @@ def switch_controllers(
     strict: bool,
     check: Callable[[Iterable[Controller]], None],
 ) -> None:
-    """Switch controllers, loading and configuring new ones; `check` may refuse those to start.
+    """Switch controllers, loading and configuring new ones first; `check` may refuse the ones to activate.
 
-    Unknown names are left out with a report unless it is `strict`. Raises ControlError or ConfigError, and
-    nothing is changed.
+    Without `strict`, unknown names are reported and left out. ControlError or ConfigError if the switch fails; then
+    newly loaded controllers are unloaded again.
     """
     before = manager.states
     names = {*before, *setup.controllers.controllers}
@@ -78,7 +78,7 @@ def switch_controllers(
 
 
 def require_active(setup: RobotSetup, manager: ControllerManager, name: str) -> None:
-    """Raise ControlError for a controller that accepts no command now, with the correction."""
+    """Raise ControlError, with the command that activates the controller, if a controller of the file is not active."""
     state = manager.states.get(name, UNLOADED)
     if name in setup.controllers.controllers and state != ControllerState.ACTIVE.value:
         options = [f"--deactivate {' '.join(in_the_way)}"] if (in_the_way := _conflicting(setup, manager, name)) else []
@@ -87,7 +87,7 @@ def require_active(setup: RobotSetup, manager: ControllerManager, name: str) -> 
 
 
 def _conflicting(setup: RobotSetup, manager: ControllerManager, name: str) -> list[str]:
-    """Return the active controllers that own interfaces required by a controller, loaded or not."""
+    """Return the active controllers that own command interfaces of a controller, whether that is loaded or not."""
     config = setup.controllers.controllers[name]
     try:
         controller = make_controller(name, config.type)
@@ -98,19 +98,19 @@ def _conflicting(setup: RobotSetup, manager: ControllerManager, name: str) -> li
         controller.on_configure(config.params)
         owners = [manager.registry.command(interface).owner for interface in controller.command_interface_names()]
     except CanopenError:
-        return []  # its errors are reported when it is switched to
+        return []  # errors of the controller are reported on activation
     return [owner for owner in dict.fromkeys(owners) if owner is not None]
 
 
 def prepare_controllers(setup: RobotSetup, manager: ControllerManager, registry: InterfaceRegistry) -> None:
-    """Load and configure the controllers of the start; ConfigError with the file."""
+    """Load and configure the controllers to activate at the start; ConfigError that names the file."""
     owners: dict[str, str] = {}
     for name in setup.to_activate:
         try:
             load_controller(setup, manager, name)
         except ControlError as error:
             raise RobotConfigError(f"{setup.files.controllers}: {error}") from error
-    for name in setup.to_activate:  # with all of them loaded: some export interfaces to others
+    for name in setup.to_activate:  # after loading all: some export interfaces to others
         try:
             _check_interfaces(name, manager, registry, owners)
         except ControlError as error:

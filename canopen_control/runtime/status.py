@@ -1,4 +1,4 @@
-"""Status of a robot: samples of its state, its nodes, their PDOs, its events."""
+"""Messages to clients about a robot: status, state samples, nodes and PDO mappings."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class Readings(NamedTuple):
-    """Readings of one moment, shared by status and samples."""
+    """Snapshot of the robot's state, used for both the status and the state samples."""
 
     state: str
     hint: str | None
@@ -40,7 +40,7 @@ class Readings(NamedTuple):
 
 
 def readings_of(robot: RobotCore) -> Readings:
-    """Return the present readings."""
+    """Return the robot's present state: cycle times, nodes, joints and controllers."""
     state, hint = robot.state_and_hint
     hint = robot.cycle.clock.hint or hint
     nodes = robot.node_readings.at(robot.reactor.now())
@@ -48,7 +48,7 @@ def readings_of(robot: RobotCore) -> Readings:
 
 
 def status_message(robot: RobotCore, readings: Readings | None = None) -> Status:
-    """Return the status for `status --json`; `readings` of this moment if they exist."""
+    """Return the status of a robot, as `status --json` shows it; `readings` is the present snapshot, if already taken."""
     read = readings_of(robot) if readings is None else readings
     return Status(
         robot=robot.setup.name,
@@ -78,7 +78,7 @@ def status_message(robot: RobotCore, readings: Readings | None = None) -> Status
 
 
 def state_sample(robot: RobotCore, readings: Readings | None = None) -> StateSample:
-    """Return one sample of the state stream; `readings` of this moment if they exist."""
+    """Return a sample of the state stream; `readings` is the present snapshot, if already taken."""
     read = readings_of(robot) if readings is None else readings
     return StateSample(
         time=(robot.reactor.now() + robot.wall_offset_ns) / 1e9,
@@ -107,7 +107,7 @@ def simulated_seconds(robot: RobotCore) -> float | None:
 
 
 def simulated_epoch(robot: RobotCore) -> float | None:
-    """Return the Unix time at which the simulation began, without pauses; None outside a simulation."""
+    """Return the Unix time in s that corresponds to the simulated time 0; None if nothing is simulated."""
     if robot.in_virtual_time:
         return robot.wall_offset_ns / 1e9
     clock = robot.cycle.clock
@@ -118,7 +118,7 @@ def simulated_epoch(robot: RobotCore) -> float | None:
 
 
 def nodes_message(robot: RobotCore) -> NodeListing:
-    """Return bus and EDS of each node, for clients with direct access to it."""
+    """Return bus, node id, EDS and ROS settings of each node, for clients that access the bus directly."""
     return NodeListing(
         {name: BusPlace(bus.channel, bus.config.master.node_id) for name, bus in robot.buses.items()},
         [
@@ -145,7 +145,7 @@ def _texts(content: Any) -> dict[str, str]:  # noqa: ANN401 - any value of bus.y
 
 
 def layout_message(robot: RobotCore) -> Layout:
-    """Return the PDO mappings of each bus."""
+    """Return the PDO mappings of all nodes, by bus."""
     description = robot.setup.description
     return Layout(
         {
@@ -178,14 +178,14 @@ def _buses(robot: RobotCore) -> dict[str, BusTraffic]:
 
 
 def _joints(robot: RobotCore) -> dict[str, JointReading]:
-    """Return the values of all joints, None if not finite."""
+    """Return states, command and tracking errors of all joints; a value that is not finite is None."""
     joints: dict[str, dict[str, float | None]] = {}
     for state in robot.registry.state_interfaces:
         joints.setdefault(state.joint, {})[state.interface] = finite(state.value)
     commands: dict[str, float | None] = {}
     for command in robot.registry.command_interfaces:
         if command.owner is not None and (command.interface == POSITION or command.joint not in commands):
-            commands[command.joint] = finite(command.value)  # of a position with feed-forward that
+            commands[command.joint] = finite(command.value)  # the position if velocity feed-forward is also commanded
     return {
         name: JointReading(
             name,

@@ -1,11 +1,11 @@
-"""Child processes of a robot: virtual drives, and clients such as the ROS bridge.
+"""Supervision of a robot's child processes: virtual drives, and clients such as the ROS bridge.
 
-Every child has a lifeline to this process and its own session, and is ended here in order: clients first, drives last,
-after the robot has stopped. The end of a child is reported with its last lines; it never ends the robot, and the ROS
-bridge is restarted, a few times a minute: a child that fails repeatedly has a reason that a restart does not remove,
-and its starts cost the robot's thread. Children that are started before the robot must report that they are ready. A
-client that should answer and does not, while this process is on time, hangs or was stopped: it is killed, and handled
-like any other end of a child.
+Every child has a lifeline to this process and its own session. After the robot has stopped, the clients are ended
+first, then the drives. The unexpected end of a child is reported with its last output and does not end the robot.
+Clients with a `Restarts` policy are restarted, but only a few times a minute: a child that fails repeatedly has a cause
+that a restart does not remove, and its starts delay the robot's thread. Children that are started before the robot must
+report that they are ready. A client that must answer and does not, while this process is on time, hangs or was stopped:
+it is killed, and its end is handled like any other.
 """
 
 from __future__ import annotations
@@ -39,23 +39,23 @@ if TYPE_CHECKING:
     from canopen_control.virtual.node_host import NodeHost
 
 
-MOST: Final = 3  # restarts of a child within the window, then it is given up
+MOST: Final = 3  # maximum number of restarts of a child within the window
 WINDOW_NS: Final = 60_000_000_000
-DELAY_NS: Final = 500_000_000  # before each restart, so that what the last one left behind is gone
+DELAY_NS: Final = 500_000_000  # before each restart, so that resources of the ended process are released
 _DRIVE = "drive-"
 _FLIGHT: Final = "flight"
-_NOTES = 50  # lines of a process of drives, before it is ready
-_USAGE, _COMPLAINT = 2, "canopen-control: "  # exit code of a command with wrong files, and its message
-_READY_NS = 20_000_000_000  # for drives to be on the bus; a busy machine needs some
-_READY_EACH_NS = 500_000_000  # and for each of them, of a hundred
-_LISTENING_NS = 2_000_000_000  # for the recorder, which the robot can do without
+_NOTES = 50  # output lines of a drive process before it is ready
+_USAGE, _COMPLAINT = 2, "canopen-control: "  # exit code for wrong files, and prefix of the message
+_READY_NS = 20_000_000_000  # time for drives to join the bus, even on a busy machine
+_READY_EACH_NS = 500_000_000  # and more for each drive, for robots with a hundred
+_LISTENING_NS = 2_000_000_000  # for the recorder, without which the robot can start
 _LOOK_NS = 1_000_000_000
 _SILENCE_NS = 4_000_000_000  # timeout of a recorder that reports each second
 _ANSWER_LOOK_NS = 250_000_000
-_ON_TIME_NS = 50_000_000  # later than that, this process was held up too, and its children may have been
-_ANSWER_NS = 3_000_000_000  # of silence on time, of a client that answers twice a second
-_FIRST_ANSWER_NS = 10_000_000_000  # for one that begins, which takes a second
-_BUSY_FACTOR = 4  # of these times, while it runs or waits for a processor
+_ON_TIME_NS = 50_000_000  # if later, this process was delayed too, and its children may have been
+_ANSWER_NS = 3_000_000_000  # timeout of a client that answers twice a second
+_FIRST_ANSWER_NS = 10_000_000_000  # for a client that starts, which takes a second
+_BUSY_FACTOR = 4  # by which these timeouts are longer while the client runs or waits for a processor
 _GRACE_S = 5.0  # for a child to end by itself after SIGTERM
 _RECORDER_MODULE: Final = "canopen_control.trace.flight"
 _RECORDER = lean_python(_RECORDER_MODULE)
@@ -64,10 +64,10 @@ _VERBS_MAIN: Final = "canopen_control.cli.main"
 
 
 class SupervisedRun(Protocol):
-    """Run that is notified once its child processes are ready."""
+    """Run of a robot that is notified when its child processes are ready or have failed."""
 
     def children_ready(self) -> None:
-        """Begin the run."""
+        """Start the robot, because all child processes are ready."""
         ...
 
     def child_failed(self, text: str) -> None:
@@ -76,7 +76,7 @@ class SupervisedRun(Protocol):
 
 
 class _Restartable(NamedTuple):
-    """Child that is started again after its end: its name, its policy, and its start."""
+    """Child process that is restarted after its end: name, restart policy, and function that starts it."""
 
     name: str
     restarts: Restarts
@@ -84,9 +84,9 @@ class _Restartable(NamedTuple):
 
 
 class Supervisor:
-    """Starts and ends the child processes of one robot; `report` gets an event when one ends unexpectedly.
+    """Supervisor that starts and ends the child processes of a robot; an unexpected end is reported to `report`.
 
-    With `realtime` the children leave the scheduling of this process.
+    With `realtime`, the CPU binding of this process is undone for the children.
     """
 
     def __init__(
@@ -95,8 +95,8 @@ class Supervisor:
         self._name, self._reactor, self._report = name, reactor, report
         self._realtime = realtime
         self._drives: list[Child] = []
-        self._world: tuple[Child, tuple[str, ...]] | None = None  # the drives of one world, and their names
-        self.refused = False  # the drives could not begin, by their files
+        self._world: tuple[Child, tuple[str, ...]] | None = None  # process of all drives, names of their nodes
+        self.refused = False  # the drives refused their files
         self._clients: list[Child] = []
         self._recorder: Child | None = None
         self._hosts: list[tuple[NodeHost, Port]] = []
@@ -108,12 +108,13 @@ class Supervisor:
         self._restartable: dict[Child, _Restartable] = {}
         self._like: list[str] = []
         self.missing: dict[str, str] = {}
-        """The names of programs that have died, with what follows, until they are there again."""
+        """Names of child processes that have ended unexpectedly, with the consequence, until restarted."""
 
     def start_drives(self, setup: RobotSetup, plant: Path | None = None, *, like: str = "") -> None:
-        """Start a virtual drive for every node of bus.yml: in its own process, or in this one for an in-process bus.
+        """Start a virtual drive for every node in bus.yml: one process each, or in this process on an in-process bus.
 
-        With a `plant` file they are one process, since they move one world. `like` is their personality.
+        With a `plant` file, all drives run in one process, since they move the same simulated robot. `like` is the
+        personality of the drives.
         """
         self._like = ["--like", like] if like else []
         if plant is not None:
@@ -136,10 +137,10 @@ class Supervisor:
         restarts: Restarts | None = None,
         prepared: Child | None = None,
     ) -> None:
-        """Start a client: `python -m ARGUMENTS`; with `restarts` again after its end.
+        """Start the client `python -m ARGUMENTS`; with `restarts`, the client is restarted after its end.
 
-        `answers`: its `LivenessReport` arrives repeatedly; if it stops, the client is killed. `prepared` is one
-        that was started before with the same arguments, and waits at its gate.
+        If `answers`, the client must send liveness reports repeatedly, and is killed if they stop. `prepared` is the
+        process of this client if it was started before, and waits at its gate.
         """
         if prepared is None:
             child = self._start_module(arguments, name, ros=ros, inherit_stdout=inherit_stdout, reports=answers)
@@ -156,7 +157,7 @@ class Supervisor:
             self._restartable[child] = _Restartable(name, restarts, partial(start, restarts=restarts))
 
     def _watch_answers(self, child: Child, silence: Silence) -> None:
-        """Kill a client that does not answer."""
+        """Kill a client whose liveness reports have stopped, else check again later."""
         if child not in self._clients:
             return
         now = self._reactor.now()
@@ -171,7 +172,7 @@ class Supervisor:
         child.kill()
 
     def _restart(self, name: str, restarts: Restarts, start_client: Callable[[], None]) -> None:
-        """Restart a client after its death, if the policy allows it; return the sentence."""
+        """Report the end of a client, and schedule a restart if the policy allows that."""
 
         def start() -> None:
             if self._over:
@@ -190,9 +191,9 @@ class Supervisor:
             self._reactor.call_later(DELAY_NS, start)
 
     def start_recorder(self, buses: Mapping[str, str], restarts: Restarts | None = None) -> None:
-        """Start the flight recorder on `buses` {name: channel}; the robot also runs without it.
+        """Start the flight recorder on `buses` {name: channel}; a failure is only reported.
 
-        With `restarts` it is started again when it ends.
+        With `restarts`, the recorder is restarted after its end.
         """
         options = ["--name", self._name, *(f"--bus={name}={channel}" for name, channel in buses.items())]
         try:
@@ -209,9 +210,9 @@ class Supervisor:
             self._listen_to_recorder(self._recorder)
 
     def when_ready(self, run: SupervisedRun) -> None:
-        """Call a run once all children are ready or have ended.
+        """Call `run.children_ready` when all drives and the recorder are ready or have ended.
 
-        It fails instead for a drive that is not ready in time.
+        If a drive is not ready in time, `run.child_failed` is called instead.
         """
         self._run, self._waiting = run, True
         drives_ns = _READY_NS + _READY_EACH_NS * len(self._drives)
@@ -223,7 +224,7 @@ class Supervisor:
         self._check_ready()
 
     def _continue_without_ready(self, child: Child) -> None:
-        """Continue without the ready message of a child; a failed world reports the reason at its end."""
+        """Stop to wait for a child; if the process of all drives fails without a message, wait for its end."""
         if child.heard_at is not None or self._world is None or child is not self._world[0]:
             self._arrived(child)
 
@@ -236,7 +237,7 @@ class Supervisor:
             self._check_ready()
 
     def _report_notes(self, child: Child) -> None:
-        """Report the assumptions of the simulated world."""
+        """Report the notes that the process of the drives has printed about the physics simulation."""
         for line in child.last_lines(_NOTES):
             if line.startswith(WORLD_NOTE):
                 self._report(Event(self._reactor.now(), "physics", "", line.removeprefix(WORLD_NOTE)))
@@ -247,7 +248,7 @@ class Supervisor:
             self._run.children_ready()
 
     def _late(self, child: Child, run: SupervisedRun) -> None:
-        """End the run: a drive process runs but does not appear on the bus."""
+        """Let the run fail, because a drive process is not ready in time."""
         self._wait_no_more()
         seconds = (_READY_NS + _READY_EACH_NS * len(self._drives)) / 1e9
         last_output = " | ".join(child.last_lines()[-3:]) or "nothing yet"
@@ -268,7 +269,7 @@ class Supervisor:
         self._awaited.clear()
 
     def _listen_to_recorder(self, child: Child) -> None:
-        """Report that the recorder blocks or was stopped, and that it continues."""
+        """Report when the recorder becomes silent, and when it continues."""
         if child not in self._clients:
             return
         now = self._reactor.now()
@@ -282,7 +283,7 @@ class Supervisor:
         self._reactor.call_later(_LOOK_NS, partial(self._listen_to_recorder, child))
 
     def end_clients(self) -> None:
-        """End the client processes; a second call does nothing."""
+        """End the client processes, without later restarts; a second call does nothing."""
         self._over = True
         self._end(self._clients)
 
@@ -290,7 +291,7 @@ class Supervisor:
         """End all child processes, clients before drives; blocks for a few seconds at most."""
         self._wait_no_more()
         self.end_clients()
-        if self._recorder is not None:  # the API is no longer served: its last lines are reported for it
+        if self._recorder is not None:  # the API is closed, so the last lines of the recorder are reported here
             for line in self._recorder.last_lines():
                 if "flight record" in line:
                     self._report(Event(self._reactor.now(), "flight", "", line))
@@ -303,14 +304,14 @@ class Supervisor:
 
     @property
     def driven(self) -> list[str]:
-        """Names of the nodes whose drives run as child processes."""
+        """Names of the nodes whose virtual drives run in child processes."""
         if self._world is not None and self._world[0] in self._drives:
             return list(self._world[1])
         return [child.name.removeprefix(_DRIVE) for child in self._drives]
 
     @property
     def pids(self) -> dict[str, int]:
-        """Process ids of the children by name."""
+        """Process ids of the child processes, by name."""
         return {child.name: child.pid for child in (*self._drives, *self._clients)}
 
     def _spawn_drives(self, bus: BusConfig, channel: str) -> None:
@@ -331,7 +332,7 @@ class Supervisor:
             self._drives.append(self._start_module(arguments, f"{_DRIVE}{node.name}", reports=True))
 
     def _spawn_world(self, setup: RobotSetup, plant: Path) -> None:
-        """Start all drives of a robot as one process with a world."""
+        """Start all virtual drives of a robot in one process, which simulates the robot by the file `plant`."""
         nodes = [(bus, node) for bus in setup.buses.values() for node in bus.nodes.values()]
         if len(setup.buses) > 1:
             arguments = ["canopen_control", "drive", "--buses", str(write_buses(plant.parent, [(setup, plant)]))]
@@ -342,7 +343,7 @@ class Supervisor:
             for bus, node in nodes:
                 arguments += ["--eds", f"{node.node_id}={bus.eds_paths[node.name]}"]
         quirks = {tuple(unit_quirks(bus, node.name)) for bus, node in nodes}
-        if len(quirks) == 1:  # the process gives its quirks to all of its drives
+        if len(quirks) == 1:  # the process applies its quirks to all of its drives
             arguments += [f"--quirk={quirk}" for quirk in quirks.pop()]
         child = self._start_module([*arguments, *self._like], "drives", reports=True)
         self._world = child, tuple(node.name for _, node in nodes)
@@ -369,7 +370,7 @@ class Supervisor:
         inherit_stdout: bool = False,
         reports: bool = False,
     ) -> Child:
-        """Start `python -m ARGUMENTS`."""
+        """Start the child process `python -m ARGUMENTS`."""
         module, *rest = arguments
         main = (_VERBS_MAIN, rest) if module == _VERBS else None
         return self._start([*MODULE, *arguments], name, main, ros=ros, inherit_stdout=inherit_stdout, reports=reports)
@@ -384,7 +385,7 @@ class Supervisor:
         inherit_stdout: bool = False,
         reports: bool = False,
     ) -> Child:
-        """Start a child process; `main` runs in a fork of this process instead of `argv`, before a bus is joined."""
+        """Start a child process with `argv`, or by a fork that runs `main` if no bus is joined yet."""
         log_dir = None if inherit_stdout else state_dir(self._name)
         child = spawn(
             argv,
@@ -398,14 +399,14 @@ class Supervisor:
         return self._watched(child)
 
     def _watched(self, child: Child) -> Child:
-        """Watch a child process that was started."""
+        """Handle the end of a started child process, and release it from the CPU binding of this process."""
         if self._realtime is not None:
             self._realtime.release(child.pid)
         child.watch(self._reactor, lambda returncode, lines: self._on_exit(child, returncode, lines))
         return child
 
     def _on_exit(self, child: Child, returncode: int, lines: list[str]) -> None:
-        """Report the end of a child process; its effect on the robot shows on the bus or as a command timeout."""
+        """Report the unexpected end of a child process, and restart it if the policy allows that."""
         if self._ending or child not in (*self._drives, *self._clients):
             return
         child.unwatch_ready(self._reactor)
@@ -424,7 +425,7 @@ class Supervisor:
         text = f"process {child.name} (pid {child.pid}) {how}{last_output}"
         self._report(Event(self._reactor.now(), "process_ended", "", text, Level.ERROR))
         self.missing[child.name] = how
-        self._arrived(child)  # there is no other child to wait for
+        self._arrived(child)  # do not wait for this child
         restartable = self._restartable.pop(child, None)
         if restartable is not None and not self._over:
             self._restart(*restartable)
@@ -437,19 +438,19 @@ class Supervisor:
 
 
 def hosts_virtual_drives(setup: RobotSetup) -> bool:
-    """Whether all buses of the robot are of kinds without real drives."""
+    """Whether virtual drives may be started on all buses of a robot, since their channels have no real drives."""
     return all(may_host_virtual_drives(channel) for channel in setup.channels.values())
 
 
 class Silence:
-    """Time since a child's last sign of life, counted only while this process was on time. Sans-IO, in monotonic ns."""
+    """Measurement of how long a child has been silent, counted only while this process was on time. Monotonic ns."""
 
     def __init__(self, now: int) -> None:
         self._looked, self._heard_at = now, -1
         self._silent = 0
 
     def look(self, now: int, heard_at: int | None) -> int:
-        """Update the last sign of life; return the silence. Call every `_ANSWER_LOOK_NS`."""
+        """Return the silence until `now`, where `heard_at` is the last report. To be called every `_ANSWER_LOOK_NS`."""
         since, self._looked = now - self._looked, now
         if heard_at is not None and heard_at != self._heard_at:
             self._heard_at, self._silent = heard_at, 0
@@ -459,14 +460,14 @@ class Silence:
 
 
 class Restarts:
-    """Restart policy of a child process; `given_up` after too many. Sans-IO, times in monotonic ns."""
+    """Restart policy of a child process, without I/O; `given_up` is set after too many restarts. Monotonic ns."""
 
     def __init__(self) -> None:
         self.given_up = False
         self._times: deque[int] = deque(maxlen=MOST)
 
     def died(self, now: int) -> str:
-        """Count a death and return the consequence in words."""
+        """Count an unexpected end, decide about the restart, and return the decision as text."""
         if len(self._times) == MOST and now - self._times[0] < WINDOW_NS:
             self.given_up = True
             return f"given up: it has been started again {MOST} times within a minute"

@@ -1,10 +1,10 @@
-"""SYNC producer of a bus and the reason for it: this program, the kernel, or a node (`sync_producer`).
+"""Choice of the SYNC producer of a bus: this program, the kernel, or a node (`sync_producer` in bus.yml).
 
-A drive in a cyclic synchronous mode times its motion by SYNC, so that a SYNC which a busy process sends late is a jerk.
-`auto` leaves it to the kernel (CAN_BCM) where all of this holds: a joint is commanded in CSP or CSV, the channel is a
-SocketCAN interface, and every such drive is supervised by heartbeat or guarding, since SYNC continues while a process
-hangs. `sync_order: last` requires SYNC after the RPDOs of the process's own cycle, so that the process sends it.
-Sans-IO: the runtime checks for the kernel's broadcast manager when the robot is built.
+A drive in a cyclic synchronous mode times its motion by SYNC, so that a SYNC that a busy process sends late causes a
+jerk. `auto` lets the kernel (CAN_BCM) send SYNC under three conditions: a joint is commanded in CSP or CSV, the channel
+is a SocketCAN interface, and every such drive is supervised by heartbeat or node guarding, since the kernel's SYNC
+continues while the process hangs. With `sync_order: last`, SYNC follows the RPDOs of the cycle, so that the process
+must send it. This module does no I/O: the availability of CAN_BCM is checked when the robot is assembled.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint
 
 
-# Which joints are commanded in a cyclic synchronous mode, CSP or CSV: their drives time their motion by SYNC.
+# Joints that are commanded in a cyclic synchronous mode, CSP or CSV, whose drives time their motion by SYNC.
 #
-# By the files alone: the mode that `position_mode` or `velocity_mode` of bus.yml gives, else the one that is chosen of
-# those that the EDS lists, which is the cyclic one.
+# This is decided by the files alone: by `position_mode` or `velocity_mode` in bus.yml, else by the modes that the EDS
+# lists, of which a cyclic mode is preferred.
 
 
 _CYCLIC: Final = {
     POSITION: (OperationMode.CSP, objects.TARGET_POSITION),
     VELOCITY: (OperationMode.CSV, objects.TARGET_VELOCITY),
 }
-_NAMED: Final = 3  # joints in a sentence
+_NAMED: Final = 3  # maximum number of joints named in a sentence
 
 
 @dataclass(frozen=True, slots=True)
 class CyclicAxis:
-    """Joint commanded in a cyclic synchronous mode, and the object of its set-points."""
+    """Joint that is commanded in a cyclic synchronous mode; `target` is the index of the set-point object."""
 
     joint: str
     node: NodeConfig
@@ -52,12 +52,12 @@ class CyclicAxis:
 
 
 def cyclic_axes(config: BusConfig, description: UrdfDescription) -> list[CyclicAxis]:
-    """Return the cyclic axes of one bus, one for each mode of a joint."""
+    """Return the axes of a bus that are commanded in CSP or CSV, with one entry for each mode of a joint."""
     return [axis for tag in description.hardware for joint in tag.joints for axis in _axes(config, joint)]
 
 
 def linear_axes(config: BusConfig, description: UrdfDescription) -> frozenset[tuple[str, int]]:
-    """Return node and axis of each prismatic joint that a bus moves."""
+    """Return node name and axis number of every prismatic joint that a drive on the bus moves."""
     return frozenset(
         (node.name, axis_number(joint))
         for tag in description.hardware
@@ -69,7 +69,7 @@ def linear_axes(config: BusConfig, description: UrdfDescription) -> frozenset[tu
 
 
 def joint_words(axes: Sequence[CyclicAxis]) -> str:
-    """Return the names of the joints as text, only the first ones of many."""
+    """Return the names of the joints as text, shortened to the first three and the number of further joints."""
     joints = list(dict.fromkeys(axis.joint for axis in axes))
     return ", ".join(joints[:_NAMED]) + (f" and {len(joints) - _NAMED} more" if len(joints) > _NAMED else "")
 
@@ -89,13 +89,13 @@ def _axes(config: BusConfig, joint: ControlJoint) -> Iterator[CyclicAxis]:
 
 
 def axis_number(joint: ControlJoint) -> int:
-    """Return the axis number of a joint at its node."""
+    """Return the axis number of a joint within its drive, 0 if not given."""
     text = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
     return int(text) if text.isdigit() and int(text) < objects.AXES else 0
 
 
 def node_of(config: BusConfig, joint: ControlJoint) -> NodeConfig | None:
-    """Return the node of a bus that moves a joint, None without one."""
+    """Return the node that moves a joint, by `device_name` or `node_id`; None if not on this bus."""
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id", "").strip()
     if name is not None:
         return config.nodes.get(name)
@@ -103,7 +103,7 @@ def node_of(config: BusConfig, joint: ControlJoint) -> NodeConfig | None:
 
 
 class SyncSender(enum.Enum):
-    """SYNC producers."""
+    """Producer of SYNC on a bus."""
 
     NOBODY = "nobody"
     PROGRAM = "this program"
@@ -113,7 +113,7 @@ class SyncSender(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class SyncChoice:
-    """SYNC producer of one bus; `why` is the reason, `joints` those timed by it, in words."""
+    """SYNC producer of a bus; `why` is the reason, `joints` names the joints that are timed by SYNC."""
 
     sender: SyncSender
     why: str = ""
@@ -121,7 +121,7 @@ class SyncChoice:
 
     @property
     def words(self) -> str:
-        """SYNC producer and reason in one sentence."""
+        """Sentence about the SYNC producer and the reason."""
         if self.sender is SyncSender.NOBODY:
             return "no device sends SYNC"
         by = (
@@ -133,7 +133,7 @@ class SyncChoice:
 
     @property
     def hint(self) -> str:
-        """Effect of a late process on the motion, with the correction; "" without an effect."""
+        """Sentence on how a late SYNC of this process affects the motion, with the remedy; "" if there is no effect."""
         if self.sender is not SyncSender.PROGRAM or not self.joints:
             return ""
         return f"{self.words}; {self.joints} time their motion by it, and what is late is heard: {_REMEDY}"
@@ -149,7 +149,7 @@ _REMEDY = (
 def choose_sync(
     config: BusConfig, channel: str, description: UrdfDescription, *, by_option: bool = False
 ) -> SyncChoice:
-    """Choose the SYNC producer of a bus; with `by_option` the kernel was requested on the command line."""
+    """Choose the SYNC producer of a bus; `by_option` is set if the command line requests the kernel."""
     master = config.master
     if not master.sync_period:
         return SyncChoice(SyncSender.NOBODY)
@@ -175,7 +175,7 @@ def _no_interface(channel: str) -> str | None:
 
 
 def _reason_against(config: BusConfig, axes: Sequence[CyclicAxis]) -> str | None:
-    """Return the reason why `auto` does not leave SYNC to the kernel, None if it does."""
+    """Return the reason why `auto` does not let the kernel send SYNC, None if there is no reason."""
     if not axes:
         return "no joint is commanded in CSP or CSV"
     if config.master.sync_order == "last":
