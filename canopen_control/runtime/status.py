@@ -48,7 +48,7 @@ def readings_of(robot: RobotCore) -> Readings:
 
 
 def status_message(robot: RobotCore, readings: Readings | None = None) -> Status:
-    """Return the status of a robot, as `status --json` shows it; `readings` is the present snapshot, if already taken."""
+    """Return the status of a robot, as `status --json` shows it; `readings` is the present snapshot, if taken."""
     read = readings_of(robot) if readings is None else readings
     return Status(
         robot=robot.setup.name,
