@@ -1,1 +1,1 @@
-"""Hardware components as in ros2_control: interfaces, the description, CANopen drives and their simulation."""
+"""Hardware components as in ros2_control: their interfaces, and the plugins for CANopen drives, mock and simulation."""

@@ -1,9 +1,8 @@
-"""Process data of one axis: its inputs, outputs, scale and limits, independent of the PDO mapping.
+"""Process data of one drive axis: its inputs, outputs, scale and limits, independent of the PDO mapping.
 
-An object is found once, by its index of axis 0, for the axis that is meant; what no PDO carries
-is None here and travels by SDO or not at all. Limits are in device units and are those of the drive itself (0x607D,
-0x607F, 0x6080, 0x60E0, 0x60E1), and the velocity limit of the description: a target is brought inside them before it is
-sent, in every mode.
+The code uses object indices of axis 0, which are converted once for the actual axis. An object that is not in a PDO is
+None here, and is transferred by SDO or not at all. Limits are in device units: the drive's own limits (0x607D, 0x607F,
+0x6080, 0x60E0, 0x60E1) and the velocity limit of the description. In every mode a target is limited before it is sent.
 """
 
 from __future__ import annotations
@@ -26,26 +25,26 @@ if TYPE_CHECKING:
     from canopen_control.master.remote_node import RemoteNode
 
 
-# Where an axis' statusword and mode come from: a TPDO, else SDO, and not for longer than they are true.
+# Sources of an axis' statusword and mode of operation: a TPDO or SDO, with a limited age.
 #
-# A statusword has an age. While its TPDO arrives, it is that of the TPDO. When the TPDO fails, the last statusword is
-# valid for `GRACE_NS` while it is read by SDO, and unknown afterwards; one that never arrived is read by SDO too.
-# A mode without a PDO is written to 0x6060 when it is requested, and 0x6061 is read until it shows the mode. A drive
-# whose statusword is missing gets a quick stop command, since its motion cannot be observed, and after a while to take
-# its power away, unless it holds a load.
+# While the TPDO with the statusword arrives, its value is used. When the TPDO is overdue, the last value remains valid
+# for `GRACE_NS` while the statusword is read by SDO, and is unknown afterwards; SDO is also used if the TPDO has never
+# arrived. A mode that is not in a PDO is written to 0x6060 when it is requested, and 0x6061 is read until it shows the
+# mode. A drive without a statusword gets a quick stop command, because its motion cannot be observed, and after
+# `BLIND_STOP_NS` disable voltage, unless the axis holds a load.
 
 
 GRACE_NS: Final = 300_000_000
 POLL_NS: Final = 50_000_000
-BLIND_STOP_NS: Final = 2_000_000_000  # for a ramp that cannot be observed
+BLIND_STOP_NS: Final = 2_000_000_000  # time for a stop ramp that cannot be observed
 _QUICK_STOP_WORD: Final = 0x0002
 
 
 class AxisStatus:
-    """Statusword and mode of an axis from TPDOs or SDO; None if unknown.
+    """Statusword and mode display of an axis, from TPDOs or by SDO; None while unknown.
 
-    `machine` gives the requested mode if no PDO contains it. The power of an axis that holds a load is not switched
-    off.
+    `machine` defines the requested mode if no PDO contains it. `holds_load` means that the axis would drop its load
+    without power, so that disable voltage is not sent.
     """
 
     def __init__(self, axis: AxisProcessData, machine: DriveMachine, *, holds_load: bool = False) -> None:
@@ -53,9 +52,9 @@ class AxisStatus:
         self.display: int | None = None
         self._axis, self._machine = axis, machine
         self.pdo, self.place = axis.statusword.pdo, axis.statusword.position
-        """Where the statusword is."""
+        """Position of the statusword in the values of `pdo`."""
         self.shown: ReceivedPdo | None = None
-        """The PDO of the mode, at `shown_place`; None where the mode is not in a TPDO and an RPDO."""
+        """TPDO with the mode display, at `shown_place`; None unless 0x6060 is in an RPDO and 0x6061 in a TPDO."""
         self.shown_place = 0
         if axis.display is not None and axis.mode is not None:
             self.shown, self.shown_place = axis.display.pdo, axis.display.position
@@ -68,7 +67,7 @@ class AxisStatus:
         self._holds_load = holds_load
 
     def update(self, now: int) -> None:
-        """Process new values."""
+        """Update statusword and mode display from new TPDOs or SDO answers; request missing values by SDO."""
         pdo, shown = self.pdo, self._shown
         if not self._node.ready:
             self.word = self.display = None
@@ -80,40 +79,41 @@ class AxisStatus:
             word = self._by_sdo.word(self._statusword.value, now)
         else:
             word = pdo.values[self.place]
-        self.word = word  # type: ignore[assignment]  # a statusword is an integer
+        self.word = word  # type: ignore[assignment]  # mapped as an integer
         display: object = None
         if shown is not None and (showing := shown.pdo).stamp >= 0:
             display = showing.values[shown.position]
         if self._mode is not None and word is not None:
             self._mode.step(self._machine.mode_request.sent, now)
             display = self._mode.display if shown is None else display
-        self.display = display  # type: ignore[assignment]  # and so is a mode
+        self.display = display  # type: ignore[assignment]  # mapped as an integer
 
     def _unseen(self, now: int) -> int | None:
-        """Return the statusword of a drive without a TPDO since its boot; a stop must be confirmed by it.
+        """Return the statusword of a drive that has not sent its TPDO since its boot.
 
-        Without SYNCs the first one has no due time: it is then read by SDO only if an end is awaited.
+        Without SYNCs the first TPDO has no due time, so that the statusword is read by SDO only if the end of a stop
+        must be confirmed.
         """
         if self.pdo.overdue or self._machine.goal is not DriveGoal.ENABLED:
             return self._by_sdo.word(None, now)
         return None
 
     def blind_word(self, now: int) -> int:
-        """Return the controlword for a drive without a statusword: a quick stop, then power off."""
+        """Return the controlword for a drive without a statusword: quick stop, and later disable voltage."""
         if self._blind_since is None:
             if self.pdo.stamp < 0:
-                return 0  # never seen: not started yet
+                return 0  # no statusword since the boot: not started yet
             self._blind_since = now
         stopping = self._holds_load or now - self._blind_since < BLIND_STOP_NS
         return _QUICK_STOP_WORD if stopping else 0
 
     @property
     def invisible(self) -> bool:
-        """Whether the statusword has no source: no TPDO, and the node refuses SDO."""
+        """Whether the statusword cannot be observed: no TPDO arrives, and the node refuses SDO uploads."""
         return self.word is None and self._by_sdo.refused
 
     def node_ready(self) -> None:
-        """Reset after the node became operational, or its TPDO returned."""
+        """Reset after the node became operational, or after its feedback returned or became stale."""
         self._by_sdo.end()
         self._blind_since = None
 
@@ -126,11 +126,11 @@ class AxisStatus:
 
 
 class StatuswordBySdo:
-    """Statusword read by SDO of an axis whose TPDO is missing."""
+    """Source of the statusword by SDO, while the TPDO with the statusword is missing."""
 
     def __init__(self, axis: AxisProcessData) -> None:
         self.refused = False
-        """Whether the node has answered by an abort, which another request will not change."""
+        """Whether the node has answered with an SDO abort, so that another request would fail as well."""
         self._axis = axis
         self._value: int | None = None
         self._stamp = 0
@@ -139,12 +139,12 @@ class StatuswordBySdo:
         self._since: int | None = None
 
     def end(self) -> None:
-        """End reading after the TPDO returned, or the node was lost."""
+        """Stop using SDO, because the TPDO has returned or the node was lost."""
         self._since = self._value = None
         self.refused = False
 
     def word(self, last: int | None, now: int) -> int | None:
-        """Return the statusword; `last` is the last one of the TPDO, None if there was none."""
+        """Return the statusword, None if unknown; `last` is the last value in the TPDO, valid for `GRACE_NS`."""
         if self._since is None:
             self._since, self._next = now, now
         if not self._asking and now >= self._next:
@@ -162,7 +162,7 @@ class StatuswordBySdo:
 
 
 class ModeBySdo:
-    """0x6060 and 0x6061 by SDO of an axis without one or both in a PDO."""
+    """Access to 0x6060 and 0x6061 by SDO, for an axis with at least one of them in no PDO."""
 
     def __init__(self, axis: AxisProcessData) -> None:
         self._axis = axis
@@ -172,11 +172,11 @@ class ModeBySdo:
         self._next = 0
 
     def forget(self) -> None:
-        """Reset after the drive has restarted, or was lost."""
+        """Reset after the node was lost, so that the mode is written again."""
         self.display = self._written = None
 
     def step(self, mode: int | None, now: int) -> None:
-        """Write `mode` to the drive and read its display; no-op once it is shown."""
+        """Write a new mode to 0x6060, and read 0x6061 until it shows the mode; objects in PDOs are skipped."""
         node, axis = self._axis.node, self._axis
         if mode is not None and axis.mode is None and mode != self._written:
             self._written = mode
@@ -194,7 +194,7 @@ class ModeBySdo:
 
 
 TORQUE_MAX: Final = (1 << 15) - 1
-HELD: Final = 1.01  # a target that is slowed down by less than this is rounded, not held back
+HELD: Final = 1.01  # a speed above the limit by less than this factor is due to rounding and not reported
 _POSITIONS: Final = (objects.TARGET_POSITION, objects.INTERPOLATION_DATA)
 _WIDTHS: Final = (
     ((objects.CONTROLWORD, 0), 16),
@@ -213,13 +213,13 @@ _TARGETS: Final = (
 
 
 class AxisObjectLimits:
-    """Limits in the drive, in its own units; `deceleration` in units/s^2 is that of the master's ramps.
+    """Limits of one axis in device units; `deceleration`, in units/s^2, is used for the ramps of the master.
 
-    `blocked` is the direction, 1 or -1, that an active limit (bit 11) closes, 0 for none. `described` is the velocity
-    limit of the description, or a lower one of this run, in rad/s (m/s) of the axis, infinite if there is none;
-    `words` is its name for messages. The smaller of that and the drive's `velocity` applies: `most` in velocity
-    units, `pace` in position counts per s. `held` is True if a target was slowed down since the last check.
-    `ramp_unbounded`: the drive's own ramp of PP is not known to be within `described`.
+    `blocked` is the direction, 1 or -1, in which an active limit (statusword bit 11) forbids motion, 0 for none.
+    `described` is the velocity limit of the description, or a lower limit for this run, in rad/s (m/s), infinite
+    without a limit; `words` is its name in messages. The smaller of `described` and the drive's `velocity` applies:
+    `most` in velocity units, `pace` in position counts per s. `held` is True if a target was slowed down since the last
+    check. `ramp_unbounded` means that the drive's own ramp of PP may exceed `described`.
     """
 
     __slots__ = (
@@ -249,22 +249,22 @@ class AxisObjectLimits:
         self.blocked = 0
 
     def take_velocity(self, velocity: float, scale: Scale) -> None:
-        """Set the drive's maximum velocity, in its units, and combine it with that of the description."""
+        """Set the drive's maximum velocity in device units, and combine it with the description's limit."""
         self.velocity = velocity
         self.most = min(velocity, self.described * abs(scale.vel_to_dev))
         self.pace = self.most * abs(scale.pos_to_dev / scale.vel_to_dev)
 
     def lower(self, speed: float, words: str) -> None:
-        """Reduce the `described` limit, in rad/s of the axis; it applies after the next `take_velocity`."""
+        """Reduce the limit `described` to `speed` in rad/s or m/s; it applies after the next `take_velocity`."""
         if speed < self.described:
             self.described, self.words = speed, words
 
     def of_velocity(self, raw: int) -> int:
-        """Return a velocity within the limits of the drive."""
+        """Return a velocity target, limited to the velocity limit; 0 in a blocked direction."""
         return self.within(raw, self.most)
 
     def within(self, raw: int, most: float) -> int:
-        """Return a velocity limited to `most`, in the same units, that respects the active limits."""
+        """Return a velocity limited to `most`, in the same units; 0 in a blocked direction."""
         if raw * self.blocked > 0:
             return 0
         if -most <= raw <= most:
@@ -273,18 +273,18 @@ class AxisObjectLimits:
         return int(most) if raw > 0 else -int(most)
 
     def of_torque(self, raw: int) -> int:
-        """Return a torque within the limits of the drive."""
+        """Return a torque target, limited to 0x60E0 and 0x60E1; 0 in a blocked direction."""
         if raw * self.blocked > 0:
             return 0
         return max(-self.torque_negative, min(self.torque_positive, raw))
 
     def of_position(self, raw: int) -> int:
-        """Return a position within the software limits (0x607D)."""
+        """Return a position target, limited to the software position limits (0x607D)."""
         return max(self.low, min(self.high, raw))
 
 
 class AxisProcessData:
-    """Process data of axis `number` of `node`; RobotConfigError without controlword or statusword."""
+    """Process data of axis `number` of a node; RobotConfigError if controlword or statusword is not in a PDO."""
 
     def __init__(self, joint: str, node: RemoteNode, image: ProcessImage, number: int) -> None:
         self.joint, self.node, self.number = joint, node, number
@@ -292,11 +292,11 @@ class AxisProcessData:
         self.scale = configured_scale(node, number)
         self.unwrap = PositionUnwrapper()
         self.limits = AxisObjectLimits()
-        self.rpm_to_dev = 60.0 / math.tau  # mode VL: 0x6042 counts revolutions of the motor per minute
-        self.turn = abs(self.scale.pos_to_dev) * math.tau  # position counts of one of the motor, else of the joint
+        self.rpm_to_dev = 60.0 / math.tau  # mode VL: 0x6042 is in revolutions of the motor per minute
+        self.turn = abs(self.scale.pos_to_dev) * math.tau  # counts per revolution of the motor, else the joint
         self.who = node.who if len(node.plan.axes) <= 1 else f"{node.who}, {joint}"
-        """The node, as every message has it, and of one with several axes the joint."""
-        self.out_of_range = math.nan  # the target that did not fit its object, nan while the last one did
+        """Name of the node in messages, followed by the joint if the node has several axes."""
+        self.out_of_range = math.nan  # the last target if it did not fit its object, else nan
         self.statusword = self._need_input(objects.STATUSWORD)
         self.controlword = self._need_output(objects.CONTROLWORD)
         self.display = self.input(objects.MODES_OF_OPERATION_DISPLAY)
@@ -313,10 +313,10 @@ class AxisProcessData:
         self.own_modes = {
             mode: interface for mode, interface in self._modes_of_file() if node.config.motion.own_target(interface)
         }
-        """The modes whose target bus.yml gives, and the command interface that each serves."""
+        """Modes for which bus.yml defines the target object, and the command interface of each mode."""
         own = {mode: node.config.motion.own_target(name) or (0, 0) for mode, name in self.own_modes.items()}
         self.target_objects = {**TARGET_OBJECTS, **own}
-        """Mode to index and subindex of its target on axis 0."""
+        """Mode to index and subindex of the mode's target on axis 0."""
         positions = {self.target_objects[mode] for mode, name in self.own_modes.items() if name == POSITION}
         outputs = dict.fromkeys((*_TARGETS, *own.values()))
         self._require_widths()
@@ -335,23 +335,23 @@ class AxisProcessData:
 
     @property
     def is_stale(self) -> bool:
-        """Whether a TPDO needed for control is missing."""
+        """Whether a TPDO with statusword, position or velocity is overdue."""
         return any(pdo.overdue for pdo in self._feedback)
 
     def hold(self, raw: int) -> None:
-        """Set all targets to standstill at the raw position."""
+        """Set all position targets to the raw position, and all other targets to 0."""
         for is_position, output in self._targets:
             output.set(raw if is_position else 0)
 
     def hold_others(self, used: Output) -> None:
-        """Set the targets of unused modes to the position of the axis while the mode `used` moves it."""
+        """Set the targets of all modes but the one with the target `used` to the present position, or 0."""
         raw = self.raw_position
         for is_position, output in self._targets:
             if output is not used:
                 output.set(raw if is_position else 0)
 
     def _require_widths(self) -> None:
-        """Raise RobotConfigError for objects narrower than in CiA 402."""
+        """Raise RobotConfigError for a mapped object that is narrower than in CiA 402."""
         positions = [self.target_objects[mode] for mode, name in self.own_modes.items() if name == POSITION]
         wide = dict.fromkeys((*_WIDTHS, *((address, 32) for address in positions)))
         for (index, subindex), least in wide:
@@ -365,29 +365,29 @@ class AxisProcessData:
                 )
 
     def _modes_of_file(self) -> list[tuple[int, str]]:
-        """Return the modes of bus.yml, with the command interface of each."""
+        """Return the modes in bus.yml, each with its command interface."""
         keys = self.node.config.motion
         modes = ((keys.position_mode, POSITION), (keys.velocity_mode, VELOCITY), (keys.effort_mode, EFFORT))
         return [(mode_of(mode), interface) for mode, interface in modes if mode is not None]
 
     @property
     def raw_position(self) -> int:
-        """Newest 0x6064; 0 if unknown."""
+        """Newest value of 0x6064; 0 if unknown."""
         position = self.position
         if position is None or position.pdo.stamp < 0:
             return 0
-        return position.pdo.values[position.position]  # type: ignore[return-value]  # as `Input.value`, without a call
+        return position.pdo.values[position.position]  # type: ignore[return-value]  # same as `Input.value`, but faster
 
     def index(self, index: int) -> int:
-        """Return the index of a profile object for this axis."""
+        """Convert the index of a profile object of axis 0 to the index for this axis."""
         return objects.axis_index(index, self.number)
 
     def input(self, index: int, subindex: int = 0) -> Input | None:
-        """Return the input of a profile object, None if no TPDO contains it."""
+        """Return the input of a profile object, None if the object is in no TPDO."""
         return self._image.input(self.node.node_id, self.index(index), subindex)
 
     def output(self, index: int, subindex: int = 0) -> Output | None:
-        """Return the output of a profile object, None if no RPDO contains it."""
+        """Return the output of a profile object, None if the object is in no RPDO."""
         return self._image.output(self.node.node_id, self.index(index), subindex)
 
     def has(self, index: int, subindex: int = 0) -> bool:
@@ -418,11 +418,11 @@ _SWITCHING: Final = {
     4: State.SWITCHED_ON,
     5: State.OPERATION_ENABLED,
 }
-"""The numbers of ros_canopen's states."""
+"""States by their numbers in ros_canopen's `switching_state`."""
 
 
 def configured_machine(node: RemoteNode) -> DriveMachine:
-    """Return the state machine of an axis, with the times in bus.yml."""
+    """Return a state machine for an axis of a node, with the timeouts and options in bus.yml."""
     motion = node.config.motion
     return DriveMachine(
         node.name,
@@ -436,5 +436,5 @@ def configured_machine(node: RemoteNode) -> DriveMachine:
 
 
 def configured_scale(node: RemoteNode, axis: int) -> Scale:
-    """Return the scale in bus.yml."""
+    """Return the scale of an axis in bus.yml."""
     return Scale(**node.config.units.of_axis(axis))

@@ -1,8 +1,8 @@
-"""Parameters of a drive read by SDO after every boot: modes, limits, units, homing methods.
+"""Parameters of a drive that are read by SDO after every boot: modes, limits, units and homing methods.
 
-Only objects in the EDS are read, an abort means that the drive lacks the object, and the axis is `loaded` when every
-read has ended; nothing is enabled before. Units of the drive (0x608F, 0x6091, 0x6092) are used only if bus.yml gives no
-scale.
+Only objects in the EDS are read; an abort means that the drive does not have the object. The axis is `loaded` when all
+uploads have ended, and is not enabled before. Units of the drive (0x608F, 0x6091, 0x6092) are used only if bus.yml
+defines no scale.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 
-# Choice of the mode of operation for a command interface (0x6502, CiA 402-2), and of its RPDO.
+# Choice of the mode of operation for a command interface (0x6502, CiA 402-2).
 #
-# A mode given in bus.yml is used, else the best mode that the drive lists (0x6502) and whose target is in an RPDO,
-# cyclic modes before profile modes; an impossible mode is refused before anything is sent.
+# A mode in bus.yml is used as it is; else the best mode that the drive lists (0x6502) and whose target is in an RPDO,
+# cyclic modes before profile modes. A mode that cannot be used is refused before anything is sent.
 
 
 _ASSUMED: Final = (OperationMode.PP, OperationMode.IP, OperationMode.PV, OperationMode.VL, OperationMode.TQ)
-"""Modes of a drive that lists none (0x6502 is optional, CiA 402-2): those that drives had before the cyclic ones."""
+"""Modes assumed for a drive that lists none (0x6502 is optional): the modes that are older than the cyclic modes."""
 
 _SERVED: Final = {
     POSITION: (*INTERFACE_MODES[POSITION], OperationMode.IP),
@@ -66,23 +66,23 @@ _SERVED: Final = {
         OperationMode.CST,
     ),
 }
-"""Command interface to the modes that serve it; the last ones only where no better one is there.
+"""Command interface to its possible modes, the best mode first.
 
-A TARGET is served by all of them. The first is what a drive begins with: those in which the drive makes the ramp.
+A TARGET accepts every mode with a target; the modes in which the drive computes the ramp come first.
 """
 
 
 def listed_modes(axis: AxisProcessData, parameters: AxisParameters) -> tuple[int, ...]:
-    """Return the modes listed in 0x6502 and those of bus.yml; () without a list.
+    """Return the modes listed in 0x6502, and those in bus.yml; () if the drive lists no modes.
 
-    Drives have modes that 0x6502 does not list (Technosoft iPOS: CSP; roboticslab-uc3m/yarp-devices, issue 222).
+    Some drives have modes that 0x6502 does not list (Technosoft iPOS: CSP; roboticslab-uc3m/yarp-devices, issue 222).
     """
     listed = _of_drive(axis, parameters)
     return (*listed, *(mode for mode in _of_file(axis) if mode not in listed)) if listed else ()
 
 
 def unlisted_modes(axis: AxisProcessData, parameters: AxisParameters) -> list[str]:
-    """Return a sentence for each mode that bus.yml gives and 0x6502 does not list, and for modes that nothing lists."""
+    """Return warnings: for each mode in bus.yml that 0x6502 does not list, or one warning if no modes are known."""
     listed = _of_drive(axis, parameters)
     if not listed and not _of_file(axis):
         return [
@@ -104,9 +104,9 @@ def _of_file(axis: AxisProcessData) -> list[int]:
 
 
 def _of_drive(axis: AxisProcessData, parameters: AxisParameters) -> tuple[OperationMode, ...]:
-    """Return the modes of 0x6502 in the drive, else in the EDS; () without either.
+    """Return the modes in 0x6502 of the drive, or else of the EDS; () without both.
 
-    0 is ignored: every drive has a mode, and manufacturers also write 0 for "no value".
+    The value 0 is ignored: every drive has a mode, and manufacturers also write 0 for "no value".
     """
     identity, entry = axis.node.identity, axis.node.od.get(axis.index(objects.SUPPORTED_DRIVE_MODES), 0)
     at_boot = identity.supported_modes if identity is not None and len(axis.node.plan.axes) == 1 else None
@@ -115,7 +115,7 @@ def _of_drive(axis: AxisProcessData, parameters: AxisParameters) -> tuple[Operat
 
 
 def choose_mode(axis: AxisProcessData, parameters: AxisParameters, interface: str) -> int:
-    """Return the mode for a command interface; DriveError (UnsupportedMode) if none serves it."""
+    """Return the mode for a command interface; DriveError if no mode is possible or its target is in no RPDO."""
     config = axis.node.config
     keys = config.motion
     modes = {POSITION: keys.position_mode, VELOCITY: keys.velocity_mode, EFFORT: keys.effort_mode}
@@ -135,9 +135,9 @@ def choose_mode(axis: AxisProcessData, parameters: AxisParameters, interface: st
 
 
 def leading_interface(axis: AxisProcessData, parameters: AxisParameters, interfaces: Collection[str]) -> str:
-    """Return the leading one of interfaces claimed together; DriveError if the combination is invalid.
+    """Return the only interface, or "position" if the others feed it forward; DriveError for other combinations.
 
-    Beside a position in CSP there may be its velocity and effort, whose offsets RPDOs carry.
+    In CSP a position can be commanded together with velocity and effort, if their offset objects are in RPDOs.
     """
     if len(interfaces) == 1:
         return next(iter(interfaces))
@@ -163,18 +163,18 @@ def leading_interface(axis: AxisProcessData, parameters: AxisParameters, interfa
 
 
 def serving_objects(interface: str) -> tuple[tuple[int, int], ...]:
-    """Return index and subindex, on axis 0, of the targets of all modes that serve a command interface."""
+    """Return index and subindex, on axis 0, of the targets of all possible modes of a command interface."""
     return tuple(TARGET_OBJECTS[mode] for mode in _SERVED[interface])
 
 
 def require_targets(axis: AxisProcessData, interfaces: Collection[str]) -> None:
-    """Raise RobotConfigError for a command interface without a target in any RPDO."""
+    """Raise RobotConfigError for an unknown command interface, or one whose targets are in no RPDO."""
     for name in interfaces:
         if name == DIGITAL_OUTPUTS:
             if axis.digital_outputs is None:
                 raise _unmapped(axis, name, "0x60FE:01")
         elif name == TARGET or (name in FEED_FORWARD and POSITION in interfaces and _feeds(axis, name)):
-            continue  # a drive without a robot may only be observed: the error of its enable names the missing object
+            continue  # a drive without a robot may only be observed; enabling it reports the missing object
         elif name not in _SERVED:
             known = ", ".join((*MOTION_INTERFACES, DIGITAL_OUTPUTS))
             raise RobotConfigError(f"joint {axis.joint}: no command interface {name!r}; there are: {known}")
@@ -187,23 +187,23 @@ def require_targets(axis: AxisProcessData, interfaces: Collection[str]) -> None:
 
 
 def _feeds(axis: AxisProcessData, interface: str) -> bool:
-    """Whether an RPDO contains the offset of a command interface without a target of its own."""
+    """Whether the offset object of velocity or effort is in an RPDO."""
     return (axis.velocity_offset if interface == VELOCITY else axis.torque_offset) is not None
 
 
 def _served(axis: AxisProcessData, interface: str) -> tuple[int, ...]:
-    """Return the modes that serve a command interface, those with a target in bus.yml first."""
+    """Return the possible modes of a command interface, those with a target in bus.yml first."""
     own = [mode for mode, name in axis.own_modes.items() if name == interface]
     return (*own, *(mode for mode in _SERVED[interface] if mode not in own and _starts_alone(axis, mode)))
 
 
 def _starts_alone(axis: AxisProcessData, mode: int) -> bool:
-    """Whether a motion of an axis in a mode starts without bits of a controlword that other axes have too."""
+    """Whether a mode starts no motion by bits of the controlword, or the controlword belongs to this axis alone."""
     return axis.node.plan.motors is None or mode in MODES
 
 
 def require_own_start(axis: AxisProcessData, mode: int) -> None:
-    """Raise DriveError for a mode that would start the motions of all motors behind one controlword."""
+    """Raise DriveError for a mode that would start the motion of all motors with the same controlword."""
     if not _starts_alone(axis, mode):
         possible = ", ".join(map(mode_name, MODES))
         raise DriveError(
@@ -218,7 +218,7 @@ def _is_mapped(axis: AxisProcessData, mode: int) -> bool:
 
 
 def require_mapped(axis: AxisProcessData, mode: int) -> None:
-    """Raise DriveError if no RPDO contains the target of a mode."""
+    """Raise DriveError if the target of a mode is in no RPDO."""
     if not _is_mapped(axis, mode):
         index, subindex = axis.target_objects.get(mode, (0, 0))
         raise DriveError(
@@ -239,9 +239,10 @@ def _unmapped(axis: AxisProcessData, interface: str, title: str) -> RobotConfigE
 
 # Command interfaces that ros2_canopen's hardware plugins export although the description does not list them.
 #
-# Rules (canopen_ros2_control): Cia402System and RobotSystem make the interfaces of a joint by themselves,
-# so that their descriptions often list none. A joint of such a tag without any command interface has position, velocity
-# and effort here, as far as an RPDO of its node carries a target for them; one that lists some has those.
+# Rules (canopen_ros2_control): Cia402System and RobotSystem create the interfaces of a joint by themselves, so that
+# their descriptions often list none. A joint in such a tag without any command interface gets those of position,
+# velocity and effort for which an RPDO of its node contains a target; a joint that lists command interfaces is not
+# changed.
 
 
 PLUGINS: Final = (
@@ -252,7 +253,7 @@ PLUGINS: Final = (
 
 
 def add_plugin_interfaces(description: UrdfDescription, plans: Iterable[NodePlan]) -> UrdfDescription:
-    """Return the description with the interfaces that its plugins would export, and a note for each changed joint."""
+    """Return the description with the command interfaces that its plugins would export, and notes on them."""
     by_name = {plan.name: plan for plan in plans}
     hardware = tuple(_completed(tag, by_name) for tag in description.hardware)
     before = {joint.name: joint for tag in description.hardware for joint in tag.joints}
@@ -273,7 +274,7 @@ def _completed(tag: Ros2ControlSystem, plans: Mapping[str, NodePlan]) -> Ros2Con
 
 
 def _joint(joint: ControlJoint, plans: Mapping[str, NodePlan]) -> ControlJoint:
-    """Return the joint with the interfaces of its node; unchanged if it has some or the node is unknown."""
+    """Return a joint with the command interfaces that its node offers; unchanged if it lists any, or without a node."""
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id", "").strip()
     plan = plans.get(name or "") or next((plan for plan in plans.values() if str(plan.node_id) == node_id), None)
     axis = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
@@ -302,16 +303,16 @@ _OBJECTS: Final = (
     (objects.SUPPORTED_HOMING_METHODS, tuple(range(1, 40))),
 )
 _PROFILE: Final = ((objects.PROFILE_VELOCITY, (0,)), (objects.PROFILE_ACCELERATION, (0,)))
-_HOMING_SPEEDS: Final = (1, 2)  # to the switch, and to the zero
+_HOMING_SPEEDS: Final = (1, 2)  # speed during search for the switch, and for the zero
 _UNLIMITED: Final = 0xFFFFFFFF
-# the values that the format itself takes where no scale is given
+# the scales of bus.yml if none is given
 _NOT_GIVEN: Final = {"pos_to_dev": 1000.0, "pos_from_dev": 0.001, "vel_to_dev": 1000.0, "vel_from_dev": 0.001}
 
 
 class AxisParameters:
     """Parameters of one axis; `on_loaded` is called after each `load`, `failed` lists objects without an answer.
 
-    With `profile` the objects of the drive's own ramp are read too (0x6081, 0x6083). `tell` gets later findings as
+    With `profile` the objects of the drive's own ramp (0x6081, 0x6083) are read too. `report` gets later findings, as
     sentences.
     """
 
@@ -332,7 +333,7 @@ class AxisParameters:
         self._round = self._bounded_round = 0
 
     def load(self) -> None:
-        """Read the parameters of a drive that has just booted."""
+        """Start to read the parameters of a drive that has just booted."""
         axis = self._axis
         self.loaded, self.failed = False, []
         self._round += 1
@@ -345,24 +346,24 @@ class AxisParameters:
             self._finish()
 
     def forget(self) -> None:
-        """Discard the parameters of a drive that is gone; pending answers are ignored."""
+        """Discard the parameters of a lost drive; pending answers are ignored."""
         self.loaded = False
         self._round += 1
 
     def get(self, index: int, subindex: int = 0) -> int | None:
-        """Return a value, None if the drive lacks it."""
+        """Return the value of an object of axis 0, None if the drive does not have the object."""
         return self.values.get((index, subindex))
 
     @property
     def homing_methods(self) -> frozenset[int] | None:
-        """Methods listed in 0x60E3, None for an empty list."""
+        """Homing methods that the drive lists in 0x60E3, None without such a list."""
         listed = [value for (index, _), value in self.values.items() if index == objects.SUPPORTED_HOMING_METHODS]
         return frozenset(listed) if listed else None
 
     def bound_ramp(self) -> None:
-        """Reduce the drive's own ramp of PP (0x6081) to the velocity limit.
+        """Reduce the drive's own speed of PP (0x6081) to the velocity limit, once per `load`.
 
-        No set-point is sent before; once per `load`.
+        No set-point is sent before this has ended.
         """
         axis, number = self._axis, self._round
         if not self.loaded or not axis.limits.ramp_unbounded or self._bounded_round == number:
@@ -380,9 +381,9 @@ class AxisParameters:
             settled(False, "its EDS has no 0x6081, so its moves in PP are as fast as the drive makes them")
 
     def bound_homing(self, done: Callable[[str], None]) -> None:
-        """Reduce the homing speeds (0x6099) to the velocity limit.
+        """Reduce the homing speeds (0x6099) to the velocity limit, then call `done`.
 
-        Then call `done` with "" or the reason of a failure.
+        The argument of `done` is "" or the reason of a failure.
         """
         axis = self._axis
         subindices = [sub for sub in _HOMING_SPEEDS if axis.has(objects.HOMING_SPEEDS, sub)]
@@ -404,10 +405,10 @@ class AxisParameters:
         settled(True, "")
 
     def _lower(self, base: int, subindex: int, settled: Callable[[bool, str], None]) -> None:
-        """Reduce a speed of the drive to the velocity limit.
+        """Reduce a speed object of the drive to the velocity limit.
 
-        `settled` receives whether it is within, and the text to report. A profile velocity of 0 counts as none; a
-        homing speed of 0 moves nothing.
+        `settled` receives whether the speed is within the limit, and a text to report or "". A profile velocity of 0
+        means no limit; a homing speed of 0 moves nothing.
         """
         axis, index = self._axis, self._axis.index(base)
         entry, words = axis.node.od[index, subindex], axis.limits.words
@@ -474,13 +475,13 @@ class AxisParameters:
         return (first, second) if first and second and first > 0 and second > 0 else None
 
     def counts_per_turn(self) -> float | None:
-        """Return the position units per revolution of the shaft, None if the drive does not give them."""
+        """Return the position units per shaft revolution, None if the drive does not define them."""
         encoder = self._pair(objects.POSITION_ENCODER_RESOLUTION)
         gear, feed = self._pair(objects.GEAR_RATIO) or (1, 1), self._pair(objects.FEED_CONSTANT)
         if encoder is None and feed is None:
             return None
         try:
-            # Drives without user-defined units return a feed constant of one unit per turn, which is ignored.
+            # Drives without user units have a feed constant of one unit per revolution, which is ignored.
             return counts_per_revolution(encoder or (1, 1), gear, feed if feed not in (None, (1, 1)) else None)
         except ConfigError:
             return None
@@ -500,7 +501,7 @@ class AxisParameters:
             axis.rpm_to_dev = to_dev / turn * 60.0
 
     def _counts_of_motor(self) -> float | None:
-        """Return the position units per motor revolution from drive or bus.yml; None without either."""
+        """Return the position units per motor revolution, from the drive or bus.yml; None if unknown."""
         encoder, gear = self._pair(objects.POSITION_ENCODER_RESOLUTION), self._pair(objects.GEAR_RATIO) or (1, 1)
         feed = self._pair(objects.FEED_CONSTANT)
         if feed is not None and is_feed(feed):
@@ -523,7 +524,7 @@ class AxisParameters:
         limits.torque_negative = min(negative or TORQUE_MAX, TORQUE_MAX)
 
     def _largest_velocity(self) -> float:
-        """Return the smaller of 0x607F and 0x6080 (in rpm of the motor); 0 and all ones mean no limit."""
+        """Return the smaller of 0x607F and 0x6080 (rpm); 0, and 0x7FFFFFFF or more, mean no limit."""
         bounds = [math.inf]
         profile, motor = self.get(objects.MAX_PROFILE_VELOCITY), self.get(objects.MAX_MOTOR_SPEED)
         axis = self._axis

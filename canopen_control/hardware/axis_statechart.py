@@ -1,11 +1,11 @@
-"""Statechart of one axis as a table of states and triggers: its power, its stop, and permission to move.
+"""Statechart of one axis as a table of states and triggers: power, stops, and permission to move.
 
-`TABLE` has for each state and trigger the next state and the command to the drive; a trigger without a row changes
-nothing. Targets of a controller are sent in FOLLOWING only, and the only path into it begins with ENABLE: a fault
-reset, a drive that returns or a group that is complete never lead from a stop to it. The rows with GROUP_ are triggers
+`TABLE` has for each state and trigger the next state and the commands to the drive; a trigger without a row changes
+nothing. Targets of a controller are sent only in FOLLOWING, and every path to this state begins with ENABLE: a fault
+reset, a drive that returns or a complete group never lead from a stop to FOLLOWING. The rows with GROUP_ are triggers
 of the stop group (`StopGroup`): its joints are enabled in one cycle and disabled in one cycle. Every state of a stop
-has a timeout (`LIMITS_NS`); after it follows a quick stop, then disable voltage, unless the axis holds a load that
-would fall; the last state reports that the axis has not stopped.
+has a timeout (`LIMITS_NS`), which is followed by a quick stop, then by disable voltage, unless the axis holds a load
+that would fall; the last state reports that the axis has not stopped.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 
 _SECOND: Final = 1_000_000_000
-_NEVER: Final = (1 << 62) - 1  # small enough to stay unboxed where this is compiled
+_NEVER: Final = (1 << 62) - 1  # small enough for an unboxed integer in compiled code
 
 
 class Action(enum.Enum):
-    """User's action on an axis."""
+    """Action on an axis that a user can request."""
 
     ENABLE = "enable"
     DISABLE = "disable"
@@ -38,7 +38,7 @@ class Action(enum.Enum):
 
 
 class AxisPhase(enum.Enum):
-    """State of the chart; the value describes it."""
+    """State in the statechart of an axis; the value describes the state."""
 
     OFF = "disabled"
     RISING = "being enabled; waits before OPERATION_ENABLED for its group"
@@ -59,7 +59,7 @@ class AxisPhase(enum.Enum):
 
 
 class PhaseTrigger(enum.Enum):
-    """Trigger of a row of the chart; the value describes it."""
+    """Trigger of a row in the statechart; the value describes the trigger."""
 
     ENABLE = "a request enables it"
     STOP = "a request, or trouble in its group, stops it"
@@ -85,7 +85,7 @@ class PhaseTrigger(enum.Enum):
 
 
 class DriveCommand(enum.Enum):
-    """Command to the drive in a row."""
+    """Command to the drive in a row of the statechart; the value describes the command."""
 
     PREPARE = "enable, and wait before OPERATION_ENABLED; no halt"
     RELEASE = "go into OPERATION_ENABLED"
@@ -98,7 +98,7 @@ class DriveCommand(enum.Enum):
 
 
 class Row(NamedTuple):
-    """Result of a trigger: next state, and command to the drive."""
+    """Row of the statechart: the next state, and the commands to the drive."""
 
     state: AxisPhase
     orders: tuple[DriveCommand, ...] = ()
@@ -106,26 +106,26 @@ class Row(NamedTuple):
 
 _S, _T, _O = AxisPhase, PhaseTrigger, DriveCommand
 UP: Final = (_S.RISING, _S.RELEASED, _S.ENABLED, _S.READY, _S.FOLLOWING, _S.HOMING, _S.HALTED)
-"""The states of an axis that is meant to be enabled."""
+"""States of an axis that is enabled or being enabled."""
 RISING: Final = (_S.RISING, _S.RELEASED)
 FALLING: Final = (_S.BRAKING, _S.SETTLING)
 STOPPED: Final = (_S.OFF, _S.QUICK_STOPPED)
 
 LIMITS_NS: Final[Mapping[AxisPhase, int]] = MappingProxyType(
     {
-        _S.BRAKING: 10 * _SECOND,  # with SETTLING, which goes on with what is left of it
+        _S.BRAKING: 10 * _SECOND,  # includes SETTLING, which keeps this deadline
         _S.DISABLING: 10 * _SECOND,
         _S.QUICK_STOPPING: 10 * _SECOND,
         _S.ESCALATED: 3 * _SECOND,
         _S.VOLTAGE_OFF: 1 * _SECOND,
     }
 )
-"""How long a state may last before it is OVERDUE, in nanoseconds; the others may last for ever."""
+"""Timeouts of states in ns, after which OVERDUE is fired; the other states have no timeout."""
 
 _ALWAYS: Final = {_T.QUICK_STOP: Row(_S.QUICK_STOPPING, (_O.QUICK_STOP,)), _T.NODE_LOST: Row(_S.OFF, (_O.DISABLE,))}
 _LEAVE: Final = {**_ALWAYS, _T.DRIVE_LEFT: Row(_S.DISABLING, (_O.DISABLE,))}
 _RISE: Final = {_T.ENABLE: Row(_S.RISING, (_O.PREPARE,))}
-_GO_ON: Final = {_T.ENABLE: Row(_S.ENABLED, (_O.RESUME,))}  # through the states at rest: a command must be newer
+_GO_ON: Final = {_T.ENABLE: Row(_S.ENABLED, (_O.RESUME,))}  # not FOLLOWING at once: a new command is needed
 _UP: Final = {**_LEAVE, **_GO_ON, _T.STOP: Row(_S.BRAKING), _T.HALT: Row(_S.HALTED, (_O.HALT,))}
 _RISING: Final = {
     **_LEAVE,
@@ -187,9 +187,9 @@ _ROWS: Final[Mapping[AxisPhase, Mapping[PhaseTrigger, Row]]] = {
 
 
 def _complete(state: AxisPhase, rows: Mapping[PhaseTrigger, Row]) -> Mapping[PhaseTrigger, Row]:
-    """Return the rows and those valid in every state: fault reset, and a recorded halt.
+    """Return the rows of a state, and those that are valid in every state: fault reset, and a halt that is stored.
 
-    Neither changes the state.
+    The added rows do not change the state.
     """
     everywhere = {_T.FAULT_RESET: Row(state, (_O.RESET,)), _T.HALT: Row(state, (_O.HALT,))}
     return MappingProxyType({**everywhere, **rows})
@@ -198,24 +198,24 @@ def _complete(state: AxisPhase, rows: Mapping[PhaseTrigger, Row]) -> Mapping[Pha
 TABLE: Final[Mapping[AxisPhase, Mapping[PhaseTrigger, Row]]] = MappingProxyType(
     {state: _complete(state, rows) for state, rows in _ROWS.items()}
 )
-"""State and trigger to the row that is taken; a trigger without a row changes nothing."""
+"""State and trigger to the row that applies; a trigger without a row changes nothing."""
 
 _WATCHED: Final = (*RISING, *LIMITS_NS, _S.SETTLING, _S.QUICK_STOPPED, _S.UNSTOPPED)
 
 
 class PhaseObserver(Protocol):
-    """Observer of the rows of a statechart."""
+    """Observer that is informed of every row that a statechart applies."""
 
     def row_taken(self, state: AxisPhase, trigger: PhaseTrigger) -> None:
-        """Process a row: the previous state, and its trigger."""
+        """Process an applied row: the state before, and the trigger."""
 
 
 class AxisStatechart:
-    """State of one axis in the chart; only `fire` changes it.
+    """State of one axis in the statechart; only `fire` and `overdue` change the state.
 
-    `following` is True in FOLLOWING alone, and equals `enabled` of the command interfaces. `watched`: the drive must be
-    checked in every cycle. `since` is the start of the current stop, `deadline` the timeout of the state. `observer`
-    receives the rows.
+    `following` is True only in FOLLOWING, and equals `enabled` of the command interfaces. `watched` means that the
+    drive must be checked in every cycle. `since` is the time at which the state was entered (SETTLING keeps that of
+    BRAKING), `deadline` the timeout of the state. `observer` is informed of applied rows.
     """
 
     def __init__(
@@ -234,7 +234,7 @@ class AxisStatechart:
 
     @property
     def enable_requested(self) -> bool:
-        """Whether the axis is to be enabled."""
+        """Whether the axis is enabled or being enabled."""
         return self.state in UP
 
     @property
@@ -244,11 +244,11 @@ class AxisStatechart:
 
     @property
     def falling(self) -> bool:
-        """Whether the axis is stopping, to be disabled together with its group."""
+        """Whether the axis performs a controlled stop, to be disabled together with its group."""
         return self.state in FALLING
 
     def fire(self, trigger: PhaseTrigger, now: int) -> bool:
-        """Apply the row of a trigger; return whether the state has changed."""
+        """Apply the row of a trigger, if there is one; return whether the state has changed."""
         row = TABLE[self.state].get(trigger)
         if row is None:
             return False
@@ -262,7 +262,7 @@ class AxisStatechart:
         return changed
 
     def overdue(self, now: int) -> bool:
-        """Apply the timeout row of a state; return whether there was one."""
+        """Apply the timeout row of the state if its deadline has passed; return whether the state has changed."""
         if now <= self.deadline:
             return False
         return self.fire(PhaseTrigger.OVERDUE_LOADED if self.holds_load else PhaseTrigger.OVERDUE, now)
@@ -302,16 +302,16 @@ _EXECUTE: Final[Mapping[DriveCommand, Callable[[DriveMachine], None]]] = Mapping
 )
 
 
-# Joints that stop together after an error of one, and change power in one SYNC cycle.
+# Stop groups: joints that stop together after an error of one joint, and are enabled and disabled in one SYNC cycle.
 #
-# An axis of a group enters OPERATION_ENABLED when every axis that is being enabled is ready for it, and is disabled
-# when every axis that is being stopped is at standstill. All joints of a robot are one group unless the description
-# defines others (`<param name="stop_group">`); a group of one is the policy "single". The joints that one base
-# controller claims are always in one group, and move together or not at all.
+# The axes of a group enter OPERATION_ENABLED when every axis that is being enabled is ready for this state, and are
+# disabled when every axis that is being stopped is at standstill. All joints of a robot are one group unless the
+# description defines others (`<param name="stop_group">`); a joint that stops alone has a group of its own. The joints
+# that a base controller claims are always in one group, and move together or not at all.
 
 
 class GroupMember(Protocol):
-    """Interface of a joint as its stop group uses it."""
+    """Interface through which a stop group uses its joints."""
 
     joint: str
     power: AxisStatechart
@@ -321,24 +321,24 @@ class GroupMember(Protocol):
 
     @property
     def enable_requested(self) -> bool:
-        """Whether the joint is to follow commands."""
+        """Whether the joint is enabled or being enabled."""
 
     @property
     def can_enable(self) -> bool:
-        """Whether the joint waits only for its group to be enabled."""
+        """Whether the joint waits only for its group before OPERATION_ENABLED."""
 
     def has_settled(self, now: int) -> bool:
-        """Whether a stop may end in disabling the drive."""
+        """Return whether the drive may be disabled, because its controlled stop is over."""
 
     def stop(self, now: int) -> None:
-        """Ramp to zero, then disable."""
+        """Ramp to zero, then disable the drive."""
 
 
 J = TypeVar("J", bound=GroupMember)
 
 
 class BaseJoints(Generic[J]):
-    """Joints claimed by one base controller; `name` is that of the controller."""
+    """Joints claimed by one base controller; `name` is the name of the controller."""
 
     __slots__ = ("joints", "name")
 
@@ -347,7 +347,7 @@ class BaseJoints(Generic[J]):
 
 
 class StopGroup(Generic[J]):
-    """Joints of one stop group; `busy` while one of them is being enabled or stopped."""
+    """Joints that stop together; `busy` is True while one of them is being enabled or stopped."""
 
     def __init__(self, name: str = "") -> None:
         self.name = name
@@ -355,14 +355,14 @@ class StopGroup(Generic[J]):
         self.busy = False
 
     def stop(self, now: int) -> list[J]:
-        """Ramp every joint to zero, then disable; return the joints that were to move."""
+        """Ramp every joint to zero, then disable it; return the joints that were enabled or being enabled."""
         moving = [joint for joint in self.joints if joint.enable_requested]
         for joint in self.joints:
             joint.stop(now)
         return moving
 
     def coordinate(self, now: int) -> None:
-        """Fire group transitions in the chart of each joint; call once per cycle while `busy`."""
+        """Fire the group triggers in the statechart of each joint; call once per cycle while `busy`."""
         waiting = [joint for joint in self.joints if joint.power.state is AxisPhase.RISING]
         if waiting and all(joint.can_enable for joint in waiting):
             self._fire(PhaseTrigger.GROUP_MAY_RISE, now)
@@ -379,9 +379,9 @@ class StopGroup(Generic[J]):
 
 
 def regroup(joints: Iterable[J], bases: Mapping[str, Collection[str]], now: int) -> None:
-    """Assign joints to the base controllers that claim them, and merge their stop groups.
+    """Assign joints to the base controllers that claim them, and merge the stop groups of each base.
 
-    A base of which only a part is enabled, or on its way to be, is stopped.
+    If only some joints of a base are enabled or being enabled, these are stopped.
     """
     joints = list(joints)
     bases_held = [
@@ -409,7 +409,7 @@ def regroup(joints: Iterable[J], bases: Mapping[str, Collection[str]], now: int)
 
 
 def _merged(groups: set[StopGroup[J]], joints: Iterable[J]) -> StopGroup[J]:
-    """Return the merged group of several, reusing an equal one."""
+    """Return the merged stop group, which is the present group of the first joint if its members are the same."""
     members = [joint for joint in joints if joint.stop_group in groups]
     if members[0].group.joints == members:
         return members[0].group

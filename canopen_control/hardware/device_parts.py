@@ -1,8 +1,8 @@
-"""Components for <gpio> and <sensor> elements with signals of a CANopen device, in units.
+"""<gpio> and <sensor> elements whose interfaces are signals of CANopen devices, in units.
 
-The device is the node that `device_name` or `node_id` names, else the node of the part's own name. Interfaces have the
-names of the device's signals (`di0`, `ao1`, `position`, those of `signals` in bus.yml), or are objects by their address
-with raw numbers (`0x6401:01`). A state of an output is what the device holds.
+The device is the node that `device_name` or `node_id` names, else the node with the name of the element. Interfaces
+have the names of the device's signals (`di0`, `ao1`, `position`, or `signals` in bus.yml), or are objects by address
+with raw numbers (`0x6401:01`). The state interface of an output is the value in the device.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint
 
 
-# Outputs of devices that are not drives: from command interfaces to the RPDOs that carry them.
+# Outputs of devices that are not drives: from command interfaces to RPDOs.
 #
-# An output is never restored: when its node was lost or has restarted, what stands commanded counts no more, and the
-# output stays as the device has it (its error value, its default) until another value is commanded. It is sent when it
-# is commanded first and when it changes. Its controller can set its value on release, else it takes its safe
-# value, unless it is to keep what it has.
+# An output is never restored: after its node was lost or has restarted, the old command is void, and the output keeps
+# the value of the device (error value or default) until another value is commanded. An output is sent with its first
+# command and after every change. On release it is set to the value that its controller chooses, else to its safe value,
+# unless the value is to be kept.
 
 
 _HALF: Final = 0.5
 
 
 class OutputSignal:
-    """Commanded signal; `output` is its object in the RPDOs, `entry` that of the dictionary."""
+    """Output of a device, commanded by a command interface and sent in the RPDOs through `output`."""
 
     def __init__(
         self,
@@ -60,34 +60,34 @@ class OutputSignal:
         self._lowest, self._highest = _bounds(entry)
         self._boots = -1
         self._gain = signal.gain({})
-        self._void = math.nan  # what stood commanded when the node was not there
-        self._commanded = math.nan  # what was sent last
-        self.void = False  # its node was lost while it was commanded, and has not been commanded since
+        self._void = math.nan  # command that was present while the node was absent
+        self._commanded = math.nan  # last command that was sent
+        self.void = False  # the node was lost while the output was commanded, and no new command followed
         command.enabled = False
         command.safe = math.nan if keeps or signal.safe is None else signal.safe
         command.lowest, command.highest = self._span()
 
     @property
     def commanded(self) -> bool:
-        """Whether it was commanded since its node became ready."""
+        """Whether the output was commanded since its node became ready."""
         return not math.isnan(self._commanded)
 
     def write(self) -> None:
-        """Send the command if it has changed."""
+        """Send the command if it is new and finite; clear the command while the node is absent."""
         command, node = self.command, self._node
         value = command.value
         if not node.ready or node.boots != self._boots:
             self._away(value)
             return
         if math.isnan(value):
-            self._void = math.nan  # the next one is new
+            self._void = math.nan  # any further command is new
         elif value != self._commanded and value != self._void and not math.isinf(value):
             first = math.isnan(self._commanded)
             self._void, self._commanded, self.void = math.nan, value, False
             self._send(value, always=first)
 
     def release(self) -> None:
-        """Send the safe value, or the controller's release value; the output then has no command."""
+        """Send the controller's release value, or else the safe value; the output then has no command."""
         self.command.value = math.nan
         commanded, self._commanded, self.void = self._commanded, math.nan, False
         value, self.command.release_value = self.command.release_value, None
@@ -96,10 +96,10 @@ class OutputSignal:
             self._send(safe, always=False)
 
     def _away(self, value: float) -> None:
-        """Clear the command while the node is lost; read the scale again when the node is ready."""
+        """Clear the command of a node that is absent or has rebooted; when the node is ready, update the scale."""
         self.void |= self.commanded
         self._commanded, self._void = math.nan, value
-        self.command.value = math.nan  # a controller that goes on writes what it did before, which is void
+        self.command.value = math.nan  # a controller that continues writes the old command again, which is void
         self.command.enabled = self._node.ready
         if self._node.ready:
             identity = self._node.identity
@@ -108,7 +108,7 @@ class OutputSignal:
             self.command.lowest, self.command.highest = self._span()
 
     def _span(self) -> tuple[float, float]:
-        """Return the minimum and the maximum of the object's values."""
+        """Return the minimum and maximum of the output in its units."""
         if self.signal.bit is not None:
             return 0.0, 1.0
         ends = [self.signal.value(raw, self._gain) for raw in (self._lowest, self._highest)]
@@ -126,27 +126,28 @@ class OutputSignal:
 
 
 def _bounds(entry: Entry) -> tuple[float, float]:
-    """Return the range of an object by its type."""
+    """Return the smallest and largest raw value of an object by its data type."""
     if entry.data_type.is_integer:
         return entry.data_type.minimum, entry.data_type.maximum
     return (-3.4e38, 3.4e38) if entry.data_type is DataType.REAL32 else (-1.7e308, 1.7e308)
 
 
-# Inputs of devices that are not drives: from a TPDO or by SDO to a state interface in units, nan while not known.
+# Inputs of devices that are not drives: from a TPDO or by SDO to a state interface in units, nan while unknown.
 #
-# A value counts from the boot on, which reads it, until the node is lost, its TPDO is overdue (three event timers, or
-# the SYNCs that bus.yml allows), or the device calls it invalid. An input that only comes when it changes has no age:
-# the heartbeat decides. Signals without a TPDO are read by SDO, each object once a second at most.
+# A value is valid from the boot on, which reads it, until the node is lost, its TPDO is overdue (three event timers, or
+# the SYNCs that bus.yml allows), or the device reports it as invalid. The age of an input that is sent only on change
+# is not limited: the heartbeat monitors the node. Signals without a TPDO are read by SDO, each object at most once per
+# second.
 
 
 POLL_NS: Final = 1_000_000_000
 _POLLED_AGE_NS: Final = 5 * POLL_NS
-_SHORTEST_NS: Final = 50_000_000  # frames that come together were not sent together
-_STANDSTILL_NS: Final = 500_000_000  # of an input that only comes when it changes
+_SHORTEST_NS: Final = 50_000_000  # frames that are received together may have been sent one after the other
+_STANDSTILL_NS: Final = 500_000_000  # for an input that is sent on change only
 
 
 class RawInput:
-    """Raw number of one object: `value`, valid while `known`."""
+    """Raw value of one object of a device; `value` is valid while `known` is True."""
 
     __slots__ = ("_began_with", "_input", "_node", "_polled_at", "address", "data_type", "known", "read_at", "value")
 
@@ -154,23 +155,23 @@ class RawInput:
         self.address, self.data_type = address, data_type
         self.value: Value = 0
         self.known = False
-        self.read_at = -1  # of the last answer by SDO, -1: none since the boot
+        self.read_at = -1  # time of the last SDO answer, -1: none since the boot
         self._node, self._input = node, mapped
         self._began_with = False
         self._polled_at = -POLL_NS
 
     @property
     def polled(self) -> bool:
-        """Whether no TPDO contains the object, so that it is read by SDO."""
+        """Whether the object is in no TPDO, so that it is read by SDO."""
         return self._input is None
 
     @property
     def comes_by_change(self) -> bool:
-        """Whether the object is sent on change only, so that a missing frame means no change."""
+        """Whether the TPDO is sent only on change, so that no frame means no change."""
         return self._input is not None and self._input.pdo.age_limit_ns == 0
 
     def begin(self, now: int) -> None:
-        """Store the value read during boot."""
+        """Use the value that was read during boot, if any."""
         presets = {} if self._node.identity is None else self._node.identity.presets
         self._began_with = self.address in presets
         self.read_at = -1
@@ -178,7 +179,7 @@ class RawInput:
             self.value, self.read_at = presets[self.address], now
 
     def read(self, now: int) -> None:
-        """Update the value at `now`, while the node is ready."""
+        """Update value and validity at `now` in ns; call only while the node is ready."""
         source = self._input
         if source is None:
             self.known = self.read_at >= 0 and now - self.read_at <= _POLLED_AGE_NS
@@ -191,11 +192,11 @@ class RawInput:
 
     @property
     def stamp(self) -> int:
-        """Time of the value in ns."""
+        """Time in ns at which the value was received."""
         return self.read_at if self._input is None or self._input.pdo.stamp < 0 else self._input.pdo.stamp
 
     def poll(self, now: int) -> bool:
-        """Read the object by SDO if it is due; return whether it was read."""
+        """Read the object by SDO if this is due; return whether a request was sent."""
         if self._input is not None or now - self._polled_at < POLL_NS:
             return False
         self._polled_at = now
@@ -211,18 +212,18 @@ class RawInput:
 
 
 class NodeInputs:
-    """Raw inputs of one node; each object is read once for all of its interfaces."""
+    """Inputs of one node; each object is read once for all interfaces that use it."""
 
     def __init__(self, node: RemoteNode, image: ProcessImage) -> None:
         self.node, self._image = node, image
         self._inputs: dict[Address, RawInput] = {}
         self.boots = -1
-        self.ready = self.lost = False  # lost: already reported
-        self.jumps: list[str] = []  # sentences not reported yet
-        self._jumped: dict[str, int] = {}  # signals, by the boot after which that was reported
+        self.ready = self.lost = False  # lost: the node was lost, not reported yet
+        self.jumps: list[str] = []  # texts that are not reported yet
+        self._jumped: dict[str, int] = {}  # by signal: boot count at the last report
 
     def of(self, address: Address) -> RawInput:
-        """Return the raw input of an object of the dictionary."""
+        """Return the input of an object of the node, created on first use."""
         device_input = self._inputs.get(address)
         if device_input is None:
             entry = self.node.od[address]
@@ -231,7 +232,7 @@ class NodeInputs:
         return device_input
 
     def read(self, now: int) -> None:
-        """Update all inputs."""
+        """Update all inputs; after a boot they start with the values read during boot."""
         node = self.node
         self.lost |= self.ready and not node.ready
         self.ready = node.ready
@@ -245,13 +246,13 @@ class NodeInputs:
             device_input.read(now)
 
     def report_jump(self, signal: str, text: str) -> None:
-        """Report a jump of a signal: once per boot, however many interfaces show it."""
+        """Record the report of a jump of a signal, once per boot even if several interfaces use the signal."""
         if self._jumped.get(signal) != self.boots:
             self._jumped[signal] = self.boots
             self.jumps.append(text)
 
     def poll(self, now: int) -> None:
-        """Read one of the inputs without a TPDO."""
+        """Request by SDO at most one input that is in no TPDO and due."""
         if self.ready:
             for device_input in self._inputs.values():
                 if device_input.polled and device_input.poll(now):
@@ -259,7 +260,7 @@ class NodeInputs:
 
 
 class InputSignal:
-    """Input signal of a state interface."""
+    """Input of a device that updates a state interface, in units."""
 
     def __init__(self, signal: Signal, state: StateInterface, inputs: NodeInputs) -> None:
         self.signal, self.state = signal, state
@@ -273,11 +274,11 @@ class InputSignal:
         self._range = 0
         self._turned = 0.0
         self._last: float | None = None
-        self._before, self._stamp = math.nan, 0  # what was shown last, and when that came
+        self._before, self._stamp = math.nan, 0  # last value, and time at which it was received
         self._jumped = False
 
     def read(self, now: int) -> None:
-        """Update the state interface at `now`; nan without a value."""
+        """Update the state interface; nan if the value is unknown, invalid or has jumped."""
         del now
         inputs, raw = self._inputs, self._raw
         if not inputs.ready or not raw.known or not self._valid():
@@ -300,7 +301,7 @@ class InputSignal:
         return status is None or (status.known and status.value == 0)
 
     def _renew(self) -> None:
-        """Update the scale from the device's objects as read during boot."""
+        """Update scale and wrap-around range from the objects that were read during boot."""
         identity = self._inputs.node.identity
         numbers = {} if identity is None else identity.presets
         self._boots, self._gain = self._inputs.boots, self.signal.gain(numbers)
@@ -316,9 +317,9 @@ class InputSignal:
             return self._jumped
         passed = max(stamp - self._stamp, _SHORTEST_NS)
         if passed > _STANDSTILL_NS and self._raw.comes_by_change:
-            passed = _SHORTEST_NS  # it stood until now, and has not had the whole time for its way
+            passed = _SHORTEST_NS  # no motion until now: the change took less than the whole interval
         limit = (signal.max_rate or 0.0) * passed / 1e9
-        if abs(value - self._before) > limit:  # false for the first one, which is compared with nan
+        if abs(value - self._before) > limit:  # False for the first value, which is compared with nan
             self._jumped = True
             text = f"{self.state.name} jumped from {self._before:g} to {value:g} {signal.unit}".rstrip()
             self._inputs.report_jump(signal.name, f"{text}: it is nan until the node is booted again")
@@ -326,7 +327,7 @@ class InputSignal:
         return self._jumped
 
     def _unwrapped(self, raw: float) -> float:
-        """Return a position without wrap-around of the device's total range."""
+        """Return a raw position without the wrap-around of the device's total range."""
         if not self._range:
             return raw
         if self._last is None:
@@ -338,23 +339,23 @@ class InputSignal:
         return raw + self._turned
 
 
-# What several values of a device make together: the velocity of an encoder, the orientation of an inclinometer.
+# State interfaces that are computed from values of a device: velocity of an encoder, orientation of an inclinometer.
 #
-# The velocity is the way between the two newest TPDOs by the time between them, and 0 when none comes for a while from
-# a device that sends when something changes. Two angles give no heading: the orientation is roll (`lateral`) and
-# pitch (`longitudinal`) with yaw 0, as a quaternion; rates and accelerations, which an IMU has, are nan.
+# The velocity is the distance between the two newest positions divided by the time between them, and 0 if no new
+# position arrives for a while. Two angles define no heading: the orientation is roll (`lateral`) and pitch
+# (`longitudinal`) with yaw 0, as a quaternion; angular velocity and acceleration, which an IMU has, are nan.
 
 
 _ORIENTATION: Final = ("orientation.x", "orientation.y", "orientation.z", "orientation.w")
 _ABSENT: Final = tuple(f"{what}.{axis}" for what in ("angular_velocity", "linear_acceleration") for axis in "xyz")
 DERIVED: Final = {Profile.ENCODER: ("velocity",), Profile.INCLINOMETER: (*_ORIENTATION, *_ABSENT)}
-"""Names of further state interfaces by profile."""
+"""Names of the computed state interfaces by device profile."""
 
 _STANDING_NS: Final = 50_000_000
 
 
 class EncoderVelocity:
-    """Velocity computed from an encoder's position, in its unit per second."""
+    """Velocity computed from an encoder's position, in position units per second."""
 
     def __init__(self, state: StateInterface, signals: Mapping[str, Signal], inputs: NodeInputs) -> None:
         signal = signals["position"]
@@ -365,7 +366,7 @@ class EncoderVelocity:
         self._interval = 0
 
     def read(self, now: int) -> None:
-        """Show the velocity at `now`."""
+        """Update the velocity; nan without a position, 0 if no new position arrives in time."""
         self._position.read(now)
         position, raw = self._position.state.value, self._raw
         if math.isnan(position):
@@ -384,7 +385,7 @@ class EncoderVelocity:
 
 
 class TiltOrientation:
-    """Orientation interfaces of an IMU, computed from the two angles of an inclinometer."""
+    """One orientation interface of an IMU, computed from the two angles of an inclinometer."""
 
     def __init__(self, state: StateInterface, signals: Mapping[str, Signal], inputs: NodeInputs) -> None:
         self._state = state
@@ -394,7 +395,7 @@ class TiltOrientation:
         ]
 
     def read(self, now: int) -> None:
-        """Update the orientation at `now`."""
+        """Update this quaternion component; nan without the angles."""
         for angle in self._angles:
             angle.read(now)
         roll, pitch = (angle.state.value / 2 for angle in self._angles)
@@ -409,7 +410,7 @@ class TiltOrientation:
             self._state.value = math.cos(roll) * math.cos(pitch)
 
 
-_FEW: Final = 6  # names that a sentence bears
+_FEW: Final = 6  # maximum number of names in a sentence
 
 
 def _is(names: Sequence[str]) -> str:
@@ -421,7 +422,7 @@ def _them(names: Sequence[str]) -> str:
 
 
 def device_of(part: ControlJoint, nodes: Mapping[str, int]) -> str | None:
-    """Return the node name of a part (by name or id); "" for a wrong one, None without one."""
+    """Return the name of a part's node; "" if `device_name` or `node_id` is unknown, None without a device."""
     name, node_id = part.parameters.get("device_name"), part.parameters.get("node_id")
     if name is not None:
         return name if name in nodes else ""
@@ -431,20 +432,20 @@ def device_of(part: ControlJoint, nodes: Mapping[str, int]) -> str | None:
 
 
 def is_measured(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImage]]) -> bool:
-    """Whether a joint is only measured, by a device other than a drive, such as an encoder."""
+    """Whether a joint has no command interfaces and belongs to a device other than a drive, such as an encoder."""
     name = device_of(joint, {name: node.node_id for name, (node, _) in nodes.items()})
     return bool(name) and not joint.command_interfaces and not nodes[name or ""][0].plan.axes
 
 
 def signal_of(node: RemoteNode, name: str) -> Signal | None:
-    """Return a signal of a node by the name of an interface."""
+    """Return the signal of a node for an interface name, or for an object's address; None if there is none."""
     return node.plan.signals.get(name) or object_signal(node.od, name)
 
 
 def _derived(node: RemoteNode, name: str) -> bool:
-    """Return whether an interface is computed from several values of the device.
+    """Return whether an interface is computed from other values of the device.
 
-    A signal of bus.yml takes precedence.
+    A signal of the same name in bus.yml takes precedence.
     """
     plan = node.plan
     if name in plan.signals or name not in DERIVED.get(plan.profile, ()):
@@ -453,7 +454,7 @@ def _derived(node: RemoteNode, name: str) -> bool:
 
 
 def part_problems(part: ControlJoint, node: RemoteNode) -> list[str]:
-    """Return the errors in the interfaces of a part, one sentence each."""
+    """Return the configuration errors in the interfaces of a part, one sentence each."""
     problems, unsent, possible = list[str](), dict[str, list[str]](), set[str]()
     sent = {(mapped.index, mapped.subindex) for layout in node.plan.rpdos for mapped in layout.objects}
     device = f"{node.plan.profile.words} {node.name}"
@@ -475,7 +476,7 @@ def part_problems(part: ControlJoint, node: RemoteNode) -> list[str]:
             unsent.setdefault(place, []).append(repr(name))
             if entry is not None and entry.rpdo_mappable:
                 possible.add(place)
-    for place, names in unsent.items():  # outputs of one object, such as the eight of a byte, share a sentence
+    for place, names in unsent.items():  # outputs in one object, such as the bits of a byte, share a sentence
         few = names if len(names) <= _FEW else [*names[: _FEW - 1], f"{len(names) - _FEW + 1} more"]
         text = f"{', '.join(few)} of {device} {_is(names)} in no RPDO"
         remedy = (
@@ -486,7 +487,7 @@ def part_problems(part: ControlJoint, node: RemoteNode) -> list[str]:
 
 
 class DevicePart:
-    """Interfaces of one part without errors by `part_problems`."""
+    """Interfaces of one part of a device; `part_problems` must have found no errors in the part."""
 
     def __init__(self, part: ControlJoint, node: RemoteNode, image: ProcessImage, inputs: NodeInputs) -> None:
         self.name, self.node = part.name, node
@@ -524,29 +525,29 @@ class DevicePart:
             output.read()
 
     def write(self) -> None:
-        """Send the commands."""
+        """Send changed commands."""
         for output in self._outputs.values():
             output.write()
 
     @property
     def commanded(self) -> list[str]:
-        """Outputs that were commanded."""
+        """Names of the outputs that are commanded at present."""
         return [output.signal.name for output in self._outputs.values() if output.commanded]
 
     @property
     def void(self) -> list[str]:
-        """Outputs whose command was lost with the node and not repeated since."""
+        """Names of the outputs whose command became void with the loss of the node, and that have no new command."""
         return [output.signal.name for output in self._outputs.values() if output.void]
 
     def release(self, interface: str) -> None:
-        """Release a command interface returned by a controller."""
+        """Release the output of a command interface that a controller no longer claims."""
         if (output := self._outputs.get(interface)) is not None:
             output.release()
 
 
 def _output(node: RemoteNode, image: ProcessImage, name: str) -> tuple[Signal, Output | None]:
     signal = signal_of(node, name)
-    assert signal is not None  # `part_problems` has looked
+    assert signal is not None  # checked by `part_problems`
     return signal, image.output(node.node_id, *signal.address)
 
 
@@ -570,10 +571,10 @@ class _HeldOutput:
 
 
 class DeviceParts:
-    """All <gpio> and <sensor> elements of a tag with a CANopen device; RobotConfigError with all their errors.
+    """All parts of a tag with a CANopen device; RobotConfigError with all configuration errors.
 
-    A part that names no device has no interfaces: other stacks have such parts for their own plugins. Without `present`
-    there are none, and nothing to be done in a cycle.
+    A part that names no device has no interfaces: descriptions for other stacks have such parts for their own plugins.
+    `present` is False if there are no parts, so that nothing has to be done in a cycle.
     """
 
     def __init__(self, parts: Sequence[ControlJoint], nodes: Mapping[str, tuple[RemoteNode, ProcessImage]]) -> None:
@@ -601,19 +602,19 @@ class DeviceParts:
 
     @property
     def sending(self) -> bool:
-        """Whether an output waits to be sent."""
+        """Whether a changed RPDO of a device has not been sent yet."""
         return any(pdo.changed and pdo.enabled for node in self._nodes.values() for pdo in node.node.sent)
 
     @property
     def has_news(self) -> bool:
-        """Whether `take_news` has events."""
+        """Whether `take_news` would return events."""
         for node in self._nodes.values():  # noqa: SIM110 - `any` would make a generator in the cycle
             if node.lost or node.jumps:
                 return True
         return False
 
     def take_news(self) -> list[tuple[RemoteNode, str, str]]:
-        """Return events since the last call as node, kind and sentence: lost nodes, jumps of inputs."""
+        """Return node, kind and text of events since the last call: lost nodes and jumps of inputs."""
         events = []
         for inputs in self._nodes.values():
             jumps, inputs.jumps = inputs.jumps, []
@@ -627,33 +628,33 @@ class DeviceParts:
         return events
 
     def void_outputs(self, node: RemoteNode) -> list[str]:
-        """Return the void outputs of a node since its loss: no command restores them."""
+        """Return the names of a node's outputs whose command became void when the node was lost."""
         return [name for part in self._parts if part.node is node for name in part.void]
 
     @property
     def command_names(self) -> Collection[str]:
-        """Command interfaces by name."""
+        """Names of all command interfaces of the parts."""
         return self._owner.keys()
 
     def read(self, now: int) -> None:
-        """Update all inputs."""
+        """Update all inputs and state interfaces."""
         for inputs in self._nodes.values():
             inputs.read(now)
         for part in self._parts:
             part.read(now)
 
     def write(self) -> None:
-        """Send the commands."""
+        """Send changed commands."""
         for part in self._parts:
             part.write()
 
     def poll(self, now: int) -> None:
-        """Read inputs without a TPDO, one per node."""
+        """Request by SDO inputs that are in no TPDO, at most one input per node."""
         for inputs in self._nodes.values():
             inputs.poll(now)
 
     def release(self, interfaces: Collection[str]) -> None:
-        """Release the command interfaces returned by controllers."""
+        """Release the outputs of command interfaces that controllers no longer claim."""
         for name in interfaces:
             if (part := self._owner.get(name)) is not None:
                 part.release(name)

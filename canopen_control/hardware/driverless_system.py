@@ -1,11 +1,11 @@
-"""SimulatedSystem: joints moved by simulated motors, as by Gazebo's plugins.
+"""Hardware components of simulated joints without drives, as in Gazebo's plugins, and of simulated sensors.
 
-A joint has no drive and no bus here, only a motor behind the `SimulatedMotor` Protocol, so that
-another engine can take its place; the one that is built in is a first-order lag in closed form, exact for any step.
-(The plants of the virtual drives are not used: they follow the ramps of a drive in counts and per mille, and a joint of
-Gazebo has no drive; what has one runs on `CanopenSystem` and virtual drives.) A velocity is approached with
-`time_constant`, a position by a velocity proportional to the way left, an effort moves inertia against damping. Limits
-of the description hold. Released, a velocity or effort becomes zero and a position is held.
+A joint has no drive and no bus here, only a motor that implements the `SimulatedMotor` protocol, so that another engine
+can replace it; the built-in motor is a first-order lag in closed form, exact for any time step. (The plants of the
+virtual drives are not used, because they follow the ramps of a drive in counts and per mille; joints with drives use
+`CanopenSystem` and virtual drives.) A velocity is approached with `time_constant`, a position by a velocity that is
+proportional to the remaining distance; an effort moves inertia against damping. The limits of the description apply.
+After the release of a command interface a velocity or effort becomes zero, and a position is held.
 """
 
 from __future__ import annotations
@@ -34,17 +34,18 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 
-# State interfaces of <sensor> tags that the world of virtual drives with physics measures, not a device.
+# State interfaces of <sensor> tags that the physics simulation of the virtual drives measures, not a device.
 #
-# The drives move the robot in a world of their own process, which returns the measured values of its sensors on
-# request. A value older than half a second, for example after the end of the drives, is nan, like every unknown state.
+# The process of the virtual drives simulates the robot's physics, and returns the measured values of the sensors on
+# request. A value older than half a second, for example after the end of that process, is nan, like every unknown
+# state.
 
 
 _AGE_NS: Final = 500_000_000
 
 
 class WorldSensors(ComponentLifecycle):
-    """Sensors of one tag, updated by `take`, without commands."""
+    """Sensors of one tag that a physics simulation measures; updated by `take`, without commands."""
 
     def __init__(self, name: str, parts: Iterable[ControlJoint]) -> None:
         super().__init__()
@@ -59,25 +60,25 @@ class WorldSensors(ComponentLifecycle):
         self._known = False
 
     def take(self, values: Mapping[str, float]) -> None:
-        """Set measured values by the names of interfaces, such as "imu/orientation.x"."""
+        """Set the measured values, by interface names such as "imu/orientation.x"; missing values become nan."""
         for state in self._states:
             state.value = values.get(state.name, math.nan)
         self._updated = self._known = True
 
     def _begin(self) -> None:
-        """Do nothing: the world reports without a request."""
+        """Do nothing: the simulation sends values without a request."""
 
     def _rest(self) -> None:
-        """Do nothing: nothing moves."""
+        """Do nothing: the component moves nothing."""
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Do nothing: there is nothing to command."""
+        """Do nothing: there are no command interfaces."""
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Do nothing, as above."""
+        """Do nothing: there are no command interfaces."""
 
-    def read(self, now: int, period: float) -> ReturnType:  # noqa: ARG002 - the verb of every component
-        """Discard samples that are too old."""
+    def read(self, now: int, period: float) -> ReturnType:  # noqa: ARG002 - the signature of every component
+        """Set the states to nan if the last values are older than half a second."""
         if self._updated:
             self._last, self._updated = now, False
         elif self._known and now - self._last > _AGE_NS:
@@ -87,12 +88,12 @@ class WorldSensors(ComponentLifecycle):
         return OK
 
     def write(self, now: int, period: float) -> ReturnType:  # noqa: ARG002 - as above
-        """Do nothing: there is nothing to command."""
+        """Do nothing: there are no command interfaces."""
         return OK
 
 
 PHYSICS_PLUGIN: Final = "mujoco_ros2_control/MujocoSystemInterface"
-"""The plugin whose users want physics and nothing less."""
+"""Plugin that requires a physics engine."""
 
 PLUGINS: Final[tuple[str, ...]] = (
     "canopen_control/SimulatedSystem",
@@ -102,11 +103,11 @@ PLUGINS: Final[tuple[str, ...]] = (
     "ign_ros2_control/IgnitionSystem",
     "gazebo_ros_control/DefaultRobotHWSim",
 )
-"""The plugin names it stands in for; the last is ROS 1's, meant by every URDF that has its Gazebo plugin."""
+"""Plugin names that select this component; the last name is for ROS 1 descriptions with the Gazebo plugin."""
 
 
 class SimulatedMotor(Protocol):
-    """Motor model of one joint: rad, rad/s, Nm (or m, m/s, N)."""
+    """Motor model of one joint, in rad, rad/s and Nm, or m, m/s and N."""
 
     position: float
     velocity: float
@@ -117,31 +118,31 @@ class SimulatedMotor(Protocol):
 
 
 class Engine(Protocol):
-    """Simulation of coupled motors and their sensors, used instead of independent motors."""
+    """Simulation of coupled motors and their sensors, which replaces independent motors."""
 
     def motor(self, joint: str) -> SimulatedMotor | None:
-        """Return the motor of a joint, None without one; its target is used from the next step on."""
+        """Return the motor of a joint, None if there is none; a target of the motor is used from the next step on."""
 
     def sensed(self, interface: str) -> Callable[[], float] | None:
-        """Return a function that reads a sensor's state interface, such as "imu/orientation.x"; None if unknown."""
+        """Return a function that reads a sensor interface such as "imu/orientation.x"; None if it is unknown."""
 
     def step(self, seconds: float) -> None:
         """Advance all motors and sensors by a time step."""
 
     def scan(self, seconds: float) -> Sequence[LaserScanReading]:
-        """Return the present scans of its lidars, `seconds` into the simulation."""
+        """Return the present scans of the lidars; `seconds` is the simulated time."""
 
     def reset(self, keyframe: str) -> None:
-        """Reset to the start, or to a key frame; ControlError for an unknown one."""
+        """Reset the simulation to its start, or to a key frame; ControlError if the key frame is unknown."""
 
     def act(self, world_act: WorldAct) -> None:
-        """Apply a disturbance to its world now; ConfigError for a missing link or joint."""
+        """Apply a disturbance to the simulation now; ConfigError if a link or joint does not exist."""
 
 
 class FirstOrderMotor:
-    """Velocity loop with one time constant (s) and a position loop, or inertia (kg m^2) with damping (Nm s).
+    """Motor model: position and velocity loops with a time constant in s, or effort on inertia and damping.
 
-    It reaches no further than its limits, in position, velocity and effort.
+    The inertia is in kg m^2, the damping in Nm s. Position, velocity and effort stay within the limits.
     """
 
     def __init__(
@@ -152,7 +153,7 @@ class FirstOrderMotor:
         self._inertia, self._damping = inertia, damping
 
     def follow(self, interface: str, target: float, seconds: float) -> None:
-        """See `SimulatedMotor`."""
+        """Move for `seconds` towards a target of position, velocity or effort, within the limits."""
         if seconds <= 0.0:
             return
         before = self.velocity
@@ -160,7 +161,7 @@ class FirstOrderMotor:
             effort = _within(target, self._limits.effort)
             self._approach(effort / self._damping, self._inertia / self._damping, seconds)
         elif interface == POSITION:
-            # a quarter of the velocity loop's bandwidth: it arrives without overshoot
+            # a quarter of the velocity loop's bandwidth, so that there is no overshoot
             velocity = (target - self.position) / max(4.0 * self._time_constant, seconds)
             self._approach(_within(velocity, self._limits.velocity), self._time_constant, seconds)
         else:
@@ -184,7 +185,7 @@ def _within(value: float, limit: float) -> float:
 
 
 class _Joint:
-    """Joint with its motor; `mode` is the claimed interface, "" for none."""
+    """Joint with its motor and interfaces; `mode` is the claimed command interface, "" for none."""
 
     __slots__ = ("commands", "held", "mode", "motor", "name", "start", "states")
 
@@ -200,7 +201,7 @@ class _Joint:
         self.motor.position = self.held = self.start
 
     def step(self, seconds: float) -> None:
-        """Follow the command; without one a velocity or effort is zero and a position is held."""
+        """Follow the command; without a command a velocity or effort is zero, and a position is held."""
         target = self.commands[self.mode].value if self.mode else math.nan
         mode = self.mode or VELOCITY
         if math.isnan(target):
@@ -218,10 +219,10 @@ class _Joint:
 
 
 class SimulatedSystem(ComponentLifecycle):
-    """Simulated <ros2_control> tag; `joints` are those of the description, for limits and mimics.
+    """Simulated joints of one <ros2_control> tag; `joints` are those of the description, for their limits.
 
-    Parameters of the tag or of a joint: time_constant (s), inertia, damping. `make_motor` replaces the motors; those of
-    an `engine` move together, and its sensors measure.
+    Parameters of the tag or of a joint are time_constant (s), inertia and damping. `make_motor` replaces the built-in
+    motors. The motors of an `engine` are coupled, and its sensors are used.
     """
 
     def __init__(
@@ -279,21 +280,21 @@ class SimulatedSystem(ComponentLifecycle):
         self._show()
 
     def scan(self) -> Sequence[LaserScanReading]:
-        """Return the present lidar scans of the engine."""
+        """Return the present lidar scans of the engine; () without an engine."""
         return () if self._engine is None else self._engine.scan(self._elapsed_ns / 1e9)
 
     @property
     def changeable(self) -> bool:
-        """Whether an engine moves the joints."""
+        """Whether an engine moves the joints, so that disturbances are possible."""
         return self._engine is not None
 
     def act(self, world_act: WorldAct) -> None:
-        """Apply a disturbance to the engine's world; ConfigError for a missing link or joint."""
+        """Apply a disturbance to the engine; ConfigError if a link or joint does not exist."""
         if self._engine is not None:
             self._engine.act(world_act)
 
     def reset(self, keyframe: str) -> None:
-        """Reset the joints to the start, at rest; a `keyframe` is one of the engine's model."""
+        """Reset the joints to their start at rest, or to a key frame of the engine; ControlError without such one."""
         if self._engine is not None:
             self._engine.reset(keyframe)
         elif keyframe:
@@ -309,7 +310,7 @@ class SimulatedSystem(ComponentLifecycle):
             joint.mode = ""
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Refuse two interfaces of one joint, and an interface that the motor lacks."""
+        """Raise ControlError for two interfaces of one joint, or one that a motor lacks."""
         modes: dict[str, str] = {}
         for name in (*start, *stop):
             if name not in self._owners:
@@ -324,7 +325,7 @@ class SimulatedSystem(ComponentLifecycle):
                 raise ControlError(f"joint {joint.name}: {modes[joint.name]} and {name} cannot be commanded together")
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Command the motors by the claimed interfaces."""
+        """Select the claimed interfaces as the targets of the motors."""
         for name in stop:
             joint = self._owners[name]
             if joint is not None and joint.mode == name.rpartition("/")[2]:
@@ -335,7 +336,7 @@ class SimulatedSystem(ComponentLifecycle):
                 joint.mode = name.rpartition("/")[2]
 
     def read(self, now: int, period: float) -> ReturnType:
-        """Advance the simulation to `now` in ns, including missed cycles."""
+        """Advance the simulation to `now` in ns, including missed cycles; ERROR for an infinite command."""
         if self.state not in (LifecycleState.INACTIVE, LifecycleState.ACTIVE):
             return OK
         step = round(period * 1e9) if self._last is None else now - self._last
@@ -352,7 +353,7 @@ class SimulatedSystem(ComponentLifecycle):
         return OK
 
     def write(self, now: int, period: float) -> ReturnType:
-        """Do nothing: the motors see the commands at the next read."""
+        """Do nothing: the motors use the commands at the next read."""
         del now, period
         return OK
 
@@ -373,7 +374,7 @@ _Extras = tuple[list[StateInterface], list[CommandInterface], list[tuple[Command
 
 
 def _extras(parts: Sequence[ControlJoint]) -> _Extras:
-    """Return the states of sensors and GPIOs: initial values, and commands with a state of the same name."""
+    """Return states, commands and mirrored pairs of sensors and GPIOs; a command is mirrored to its state's value."""
     states: list[StateInterface] = []
     commands: list[CommandInterface] = []
     mirrored: list[tuple[CommandInterface, StateInterface]] = []

@@ -1,8 +1,9 @@
-"""State interfaces of a joint, updated from the axis' process data.
+"""State interfaces of a joint, updated from the process data of the axis.
 
-A value changes only with a new frame, and without a node it is nan. Positions are continuous: 32 bits wrap, a restarted
-drive continues at its position, and a step that no motor can make is a jump, which is reported and not taken for
-motion. Plausible are steps within the velocity, or else the drive's largest one, plus one revolution.
+A value changes only with a new frame, and is nan without a node. Positions are continuous: the 32-bit wrap-around is
+removed, a restarted drive continues at its position, and a step that no motor can make is a jump, which is reported and
+does not count as motion. A step is plausible if it is within the present velocity, or else the drive's maximum
+velocity, plus one revolution.
 """
 
 from __future__ import annotations
@@ -23,14 +24,15 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint
 
 
-# Units of velocity that drives have, recognised by a motion that is far from the velocity they report.
+# Units of velocity in drives, recognised by a motion that differs much from the reported velocity.
 #
-# Positions are taken as right, since their counts do not depend on a unit of time. A velocity is doubted where the
-# motion is three times as fast or as slow as it; the likely unit is the one of the table that fits the motion. Units
-# are those of CiA 402-2 and CiA 303-2 that drives are set to, by how many of them one turn of the motor per second is.
+# Positions are assumed to be right, since their counts do not depend on a unit of time. A velocity is doubted if the
+# motion is at least three times as fast or as slow; the probable unit is the unit in the table that fits the motion.
+# The units are those of CiA 402-2 and CiA 303-2 that are common in drives, each as its value at one motor revolution
+# per second.
 
 
-# Motion needed to check a unit: of a drive at constant velocity, and of one that accelerates.
+# Accepted ratios of motion to reported velocity: at constant velocity, and for a drive that accelerates.
 _STEADY_MIN: Final = 0.7
 _STEADY_MAX: Final = 1.3
 _RISING_MIN: Final = 0.25
@@ -46,21 +48,21 @@ _UNITS: Final = {
     "0.001 rev/s": 1000.0,
 }
 _SI_UNITS: Final = {"rpm": 0x00B44700, "0.1 rpm": 0xFFB44700}
-"""0x60A9 for the units that a robot can take from the drive."""
+"""Values of 0x60A9 for the units that are read from the EDS."""
 
 
 @dataclass(frozen=True, slots=True)
 class UnitMismatch:
-    """Doubt about a drive's velocity unit: a sentence, and whether the motion is `faster` than the reported one."""
+    """Doubt about the unit of a drive's velocity: a text, and whether the motion is `faster` than reported."""
 
     text: str
     faster: bool
 
 
 def unit_mismatch(axis: AxisProcessData, speed: float, raw: int, *, rising: bool) -> UnitMismatch | None:
-    """Compare a motion in position counts/s with the drive's velocity; None if no unit explains the difference.
+    """Compare a motion in position counts/s with the drive's velocity; None if they agree or no unit fits.
 
-    `rising`: the motion is between two samples of a drive that may still accelerate.
+    `rising` tells that the motion is between two samples of a drive that may still accelerate.
     """
     reported = raw * axis.scale.vel_from_dev * axis.scale.pos_to_dev
     if not speed or not reported or 1.0 / _FAR < abs(speed / reported) < _FAR:
@@ -79,7 +81,7 @@ def unit_mismatch(axis: AxisProcessData, speed: float, raw: int, *, rising: bool
 
 
 def _words(axis: AxisProcessData, units: list[tuple[str, float]], *, faster: bool) -> str:
-    """Return a text that velocities are in one of `units`, the most likely first, with the key of bus.yml."""
+    """Return the text of a mismatch: the probable `units`, the most probable first, and the keys of bus.yml to set."""
     (first, per_turn), scale = units[0], axis.scale
     to_dev = math.copysign(per_turn * abs(scale.pos_to_dev) / axis.turn, scale.vel_to_dev)
     names = " or ".join(name for name, _ in units)
@@ -93,32 +95,32 @@ def _words(axis: AxisProcessData, units: list[tuple[str, float]], *, faster: boo
     )
 
 
-STANDSTILL: Final = 0.05  # rad/s (or m/s) and below count as standing
-_STILL_NS: Final = 100_000_000  # without a velocity: how long the position must not change
+STANDSTILL: Final = 0.05  # rad/s (or m/s): a lower speed counts as standstill
+_STILL_NS: Final = 100_000_000  # duration of a constant position that counts as standstill of a drive without velocity
 _LOOK_NS: Final = 1_000_000_000
-_DERIVED_NS: Final = 19_000_000  # between two positions of which a velocity is made: counts are coarse
-_MISMATCHES: Final = 3  # looks one after the other
+_DERIVED_NS: Final = 19_000_000  # minimum time between two positions for a velocity, because counts are coarse
+_MISMATCHES: Final = 3  # consecutive checks
 MEASURED: Final = {
     POSITION: objects.POSITION_ACTUAL,
     VELOCITY: objects.VELOCITY_ACTUAL,
     EFFORT: objects.TORQUE_ACTUAL,
 }
-"""State interface to the object of axis 0 that it is."""
+"""State interface to its object of axis 0."""
 _EXTRAS: Final = ("nmt_state", "statusword", "error_code", "age", "digital_inputs")
-_SLACK: Final = math.tau  # rad: what a shaft may be turned between two samples with no velocity to show for it
+_SLACK: Final = math.tau  # rad: motion between two samples that is possible without a reported velocity
 
 
 class Feedback:
-    """State interfaces of one joint: position, velocity, effort, and others in the description.
+    """State interfaces of one joint: position, velocity, effort, and others that the description lists.
 
-    `at_standstill` is whether the drive reports (nearly) no motion.
+    `at_standstill` is True while the drive reports nearly no motion.
     """
 
     def __init__(self, description: ControlJoint, axis: AxisProcessData) -> None:
         self._axis = axis
         present = {POSITION: axis.position, VELOCITY: axis.velocity, EFFORT: axis.effort}
         names = [name for name, signal in present.items() if signal is not None]
-        # some drives have no 0x606C, or no space for it in a TPDO
+        # some drives have no 0x606C, or no space for this object in a TPDO
         self._derives = axis.velocity is None and axis.position is not None and VELOCITY in description.state_interfaces
         if self._derives:
             names.append(VELOCITY)
@@ -134,42 +136,42 @@ class Feedback:
         self._more = self._effort is not None or bool(self._extras)
         present_pdos = [None if signal is None else signal.pdo for signal in (axis.position, axis.velocity)]
         self._position_pdo, self._velocity_pdo = (pdo or axis.statusword.pdo for pdo in present_pdos)
-        self._rests = None not in present_pdos and not self._more  # same values in both PDOs need no work
-        self._position_values: tuple[Value, ...] | None = None  # that were taken last, of an axis that `_rests`
+        self._rests = None not in present_pdos and not self._more  # unchanged values in both PDOs need no processing
+        self._position_values: tuple[Value, ...] | None = None  # processed last
         self._velocity_values: tuple[Value, ...] | None = None
         self._position_state = self.states.get(POSITION, StateInterface(description.name, POSITION))
         self._velocity_state = self.states.get(VELOCITY, StateInterface(description.name, VELOCITY))
         self._slack = round(abs(axis.scale.pos_to_dev) * _SLACK) + 1
         self._stamp = self._moved_at = 0
         self._jumps = 0
-        self._jump_speed = 0.0  # counts/s that the last jump would have been
+        self._jump_speed = 0.0  # counts/s that would explain the last jump
         self._sampled = self._sampled_before = 0  # stamps of the last two positions
         self._looked_at = self._looked_count = self._mismatches = 0
         self._derived_from, self._derived_at = 0, -_LOOK_NS  # count and stamp
 
     def node_ready(self) -> None:
-        """Reset after the node returned: its position is set to the previous joint position."""
+        """Reset after the node returned: the new raw position counts as the last position of the joint."""
         self._axis.unwrap.rebase()
         self._derived_at = -_LOOK_NS
         self._position_values = self._velocity_values = None
         self._raw_position = self._raw_velocity = self._raw_effort = None
 
     def restart(self) -> None:
-        """Reset after homing: the drive's position is valid from now on."""
+        """Reset after homing: the raw position of the drive is used without an offset from now on."""
         self._axis.unwrap = PositionUnwrapper()
         self._position_values = self._raw_position = None
         self._derived_at = -_LOOK_NS
         self._jumps = 0
 
     def node_lost(self) -> None:
-        """Reset after the node was lost: all values are unknown."""
+        """Set all values to nan after the node was lost."""
         self.at_standstill = True
         self._position_values = self._velocity_values = None
         for state in self.states.values():
             state.value = math.nan
 
     def read(self, now: int) -> int:
-        """Process new values; return a jump of the position in counts, 0 for none."""
+        """Update the state interfaces from new frames; return a jump of the position in counts, 0 for none."""
         same = self._position_pdo.values is self._position_values
         if same and self._velocity_pdo.values is self._velocity_values and self._rests:
             self._sampled_before, self._sampled = self._sampled, self._position_pdo.stamp
@@ -204,14 +206,14 @@ class Feedback:
         return jump
 
     def ramp_ns(self, default: int) -> int:
-        """Return the duration of the drive's ramp to zero from the last velocity; `default` if it is unknown."""
+        """Return the duration in ns of the drive's ramp from the last velocity to zero, at most `default`."""
         slope = self._axis.limits.deceleration
         if self._raw_velocity is None or not math.isfinite(slope):
             return default
         return min(default, round((1.2 * abs(self._raw_velocity) / slope + 0.1) * 1e9))
 
     def refresh_scale(self) -> None:
-        """Convert the next frames again after a change of the scale."""
+        """Convert the newest frames again after a change of the scale."""
         self._slack = round(abs(self._axis.scale.pos_to_dev) * _SLACK) + 1
         self._position_values = self._velocity_values = None
         self._raw_position = self._raw_velocity = self._raw_effort = None
@@ -220,7 +222,7 @@ class Feedback:
     def _take_position(self, raw: int, stamp: int) -> int:
         axis, last, slack = self._axis, self._raw_position, self._slack
         unwrap, scale = axis.unwrap, axis.scale
-        # a step within a revolution is always plausible: no need to work out what else would be
+        # a step within a revolution is always plausible, so that the largest step need not be computed
         if last is None or not -slack <= raw - last <= slack:
             unwrap.max_step = self._largest_step(stamp - self._stamp)
         count = unwrap.update(raw)
@@ -235,26 +237,26 @@ class Feedback:
         return unwrap.last_jump
 
     def _without_velocity(self, stamp: int, now: int) -> None:
-        """Judge standstill by positions, and derive the velocity where it is a state interface."""
+        """Detect standstill by positions, and compute the velocity if it is a state interface."""
         if self._moved_at != stamp:
             self.at_standstill = now - self._moved_at >= _STILL_NS
         if self._derives:
             self._derive(stamp)
 
     def _derive(self, stamp: int) -> None:
-        """Compute the velocity from positions at least `_DERIVED_NS` apart."""
+        """Compute the velocity from two positions that are at least `_DERIVED_NS` apart."""
         elapsed, count = stamp - self._derived_at, self._axis.unwrap.count
         if elapsed < _DERIVED_NS:
             return
-        if elapsed < _LOOK_NS:  # else the node was gone
+        if elapsed < _LOOK_NS:  # else the node was absent in between
             speed = (count - self._derived_from) * 1e9 / elapsed
             self._velocity_state.value = speed * self._axis.scale.pos_from_dev + 0.0
         self._derived_from, self._derived_at = count, stamp
 
     def jumped_in_unit(self, commanded: float = 0.0) -> UnitMismatch | None:
-        """Return the doubt about the velocity unit that explains the last jump.
+        """Return the doubt about the velocity unit that explains the last jump, None if there is none.
 
-        `commanded` is the velocity sent to the drive, in rad/s, nan for none, because the reported one may lag.
+        `commanded` is the velocity sent to the drive in rad/s, nan for none, because the reported velocity may lag.
         """
         raw = round(commanded * self._axis.scale.vel_to_dev) if math.isfinite(commanded) else None
         return self._check_unit(self._jump_speed, raw, rising=True) or self._check_unit(
@@ -262,7 +264,7 @@ class Feedback:
         )
 
     def turns_in_unit(self, now: int) -> UnitMismatch | None:
-        """Return the doubt about the velocity unit raised by the motion; checked ten times a second, reported once."""
+        """Return once a doubt about the velocity unit after several checks; called ten times a second."""
         count = self._axis.unwrap.count
         moved, elapsed = count - self._looked_count, now - self._looked_at
         self._looked_count, self._looked_at = count, now
@@ -272,17 +274,17 @@ class Feedback:
         return mismatch if self._mismatches == _MISMATCHES else None
 
     def _check_unit(self, speed: float, raw: int | None, *, rising: bool = False) -> UnitMismatch | None:
-        """Compare a measured speed in counts/s with a velocity of the drive."""
+        """Compare a measured speed in counts/s with a velocity of the drive; None if they agree."""
         if not raw or self._position is None or abs(raw * self._axis.scale.vel_from_dev) <= STANDSTILL:
             return None
         return unit_mismatch(self._axis, speed, raw, rising=rising)
 
     def _largest_step(self, elapsed_ns: int) -> int:
-        """Return the largest change between two samples: twice that of the present velocity, plus a revolution."""
+        """Return the largest plausible step in counts: three times the present velocity, plus one revolution."""
         axis = self._axis
         slack = self._slack
         if self._raw_velocity is not None:
-            # velocity and position may have different units: go by way of SI
+            # velocity and position may have different units, so convert through SI
             speed = abs(axis.scale.velocity_from_device(self._raw_velocity) * axis.scale.pos_to_dev)
         elif axis.limits.velocity < INT32_MAX:
             speed = axis.limits.velocity * abs(axis.scale.vel_from_dev * axis.scale.pos_to_dev)

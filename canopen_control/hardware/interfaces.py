@@ -1,8 +1,8 @@
-"""The interfaces between controllers and hardware, with ros2_control's names and meaning.
+"""Interfaces between controllers and hardware, with the names and meanings of ros2_control.
 
-An interface is one mutable number in SI units (rad, rad/s, Nm); a command interface has at most
-one owner, state interfaces are shared; nan means "no command was given" or "no value known". Nothing reads a clock,
-blocks or allocates while the robot runs: the registry resolves names once, the cycle touches `value` only.
+An interface is a mutable number in SI units (rad, rad/s, Nm). A command interface has at most one owner; state
+interfaces are shared. nan means "no command" or "unknown value". While the robot runs no code here reads a clock,
+blocks or allocates memory: the registry resolves names once, and the cycle accesses only `value`.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ if TYPE_CHECKING:
 MOTION_INTERFACES: Final = (POSITION, VELOCITY, EFFORT)
 DIGITAL_OUTPUTS: Final = "digital_outputs"
 TARGET: Final = "target"
-"""A command interface of what the drive's present mode of operation takes: a position, a velocity or an effort."""
+"""Command interface for the target of the drive's present mode: a position, a velocity or an effort."""
 
 
 class ReturnType(enum.Enum):
-    """Result of a read, update or write."""
+    """Result of a component's read or write, or of a controller's update."""
 
     OK = "ok"
     ERROR = "error"
 
 
-OK: Final = ReturnType.OK  # used a dozen times per cycle; before Python 3.12 the access to a member takes 65 ns
+OK: Final = ReturnType.OK  # used a dozen times per cycle; before Python 3.12 accessing an enum member takes 65 ns
 ERROR: Final = ReturnType.ERROR
 
 
 class LifecycleState(enum.Enum):
-    """States of a hardware component (managed nodes of ROS 2)."""
+    """State of a hardware component, as of a managed node in ROS 2."""
 
     UNCONFIGURED = "unconfigured"
     INACTIVE = "inactive"
@@ -51,7 +51,7 @@ class LifecycleState(enum.Enum):
 
 
 class StateInterface:
-    """Measured number: `value` in SI units, nan if unknown; `name` is "joint/interface"."""
+    """Measured value in SI units, nan if unknown; `name` is "joint/interface"."""
 
     __slots__ = ("interface", "joint", "name", "value")
 
@@ -64,23 +64,23 @@ class StateInterface:
 
 
 class ValueRange(Protocol):
-    """Source of an object's value range."""
+    """Source of the present value range of a command interface."""
 
     def value_range(self) -> tuple[float, float]:
-        """Return minimum and maximum."""
+        """Return minimum and maximum in SI units."""
         ...
 
 
 class CommandInterface:
-    """Commanded number: `value` in SI units, nan without a command; `owner` is the controller that claimed it.
+    """Commanded value in SI units, nan without a command; `owner` is the controller that has claimed it, or None.
 
-    - `minimum`, `maximum`: limits of the description, infinite without limits.
-    - `enabled`: the hardware follows it now; hardware without drives always does.
-    - `excluded`: a user disabled or halted this axis alone; the joints commanded with it go on until it follows again.
-    - `lowest`, `highest`: range of the object behind it; for a position it depends on where the joint is (`range`).
-    - `quantity`: the interface's name; of a TARGET the quantity of the present mode, TARGET without a mode.
-    - `safe`: value of an output without a command: nan keeps its value, None if the hardware does not define one.
-    - `release_value`: the same, set by the controller that releases the interface; None if it sets none.
+    - `minimum`, `maximum`: limits in the description, infinite without limits.
+    - `enabled`: the hardware follows commands at present; always True without drives.
+    - `excluded`: a user disabled or halted only this axis; the joints commanded together with it continue without it.
+    - `lowest`, `highest`: range of the object; for a position the range depends on the present position (`range`).
+    - `quantity`: name of the interface; for a TARGET the quantity of the present mode, or TARGET without a mode.
+    - `safe`: value of an output after release: nan keeps the value, None if the hardware does not define a safe value.
+    - `release_value`: value set by the controller that releases the interface, instead of `safe`; None without one.
     """
 
     __slots__ = (
@@ -119,12 +119,12 @@ class CommandInterface:
         self.minimum, self.maximum = minimum, maximum
         self.lowest, self.highest = -math.inf, math.inf
         self.range: ValueRange | None = None
-        """The range of values where it changes; `lowest` and `highest` else."""
+        """Source of a range that changes; None if `lowest` and `highest` are the range."""
         self.safe: float | None = None
         self.release_value: float | None = None
 
     def range_error(self, value: float) -> str | None:
-        """Return the valid range if a value does not fit the object, else None."""
+        """Return a text with the valid range if a value does not fit the object, else None."""
         low, high = (self.lowest, self.highest) if self.range is None else self.range.value_range()
         return None if low <= value <= high else f"{self.name} holds {low:g} to {high:g}"
 
@@ -133,20 +133,20 @@ class CommandInterface:
 
 
 class HardwareComponent(Protocol):
-    """Hardware component: a system, an actuator or a sensor of the description.
+    """Hardware component: a system, an actuator or a sensor in the description.
 
-    The lifecycle methods lead UNCONFIGURED -configure-> INACTIVE -activate-> ACTIVE and back; a method for a state
-    already reached is a no-op. `read` is called in INACTIVE and ACTIVE, `write` in ACTIVE only.
+    The lifecycle methods lead from UNCONFIGURED by configure to INACTIVE, by activate to ACTIVE, and back; a method
+    whose state is already reached does nothing. `read` is called in INACTIVE and ACTIVE, `write` only in ACTIVE.
     """
 
     @property
     def name(self) -> str:
-        """Name of its tag in the description."""
+        """Name of the component's tag in the description."""
         ...
 
     @property
     def state(self) -> LifecycleState:
-        """State of its lifecycle."""
+        """State of the component's lifecycle."""
         ...
 
     @property
@@ -165,7 +165,7 @@ class HardwareComponent(Protocol):
         ...
 
     def configure(self) -> None:
-        """Start communication; states become known, nothing moves."""
+        """Start communication, so that states become known; nothing moves."""
         ...
 
     def activate(self) -> None:
@@ -177,44 +177,47 @@ class HardwareComponent(Protocol):
         ...
 
     def cleanup(self) -> None:
-        """Undo `configure`."""
+        """Undo `configure`, after `deactivate` if necessary."""
         ...
 
     def shutdown(self) -> None:
-        """Shut down permanently."""
+        """Stop all motion and enter FINALIZED, which cannot be left."""
         ...
 
     def reset(self, keyframe: str) -> None:
-        """Reset a simulation to its start, or to a key frame of its model; ControlError for an unknown one."""
+        """Reset a simulation to its start or to a key frame; ControlError if the key frame is unknown."""
         ...
 
     @property
     def changeable(self) -> bool:
-        """Whether the component moves in a physics world that accepts disturbances."""
+        """Whether the component is part of a physics simulation that accepts disturbances."""
         ...
 
     def act(self, world_act: WorldAct) -> None:
-        """Apply a disturbance to the world of a simulation; ConfigError for a missing link or joint."""
+        """Apply a disturbance to a physics simulation; ConfigError if a link or joint does not exist."""
         ...
 
     def scan(self) -> Sequence[LaserScanReading]:
-        """Return the scans of a simulation's lidars."""
+        """Return the present scans of simulated lidars, () without any."""
         ...
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Raise ControlError or DriveError if these interfaces cannot be claimed or released; change nothing."""
+        """Raise ControlError or DriveError if the switch is impossible; change nothing."""
         ...
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Select the mode of the claimed interfaces and start to enable; stop the released ones. Never blocks."""
+        """Select the mode of claimed interfaces and start to enable; stop released ones.
+
+        This method never blocks.
+        """
         ...
 
     def read(self, now: int, period: float) -> ReturnType:
-        """Latch the measured values; `now` in ns, `period` in s."""
+        """Update the state interfaces; `now` in ns, `period` in s."""
         ...
 
     def write(self, now: int, period: float) -> ReturnType:
-        """Send the commands; `now` in ns, `period` in s."""
+        """Send the values of the command interfaces; `now` in ns, `period` in s."""
         ...
 
 
@@ -222,7 +225,7 @@ Interface = TypeVar("Interface", StateInterface, CommandInterface)
 
 
 class InterfaceRegistry:
-    """Interfaces of a robot by name, and owners of the command interfaces."""
+    """Registry of a robot's components and interfaces by name, and of the owners of command interfaces."""
 
     def __init__(self) -> None:
         self._states: dict[str, StateInterface] = {}
@@ -235,16 +238,16 @@ class InterfaceRegistry:
 
     @property
     def state_interfaces(self) -> tuple[StateInterface, ...]:
-        """State interfaces of components, in order of registration."""
+        """State interfaces of components, in the order of registration."""
         return tuple(self._states.values())
 
     @property
     def command_interfaces(self) -> tuple[CommandInterface, ...]:
-        """Command interfaces, in order of registration."""
+        """Command interfaces of components and controllers, in the order of registration."""
         return tuple(self._commands.values())
 
     def register(self, component: HardwareComponent) -> None:
-        """Add a component; ControlError for a duplicate name of a component or an interface."""
+        """Add a component with its interfaces; ControlError if a name already exists."""
         if component.name in self._components:
             raise ControlError(f"two hardware components are called {component.name!r}; rename one <ros2_control> tag")
         _refuse_doubles("state", component.name, component.state_interfaces, self._states)
@@ -259,42 +262,43 @@ class InterfaceRegistry:
     def export(
         self, references: Sequence[CommandInterface], exporter: str, states: Sequence[StateInterface] = ()
     ) -> None:
-        """Add the reference and state interfaces of a chainable controller; they have no component."""
+        """Add reference and state interfaces of a chainable controller; ControlError if a name exists."""
         _refuse_doubles("command", exporter, references, self._commands)
         _refuse_doubles("state", exporter, states, {**self._states, **self._exported_states})
         self._commands.update({reference.name: reference for reference in references})
         self._exported_states.update({state.name: state for state in states})
 
     def withdraw(self, references: Sequence[CommandInterface], states: Sequence[StateInterface] = ()) -> None:
-        """Remove the interfaces of a chainable controller."""
+        """Remove the exported interfaces of a chainable controller."""
         for reference in references:
             self._commands.pop(reference.name, None)
         for state in states:
             self._exported_states.pop(state.name, None)
 
     def is_exported_state(self, name: str) -> bool:
-        """Whether a state interface belongs to a controller."""
+        """Whether a state interface is exported by a controller."""
         return name in self._exported_states
 
     def state(self, name: str) -> StateInterface:
-        """Return a state interface; UnknownInterface with the valid names otherwise."""
+        """Return a state interface by name; UnknownInterface, with the valid names, if there is none."""
         return _lookup(name, {**self._states, **self._exported_states})
 
     def command(self, name: str) -> CommandInterface:
-        """Return a command interface; UnknownInterface with the valid names otherwise."""
+        """Return a command interface by name; UnknownInterface, with the valid names, if there is none."""
         return _lookup(name, self._commands)
 
     def component_of(self, name: str) -> HardwareComponent | None:
-        """Return the component of an interface, None for a controller's reference; UnknownInterface otherwise."""
+        """Return the component of an interface, None if a controller exports it; may raise UnknownInterface."""
         if name not in self._states:
             _lookup(name, self._commands)
         exporter = self._exporters.get(name)
         return self._components[exporter] if exporter is not None else None
 
     def claim(self, names: Sequence[str], owner: str) -> list[CommandInterface]:
-        """Claim all these command interfaces for `owner`, or raise without claiming any.
+        """Claim command interfaces for a controller: all, or none if an exception is raised.
 
-        UnknownInterface or InterfaceConflict. Interfaces that the owner already has remain.
+        Raises UnknownInterface, or InterfaceConflict if another controller owns one. Interfaces that the controller
+        already owns are accepted.
         """
         commands = [self.command(name) for name in names]
         for command in commands:
@@ -305,7 +309,7 @@ class InterfaceRegistry:
         return commands
 
     def release(self, owner: str) -> list[str]:
-        """Release all interfaces of an owner; return their names."""
+        """Release all command interfaces of a controller; return their names."""
         released = [command for command in self._commands.values() if command.owner == owner]
         for interface in released:
             interface.owner = None
@@ -327,62 +331,62 @@ def _refuse_doubles(kind: str, exporter: str, new: Sequence[Interface], present:
         names.add(interface.name)
 
 
-# The lifecycle verbs of a component: a verb that does not fit the state does nothing.
+# Lifecycle methods of a component; a method that is not allowed in the present state does nothing.
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ComponentLifecycle(ABC):
-    """Lifecycle `state` and its transitions; a component implements `_begin` and `_rest`."""
+    """Base class of components with the lifecycle of ros2_control; subclasses implement `_begin` and `_rest`."""
 
     def __init__(self) -> None:
         self.state = LifecycleState.UNCONFIGURED
 
     @property
     def simulated_ns(self) -> int | None:
-        """None: the component runs in real time."""
+        """Always None: the component runs in real time."""
         return None
 
     @property
     def changeable(self) -> bool:
-        """False: no physics moves the component."""
+        """Always False: the component is not part of a physics simulation."""
         return False
 
     def configure(self) -> None:
-        """Start to read states."""
+        """Start to read states and enter INACTIVE, if the component is UNCONFIGURED."""
         if self.state is LifecycleState.UNCONFIGURED:
             self._begin()
             self.state = LifecycleState.INACTIVE
 
     def activate(self) -> None:
-        """Permit commands."""
+        """Permit commands and enter ACTIVE, if the component is INACTIVE."""
         if self.state is LifecycleState.INACTIVE:
             self.state = LifecycleState.ACTIVE
 
     def deactivate(self) -> None:
-        """Stop all motion."""
+        """Stop all motion and enter INACTIVE, if the component is ACTIVE."""
         if self.state is LifecycleState.ACTIVE:
             self._rest()
             self.state = LifecycleState.INACTIVE
 
     def cleanup(self) -> None:
-        """Return to the initial state."""
+        """Deactivate the component if necessary, and return to UNCONFIGURED."""
         self.deactivate()
         if self.state is LifecycleState.INACTIVE:
             self.state = LifecycleState.UNCONFIGURED
 
     def shutdown(self) -> None:
-        """Shut down permanently."""
+        """Deactivate the component if necessary, and enter FINALIZED."""
         self.deactivate()
         self.state = LifecycleState.FINALIZED
 
-    def reset(self, keyframe: str) -> None:  # noqa: B027 - most have nothing to do
+    def reset(self, keyframe: str) -> None:  # noqa: B027 - most components have nothing to do
         """Do nothing: the component is not simulated."""
 
     def act(self, world_act: WorldAct) -> None:  # noqa: B027 - as above
-        """Do nothing: the component has no world."""
+        """Do nothing: the component is not simulated."""
 
     def scan(self) -> Sequence[LaserScanReading]:
-        """Return an empty list, because drives have no lidars."""
+        """Return no scans, because the component is not simulated."""
         return ()
 
     @abstractmethod

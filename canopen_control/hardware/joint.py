@@ -1,9 +1,8 @@
-"""One joint and its drive axis: SI units for the controllers, process data and CiA 402 for the drive.
+"""Joint with its drive axis: SI units for the controllers, process data and CiA 402 for the drive.
 
-Whether the axis may move is the state of its chart (`axis_statechart`), whose triggers are fired
-here: a target reaches the drive only in FOLLOWING; in every other state the target is standstill at the actual
-position, or ramps towards it (`joint_targets`). A drive without a statusword whose node is active gets a quick
-stop, since its motion cannot be observed.
+The statechart (`axis_statechart`), whose triggers are fired here, decides whether the axis may move: targets reach the
+drive only in FOLLOWING; in every other state the target is standstill at the actual position, or a ramp to standstill
+(`joint_targets`). An operational drive without a statusword gets a quick stop, because its motion cannot be observed.
 """
 
 from __future__ import annotations
@@ -52,15 +51,15 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint
 
 
-# The parts of a joint and of the drive axis behind it, and their reports: state, power, homing, feedback.
+# Parts of a joint and of its drive axis, and their reports: state, power, homing and feedback.
 #
-# No part here acts; `joint` moves the axis.
+# This base class only reports; `JointDrive` moves the axis.
 
 
 class JointParts:
-    """Joint bound to one axis of one node; controllers claim its interfaces.
+    """Base of `JointDrive`: the parts of a joint that is bound to one axis of one node, and their reports.
 
-    `tracking` is the quality of following its set-points.
+    `tracking` measures how well the joint follows its set-points.
     """
 
     def __init__(self, description: ControlJoint, node: RemoteNode, image: ProcessImage, axis: int = 0) -> None:
@@ -80,7 +79,7 @@ class JointParts:
             holds_load=_holds_load(description),
         )
         self.tracking = self.targets.tracking
-        unknown = StateInterface(description.name, POSITION)  # for ever nan
+        unknown = StateInterface(description.name, POSITION)  # always nan
         self._measured = {name: self.states.get(name, unknown) for name in (POSITION, VELOCITY)}
         self._blind_stop_ns = BLIND_STOP_NS
         self._events: list[JointEvent] = []
@@ -93,69 +92,69 @@ class JointParts:
 
     @property
     def state(self) -> State | None:
-        """CiA 402 state, None while the node is absent."""
+        """CiA 402 state of the drive, None while the node is absent or the state is unknown."""
         return self.machine.state if self.node.ready else None
 
     @property
     def statusword(self) -> int | None:
-        """Newest statusword, None before the first; by SDO if its TPDO is missing."""
+        """Newest statusword, read by SDO if its TPDO is missing; None if unknown."""
         status = self.axis.statusword
         return status.value if status.fresh and not status.pdo.overdue else self.machine.statusword
 
     @property
     def claimed(self) -> str | None:
-        """Command interface claimed by a controller."""
+        """Command interface claimed by a controller, None without one."""
         return self.targets.claimed
 
     @property
     def enable_requested(self) -> bool:
-        """Whether the joint is to follow commands."""
+        """Whether the joint is enabled or being enabled."""
         return self.power.enable_requested
 
     @property
     def following(self) -> bool:
-        """Whether targets are followed now; equals `enabled` of the command interfaces."""
+        """Whether targets are sent to the drive at present; equals `enabled` of the command interfaces."""
         return self.power.following
 
     @property
     def enabled(self) -> bool:
-        """Whether the drive follows commands."""
+        """Whether the joint follows commands and its node is operational."""
         return self.power.following and self.node.ready
 
     @property
     def homing(self) -> JointHoming | None:
-        """Homing in progress."""
+        """Homing in progress, None without one."""
         return self.reference.homing
 
     @property
     def homed(self) -> bool:
-        """Whether a homing has found the zero and it has not been lost since."""
+        """Whether the last homing was successful and the reference has not been lost since."""
         return self.reference.known
 
     @property
     def can_enable(self) -> bool:
-        """Whether the joint waits only for its group to be enabled."""
+        """Whether the joint waits only for its group before OPERATION_ENABLED, or is enabled already."""
         machine = self.machine
         return machine.enabled or (machine.waiting and self.parameters.loaded)
 
     @property
     def at_standstill(self) -> bool:
-        """Whether the drive reports (almost) no motion."""
+        """Whether the drive reports nearly no motion."""
         return self.feedback.at_standstill
 
     @property
     def fault(self) -> FaultEvent | None:
-        """Fault that its drive is in: its statusword, and its error code once that is known."""
+        """Fault of the drive, with its statusword, or its error code once that is known; None without a fault."""
         if not self.machine.fault:
             return None
         return self.faults.fault or FaultEvent(statusword=self.machine.statusword)
 
     def age_ns(self, now: int) -> int | None:
-        """Return the age of the newest statusword."""
+        """Return the age of the newest statusword in a TPDO in ns, None before the first one."""
         return self.axis.statusword.age_ns(now)
 
     def has_settled(self, now: int) -> bool:
-        """Return whether a stop may end in disabling the drive."""
+        """Return whether the drive may be disabled, because its controlled stop is over."""
         if not self.node.ready or self.machine.state is not State.OPERATION_ENABLED:
             return True
         if self.axis.is_stale:
@@ -179,7 +178,7 @@ class JointParts:
 
 
 def _holds_load(description: ControlJoint) -> bool:
-    """Return whether a joint's load would fall without power; RobotConfigError for an invalid value."""
+    """Return whether a joint's load would fall without power (`holds_load`); RobotConfigError if it is invalid."""
     text = description.parameters.get("holds_load", "false").strip().lower()
     if text not in ("true", "false"):
         raise RobotConfigError(f"joint {description.name}: holds_load is {text!r}; it is true or false")
@@ -187,7 +186,7 @@ def _holds_load(description: ControlJoint) -> bool:
 
 
 _FINE = (SetPointTaken, SetPointReached, SetPointDeferred)
-_FOLLOWING: Final = AxisPhase.FOLLOWING  # for every cycle, see `hardware.interfaces.OK`
+_FOLLOWING: Final = AxisPhase.FOLLOWING  # faster than the enum member, see `hardware.interfaces.OK`
 _FAULTED = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 _MAY_HOME: Final = (AxisPhase.READY, AxisPhase.HOMING)
@@ -204,45 +203,46 @@ _STANDING: Final = (
     "it is enabled and does not follow its set-points; check its brake, its power and which source its set-points come "
     "from (with a brake that lifts late give it `enable_settle_ms` in bus.yml)"
 )
-_BOOTING: Final = "; booting it again"  # reports of the node already made
+_BOOTING: Final = "; booting it again"  # the end of a text that the node has reported already
 
 
 class FeedbackStatus(enum.Enum):
-    """Status of the feedback of an axis; the value describes it."""
+    """Status of the feedback of an axis; the value describes the status."""
 
     LOST = "its node is not operational"
     STALE = "its node is operational, and a TPDO with its feedback stays away"
     LIVE = "its node is operational, and its feedback comes"
 
 
-_LOST: Final = FeedbackStatus.LOST  # for every cycle, as _FOLLOWING
+_LOST: Final = FeedbackStatus.LOST  # faster than the enum member
 _STALE: Final = FeedbackStatus.STALE
 _LIVE: Final = FeedbackStatus.LIVE
 
 
 class JointDrive(JointParts):
-    """Joint bound to one axis of one node; controllers claim its interfaces.
+    """Joint bound to one axis of one node, which it enables, moves and stops; controllers claim its interfaces.
 
-    `power` is its state in the statechart. `resume` is set by a stop whose cause may be cleared without a user: the
-    joint was enabled before it. `<param name="holds_load">true</param>` means that its load would fall without power.
+    `power` is the statechart of the axis. `resume` is set by a stop whose cause may disappear without a user, if the
+    joint was enabled before the stop. `<param name="holds_load">true</param>` means that the load would fall without
+    power.
     """
 
     def __init__(self, description: ControlJoint, node: RemoteNode, image: ProcessImage, axis: int = 0) -> None:
         super().__init__(description, node, image, axis)
         self.stop_group: StopGroup[JointDrive] = StopGroup()
-        """As the description has it; `group` is with what a base puts together."""
+        """Stop group in the description; `group` is this group, or the group into which a base controller merged it."""
         self.group = self.stop_group
         self.group.joints.append(self)
         self.base: BaseJoints[JointDrive] | None = None
         self.partners: tuple[JointDrive, ...] = ()
-        """The joints of the other motors behind the same controlword: enabled, stopped and reset with it."""
+        """Joints of the other motors with the same controlword, which are enabled, stopped and reset together."""
         self.resume = False
         self.stopped_by = ""
-        """What it was stopped by since it was last enabled, none of its user's."""
+        """Cause of the last stop since the joint was enabled, "" if it was requested by a user."""
         self._watch = StatusWatch(self.axis, node.config.motion.following_error_action)
         self._motion = MotionWatch(self.axis, self.machine)
         self._settle_ns = node.config.motion.enable_settle_ms * 1_000_000
-        self._settled_at = 0  # before it, set-points of a drive that was just enabled would be lost
+        self._settled_at = 0  # before this time a drive that was just enabled would lose set-points
         self._status = AxisStatus(self.axis, self.machine, holds_load=self.power.holds_load)
         self._limits, self._controlword, self._mode = self.axis.limits, self.axis.controlword, self.axis.mode
         self._evaluations = -1
@@ -252,7 +252,7 @@ class JointDrive(JointParts):
     # ------------------------------------------------------------------------------------------- verbs
 
     def require_enable(self) -> None:
-        """Raise the DriveError that `enable` would raise."""
+        """Raise the DriveError that `enable` would raise; change nothing."""
         if not self.machine.remote:
             raise DriveError(
                 f"{self.axis.who}: under local control (statusword bit 9 is 0), "
@@ -264,21 +264,21 @@ class JointDrive(JointParts):
         self.machine.require_enable()
 
     def enable(self) -> None:
-        """Request OPERATION_ENABLED, in which the drive follows commands. DriveError in a fault."""
+        """Request OPERATION_ENABLED, in which the joint follows commands; DriveError if that is impossible."""
         self.require_enable()
         self.resume, self.stopped_by = False, ""
         self.targets.feed_forward.zero()
         self.tracking.begin()
         self._fire(PhaseTrigger.ENABLE)
         for pdo in self.node.sent:
-            pdo.changed = True  # targets are at rest before the drive is enabled, regardless of its present ones
+            pdo.changed = True  # the drive gets targets at standstill before it is enabled
 
     def stop(self, now: int) -> None:
-        """Ramp to zero, then disable together with the group."""
+        """Ramp to zero, then disable the drive together with its group."""
         self._now = now
         self.resume = False
         if self._motion.unmoved:
-            self.targets.hold()  # it stands: it must not leap to a target that it has not followed
+            self.targets.hold()  # the axis has not moved, and must not leap to a target that it has not followed
         if self._fire(PhaseTrigger.STOP) and self.power.falling:
             self._blind_stop_ns = self.feedback.ramp_ns(BLIND_STOP_NS)
         self._abort_homing("stopped")
@@ -287,30 +287,30 @@ class JointDrive(JointParts):
 
     @property
     def stopped(self) -> bool:
-        """Whether the joint no longer moves under power, as far as can be observed."""
+        """Whether the drive has no power or has ended its quick stop, as far as can be observed."""
         return self.power.state in STOPPED and (self.machine.reached or self._status.invisible)
 
     def quick_stop(self) -> None:
-        """Use the drive's quick stop (0x605A); its option code decides whether it is disabled or holds afterwards."""
+        """Command the drive's quick stop; 0x605A decides whether it is disabled or holds position afterwards."""
         self.resume = False
         self._fire(PhaseTrigger.QUICK_STOP)
         self._abort_homing("quick stop")
 
     def halt(self) -> None:
-        """Hold the motion by the halt bit; after `enable` it follows new commands."""
+        """Stop the motion by the halt bit (8) of the controlword; after `enable` the joint follows new commands."""
         self._fire(PhaseTrigger.HALT)
 
     def fault_reset(self) -> None:
-        """Reset a fault; the drive stays disabled. Without a fault nothing changes."""
+        """Reset a fault; the drive stays disabled. Without a fault nothing is sent."""
         self._fire(PhaseTrigger.FAULT_RESET)
 
     def give_up(self) -> None:
-        """Process the loss of OPERATION ENABLED by the drive, or of its node."""
+        """Process that the drive has left OPERATION_ENABLED, or that its node was lost."""
         self._fire(PhaseTrigger.DRIVE_LEFT if self.node.ready else PhaseTrigger.NODE_LOST)
         self._abort_homing("the drive left operation")
 
     def home(self, method: int | None) -> None:
-        """Start homing; DriveError if the drive lacks the method, or homing."""
+        """Start homing by `method` of 0x6098, None for the method in the drive; DriveError if not supported."""
         require_mode(OperationMode.HM, listed_modes(self.axis, self.parameters))
         self.reference.begin(method, was_enabled=self.enable_requested)
         self._fire(PhaseTrigger.MUST_REST)
@@ -318,7 +318,7 @@ class JointDrive(JointParts):
     # ------------------------------------------------------------------------------------------- cycle
 
     def read(self, now: int) -> None:
-        """Latch the newest process data into the state interfaces; nan while the node is absent."""
+        """Update the state interfaces with the newest process data; nan while the node is absent."""
         node = self.node
         link = _LOST if not node.ready else _STALE if node.stale else _LIVE
         if link is not self._link:
@@ -342,7 +342,7 @@ class JointDrive(JointParts):
         word: int | None
         display: int | None
         if self._link is _LIVE and shown is not None and pdo.stamp >= 0 and shown.stamp >= 0:
-            # as `AxisStatus.update`, without the call; both are integers
+            # same as `AxisStatus.update`, but faster; both values are integers
             status.word = word = pdo.values[status.place]  # type: ignore[assignment]
             status.display = display = shown.values[status.shown_place]  # type: ignore[assignment]
         else:
@@ -350,7 +350,7 @@ class JointDrive(JointParts):
             word, display = status.word, status.display
         before = machine.statusword
         if word == before and display == machine.mode_request.display and now < machine.next_update:
-            control = machine.controlword  # as `update`, without the call
+            control = machine.controlword  # same as `update`, but faster
             current = self.targets.current
             if current is not None and current.handshakes:
                 self._take_events()
@@ -370,7 +370,7 @@ class JointDrive(JointParts):
         return bool(self._events)
 
     def _take_update(self, word: int | None, before: int | None) -> None:
-        """Process what the machine has made of a statusword, of a mode or of a time."""
+        """Process the results of the state machine after a new statusword, mode or timeout."""
         machine, current = self.machine, self.targets.current
         if machine.evaluations != self._evaluations or word != before:
             self._evaluations = machine.evaluations
@@ -383,12 +383,12 @@ class JointDrive(JointParts):
             self._take_events()
 
     def write(self, now: int, period: float) -> None:
-        """Set mode and targets, after every joint of the group has processed its statusword."""
+        """Set mode and targets; call after `step` of every joint, so that the whole group has its new state."""
         targets, power = self.targets, self.power
         if targets.pending is not None:
             targets.change()
             if targets.claimed == TARGET:
-                self._fire(PhaseTrigger.MUST_REST)  # seen by its controller, whose number was for the mode before
+                self._fire(PhaseTrigger.MUST_REST)  # the old command was for the previous mode
         elif self.reference.homing is not None:
             targets.hold()
             self._step_homing(self.reference.homing, now)
@@ -409,7 +409,7 @@ class JointDrive(JointParts):
             targets.write_outputs()
 
     def supervise(self) -> None:
-        """Run the checks that are not needed in every cycle; called ten times a second."""
+        """Run the checks that are not needed in every cycle; call ten times a second."""
         if self._watch.leaves_limit():
             self._events.append(JointEvent("limit_left", "the limit is left", Level.INFO))
         self._motion.check(self.targets.current, self.enabled)
@@ -435,13 +435,13 @@ class JointDrive(JointParts):
 
     @property
     def _stops_at_limits(self) -> bool:
-        """Whether a limit ends a coordinated motion of the joint; False during homing and for an arm."""
+        """Whether an active limit stops the group; False during homing, alone in a group, and for an arm."""
         target = self.targets.current
         positions = target is not None and target.interface == POSITION and self.base is None
         return self.homing is None and len(self.group.joints) > 1 and not positions
 
     def _commands_into_limit(self) -> bool:
-        """Whether the command drives the axis further into its active limit switch."""
+        """Whether the command would move the axis further into its active limit."""
         target, claimed = self.targets.current, self.targets.claimed
         if not self.enable_requested or target is None or claimed is None or not self._stops_at_limits:
             return False
@@ -449,13 +449,13 @@ class JointDrive(JointParts):
         return target.interface == command.quantity and target.commands_into_limit(command.value)
 
     def _fire(self, trigger: PhaseTrigger) -> bool:
-        """Fire a trigger of the chart; the group checks the new state."""
+        """Fire a trigger of the statechart, and let the group check a new state; return whether it has changed."""
         changed = self.power.fire(trigger, self._now)
         self.group.busy |= changed
         return changed
 
     def _check_transitions(self, now: int) -> None:
-        """Fire transitions that depend on the drive's state while it is being enabled or stopped."""
+        """Fire the triggers that depend on the drive while it is enabled or stopped; report overdue stops."""
         power, machine = self.power, self.machine
         if power.state in RISING:
             if machine.enabled and self._fire(PhaseTrigger.DRIVE_ENABLED):
@@ -476,7 +476,7 @@ class JointDrive(JointParts):
     def _brake(self, period: float) -> None:
         """Execute one cycle of a controlled stop.
 
-        If the drive no longer follows targets they are set to rest at once.
+        If the drive no longer follows targets, they are set to standstill at once.
         """
         stands = True
         if self.machine.may_move:
@@ -519,13 +519,13 @@ class JointDrive(JointParts):
         )
 
     def _became_stale(self) -> None:
-        """Stop because feedback is missing; the statusword is read by SDO meanwhile."""
+        """Report overdue feedback, which stops the group; the statusword is read by SDO meanwhile."""
         self._status.node_ready()
         if self.axis.is_stale:
             self._events.append(JointEvent("feedback_stale", "its feedback is stale", Level.ERROR, stops=True))
 
     def _step_homing(self, run: JointHoming, now: int) -> None:
-        """Advance a homing by one cycle: enable in mode HM once its method is known, return at its end."""
+        """Advance a homing by one cycle: enable in mode HM once the method is known, and finish at the end."""
         if run.phase is HomingPhase.KNOWN:
             run.phase = HomingPhase.ENABLE
             try:
@@ -547,7 +547,7 @@ class JointDrive(JointParts):
             self._leave_homing(self.homing)
 
     def _leave_homing(self, run: JointHoming) -> None:
-        """Return to the previous mode and power; a homed axis counts from its new zero."""
+        """Restore mode and power after a homing; after success the position is relative to the new zero."""
         self.reference.end(run)
         self._fire(PhaseTrigger.HOMING_ENDED)
         if run.homed:
@@ -561,7 +561,7 @@ class JointDrive(JointParts):
             self.stop(self._now)
 
     def _is_unserved(self, event: ModeTimedOut) -> bool:
-        """Whether an enabled drive stays in a mode without the claimed interface."""
+        """Whether an enabled drive stays in a mode that does not serve the claimed interface."""
         claimed, restored = self.claimed, event.restored
         if not event.enabled or claimed in (None, TARGET):
             return False

@@ -1,10 +1,11 @@
-"""Events of a joint: emergencies, warning and limit bits of the statusword, wrong direction, fault codes.
+"""Events of a joint, monitors of its statusword, fault and motion, and its homing.
 
-One table from the kind of a drive's event to its name, its level and whether it stops. A condition
-of the statusword is reported when it begins, not while it lasts. An active limit closes the direction in which the
-axis moved and leaves the other open; an axis that moves with others stops with them at it, and again when it is
-commanded beyond it. An axis that turns against its command is distinguished from one that lags: both values are large
-in `WRONG_LOOKS` consecutive checks. If a drive has no error code (0x603F), its EMCY is the only report.
+One table maps the events of the drive's state machine to a kind, a level and whether the group stops. A condition of
+the statusword is reported when it begins, not while it lasts. An active limit forbids motion in the direction in which
+the axis moved and leaves the other direction open; an axis that moves together with others stops with them at the
+limit, and again when it is commanded beyond the limit. An axis that turns against its command is distinguished from one
+that lags: both values are large in `WRONG_LOOKS` consecutive checks. If a drive has no error code (0x603F), its EMCY
+message is the only report.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ if TYPE_CHECKING:
     from canopen_control.master.cycle import Output
 
 
-WRONG_LOOKS: Final = 5  # of a tenth of a second each
-_LESS: Final = 0.95  # of a speed: the axis is slowing down
+WRONG_LOOKS: Final = 5  # checks, one every 0.1 s
+_LESS: Final = 0.95  # factor of a speed below which the axis is slowing down
 _QUIET_LOOKS: Final = 10
 _FOLLOWING: Final = 1 << 13
 _BITS: Final = WARNING | INTERNAL_LIMIT | _FOLLOWING
@@ -49,7 +50,7 @@ _SIDES = {1: "positive", -1: "negative", 0: "unknown"}
 
 
 class JointEvent(NamedTuple):
-    """Event of one joint; `stops` means that its group has to stop, `fault` is that of its drive."""
+    """Event of a joint; `stops` means that its stop group has to stop, `fault` is the fault of its drive."""
 
     kind: str
     text: str
@@ -73,7 +74,7 @@ _TABLE: Final[dict[type, tuple[str, Level, bool]]] = {
 
 
 def joint_event_of(event: DriveEvent) -> JointEvent:
-    """Return the joint's event for an event of the drive's state machine."""
+    """Convert an event of the drive's state machine to an event of the joint."""
     kind, level, stops = _TABLE[type(event)]
     if isinstance(event, events.TransitionTimedOut):
         stops = event.gave_up
@@ -85,16 +86,16 @@ def joint_event_of(event: DriveEvent) -> JointEvent:
 
 
 class StatusWatch:
-    """Monitor of one axis; `action` is the reaction to a following error: stop, warn or ignore."""
+    """Monitor of one axis' statusword and velocity; `action` on a following error is "stop", "warn" or "ignore"."""
 
     def __init__(self, axis: AxisProcessData, action: str) -> None:
         self._axis, self._action = axis, action
         self._bits = 0
         self._against = self._against_from = 0
         self._last_target = 0
-        self._limit_at = 0  # the position at which the limit was reached
-        self._out_of_range = math.nan  # the target last reported as out of its object's range
-        self._quiet = 0  # checks without a target that is too fast; after enough of them the next one is reported again
+        self._limit_at = 0  # raw position at which the limit was reached
+        self._out_of_range = math.nan  # target that was last reported as out of range
+        self._quiet = 0  # countdown of checks; a target that is too fast is reported again only when it is 0
         self._targets: tuple[Output | None, Output | None] = (
             axis.output(objects.TARGET_VELOCITY),
             axis.output(objects.TARGET_POSITION),
@@ -103,7 +104,7 @@ class StatusWatch:
     def check(
         self, word: int, mode: int | None, target: ModeTarget | None, stops_at_limits: bool = False
     ) -> list[JointEvent]:
-        """Process a statusword and return the events that begin or end."""
+        """Process a statusword; return the events of warning, limit and following error bits that became 1."""
         rose, fell = word & ~self._bits & _BITS, self._bits & ~word & _BITS
         if not rose | fell:
             return []
@@ -120,12 +121,12 @@ class StatusWatch:
         return events
 
     def limit_event(self) -> JointEvent:
-        """Return the event of a command beyond the limit of an axis in a coordinated motion."""
+        """Return the event of a command beyond the active limit of an axis that moves together with others."""
         side = _SIDES[self._axis.limits.blocked]
         return JointEvent("limit", f"commanded beyond its limit, {side} side; {_BACK}", Level.ERROR, stops=True)
 
     def leaves_limit(self) -> bool:
-        """Return whether an inactive limit was left by a motion in the other direction; called ten times a second."""
+        """Return whether a limit was left in the other direction, and permit all motion again; call at 10 Hz."""
         limits = self._axis.limits
         if not limits.blocked or self._bits & INTERNAL_LIMIT:
             return False
@@ -136,7 +137,7 @@ class StatusWatch:
         return True
 
     def turns_the_wrong_way(self, enabled: bool) -> bool:
-        """Return whether the axis turns against its velocity target; called ten times a second."""
+        """Return once when the axis turns against its velocity target; call ten times a second."""
         output, actual = self._targets[0], self._axis.velocity
         if output is None or actual is None or not enabled or not actual.fresh:
             self._against = 0
@@ -148,13 +149,13 @@ class StatusWatch:
         if self._against == 1:
             self._against_from = abs(speed)
         elif self._against == WRONG_LOOKS and abs(speed) < _LESS * self._against_from:
-            self._against, self._against_from = 1, abs(speed)  # it slows down before it turns: its ramp is slow
+            self._against, self._against_from = 1, abs(speed)  # the axis decelerates before it reverses
         return self._against == WRONG_LOOKS
 
     def refuses(self, interface: str | None) -> str | None:
-        """Return the text that a controller's target does not fit its object, once until one fits.
+        """Return a text when a target does not fit its object, and again only after a target that fits.
 
-        Called ten times a second.
+        Call ten times a second.
         """
         target, reported = self._axis.out_of_range, self._out_of_range
         self._out_of_range = target
@@ -163,7 +164,7 @@ class StatusWatch:
         return f"{interface} target {target:g} does not fit the drive's object; it stands"
 
     def held_back(self) -> str | None:
-        """Return the text that targets are limited, when that begins; called ten times a second."""
+        """Return a text when the speed limit begins to reduce targets, else None; call ten times a second."""
         limits = self._axis.limits
         is_held, limits.held = limits.held, False
         was_reported, self._quiet = self._quiet > 0, _QUIET_LOOKS if is_held else max(0, self._quiet - 1)
@@ -176,14 +177,14 @@ class StatusWatch:
     def _limit(self, target: ModeTarget | None, stops: bool) -> list[JointEvent]:
         limits = self._axis.limits
         if limits.blocked:
-            return []  # the same limit, touched again
+            return []  # the same limit became active again
         limits.blocked = self._direction(target)
         self._limit_at = self._axis.raw_position
         text = f"limit reached, {_SIDES[limits.blocked]} side; {_BACK if stops else _OTHER}"
         return [JointEvent("limit", text, Level.ERROR if stops else Level.WARNING, stops)]
 
     def _direction(self, target: ModeTarget | None) -> int:
-        """Return the side of the limit: the active switch, else the direction of the target."""
+        """Return the direction of an active limit: of the active switch (0x60FD), else of the target; 0: unknown."""
         inputs = self._axis.digital_inputs
         switches = inputs.value & 3 if inputs is not None and inputs.fresh else 0
         if switches in (_NEGATIVE_SWITCH, _POSITIVE_SWITCH):
@@ -197,16 +198,16 @@ class StatusWatch:
 
 
 class FaultWatch:
-    """Fault of one axis: the statusword that shows it, then its error code (0x603F); `happened` takes the event."""
+    """Fault of one axis: its statusword, and then the error code (0x603F); new events are appended to `happened`."""
 
     def __init__(self, axis: AxisProcessData, happened: list[JointEvent]) -> None:
         self.fault: FaultEvent | None = None
-        """The last one; its drive may have left it."""
+        """Last fault, which may have been reset since; None without one since the boot."""
         self._axis, self._happened = axis, happened
         self.asking = False
 
     def enter(self, fault: FaultEvent) -> None:
-        """Record a fault and read its error code, if the drive has one."""
+        """Store a new fault, and read its error code if the drive has 0x603F."""
         self.fault = fault
         if self._axis.has(objects.ERROR_CODE) and not self.asking:
             self.asking = True
@@ -224,39 +225,39 @@ class FaultWatch:
 
 # Motion check of an enabled axis, ten times a second: detects standstill and motion away from the target.
 #
-# Positions are compared in counts. A drive that is enabled and takes its set-points from another source, or whose brake
-# is still shut, stands; one whose feedback is mirrored moves away from its target. An axis that stands at a limit of
-# its own (statusword bit 11), or is halted, has a reason that is reported elsewhere. Where set-points of a position
-# mode go on without an axis that has not moved since its enable, it is late: it would leap to them when its brake has
-# lifted.
+# Positions are compared in counts. A drive that is enabled but gets its set-points from another source, or whose brake
+# is still closed, does not move; a drive whose feedback is inverted moves away from its target. An axis at an active
+# limit (statusword bit 11), or a halted axis, is at standstill for a reason that is reported elsewhere. If the
+# set-points of a cyclic position mode continue while the axis has not moved since it was enabled, the axis is late: it
+# would leap to the set-points when its brake has opened.
 
 
-STANDING_LOOKS: Final = 15  # of a tenth of a second each
+STANDING_LOOKS: Final = 15  # checks, one every 0.1 s
 _LATE_LOOKS: Final = 2
 _WAY: Final = 0.02  # rad or m: a smaller distance to the target commands no motion
-_STEP: Final = STANDSTILL / 10  # rad or m in one look
+_STEP: Final = STANDSTILL / 10  # rad or m in one check
 
 
 class MotionWatch:
-    """Motion check of one axis. `stands`, `late` and `turns_away` are True once, when detected.
+    """Motion check of one axis; `stands`, `late` and `turns_away` are True after the check that detects the condition.
 
-    `unmoved`: set-points have left an axis that has not moved since its enable.
+    `unmoved` tells that the axis has not followed its set-points since it was enabled.
     """
 
     def __init__(self, axis: AxisProcessData, machine: DriveMachine) -> None:
         self._axis, self._machine = axis, machine
         self.stands = self.late = self.turns_away = False
         self._standing = self._away = 0
-        self._moved = False  # since its enable
-        self._still: int | None = None  # the position of the last look that saw a motion
-        self._rest: int | None = None  # where the present motion began
+        self._moved = False  # since the axis was enabled
+        self._still: int | None = None  # position at the last check with motion
+        self._rest: int | None = None  # position at which the present motion began
         self._last = 0
-        self._right = False  # the present motion has led towards its target
-        self._idle: ModeTarget | None = None  # whose output of `_idle_at` asked for no motion of an axis that stands
+        self._right = False  # the present motion was towards its target
+        self._idle: ModeTarget | None = None  # target without motion at the last check, value `_idle_at`
         self._idle_at = 0
 
     def check(self, target: ModeTarget | None, enabled: bool) -> None:
-        """Compare the target sent with the motion since the last check."""
+        """Compare the target that was sent with the motion since the last check."""
         self.stands = self.late = self.turns_away = False
         position = self._axis.position
         if not enabled or target is None or position is None or not position.fresh or self._machine.halted:
@@ -268,7 +269,7 @@ class MotionWatch:
         here = self._axis.raw_position + self._axis.unwrap.offset
         step, self._last = here - self._last, here
         if not step and target is self._idle and target.output.value == self._idle_at:
-            return  # as the last time
+            return  # same as in the last check
         scale = abs(self._axis.scale.pos_to_dev)
         self._check_standstill(target, here, scale)
         if target.interface == POSITION and self._rest is not None:
@@ -282,16 +283,16 @@ class MotionWatch:
 
     @property
     def unmoved(self) -> bool:
-        """Whether an axis with position set-points has not moved since its enable."""
+        """Whether the axis has not moved since it was enabled although its target commands motion."""
         return not self._moved and self._standing > 0
 
     def _distance(self, target: ModeTarget) -> int:
-        """Return the counts from the position to the target, within half a turn of the counter."""
+        """Return the distance in counts from the position to the target, within half the counter's range."""
         raw: int = target.output.value
         return (raw - self._axis.raw_position + (1 << 31)) % (1 << 32) - (1 << 31)
 
     def _asks(self, target: ModeTarget, scale: float) -> bool:
-        """Whether the target requires a motion large enough to be measured."""
+        """Whether the target commands a motion that is large enough to be measured."""
         if target.interface == POSITION:
             return abs(self._distance(target)) > _WAY * scale
         return isinstance(target, VelocityTarget) and abs(target.output.value / target.factor()) > STANDSTILL
@@ -308,7 +309,7 @@ class MotionWatch:
         self.late = cyclic and not self._moved and self._standing == _LATE_LOOKS
 
     def _check_direction(self, way: int, here: int, step: int, scale: float) -> None:
-        """Count checks with a motion away from the target; a reversal during a profile does not count."""
+        """Count checks with motion away from the target; a reversal of a motion towards it does not count."""
         if abs(step) < _STEP * scale:
             self.turns_away = self._ended_away(way, here, scale)
             self._rest, self._right, self._away = here, False, 0
@@ -320,25 +321,24 @@ class MotionWatch:
         self.turns_away = self._away == WRONG_LOOKS
 
     def _ended_away(self, way: int, here: int, scale: float) -> bool:
-        """Whether a motion too short for `WRONG_LOOKS` has led away from a target that was there when it began."""
+        """Whether a motion shorter than `WRONG_LOOKS` checks has led away from its target."""
         if self._right or self._rest is None:
             return False
         moved = here - self._rest
-        commanded = way + moved  # from where the motion began
+        commanded = way + moved  # distance from the start of the motion
         least = _WAY * scale
         return commanded * moved < 0 and abs(commanded) > least and abs(moved) > max(least, abs(commanded) / 2)
 
 
-# One homing of one axis, from the request to the return to the previous mode (CiA 402-2, mode HM).
+# Homing of one axis, from the request to the return to the previous mode (CiA 402-2, mode HM).
 #
-# The method is checked against the list of the drive before anything is written. Homing may enable the drive, because a
-# user requested a motion; afterwards the mode and the enable are restored. Every exit leaves bit 4 at 0, and only a
-# homing that was seen to end well makes the axis homed. Its joint calls `phase` in every cycle and applies the result;
-# nothing here refers back to it.
+# The method is checked against the drive's list before anything is written. Homing may enable the drive, because a user
+# requested the motion; afterwards mode and power are restored. Bit 4 is 0 at every exit, and only a homing whose
+# success was observed makes the axis homed. The joint calls `step` in every cycle and applies the result.
 
 
 class HomingPhase(enum.Enum):
-    """Phase of a homing."""
+    """Phase of a homing; the value describes the phase."""
 
     METHOD = "the method is written, and the speeds are bounded"
     KNOWN = "the drive is to be enabled in mode HM"
@@ -349,11 +349,11 @@ class HomingPhase(enum.Enum):
 
 
 class JointHoming:
-    """Homing in progress; `result` is None until its end, then "" or the reason of a failure.
+    """Homing in progress; `result` is None until the end, then "" or the reason of a failure.
 
-    `mode_before` and `was_enabled` are restored afterwards. DriveError for a method that is not in `methods`, the list
-    of the drive (None: no list). `bound` limits the speeds to the velocity limit, and returns "" or the reason why it
-    cannot: then homing is refused.
+    `mode_before` and `was_enabled` are restored afterwards. Raises DriveError for a method that is not in `methods`,
+    the drive's list (None: no list). `bound` reduces the homing speeds to the velocity limit, and calls back with "" or
+    the reason why that failed; then homing is refused.
     """
 
     def __init__(
@@ -392,14 +392,15 @@ class JointHoming:
         return self.phase is HomingPhase.HOMED
 
     def abort(self, reason: str) -> None:
-        """End the homing; bit 4 is 0 from the next cycle on."""
+        """End the homing as failed, unless it is over; bit 4 is 0 from the next cycle on."""
         if not self.over:
             self._fail(reason)
 
     def step(self, enable_requested: bool, may_home: bool, now: int) -> int:
-        """Return the mode's bits of the controlword for this cycle.
+        """Advance the homing; return the mode-specific bits of the controlword for this cycle.
 
-        `enable_requested`: the axis is still to be enabled; `may_home`: its chart permits motion.
+        `enable_requested` tells that the axis is enabled or being enabled, `may_home` that its statechart permits
+        homing.
         """
         machine = self._machine
         ready = may_home and machine.may_move and machine.mode == OperationMode.HM
@@ -445,7 +446,7 @@ class JointHoming:
 
 
 class HomePosition:
-    """Home position of an axis: the homing in progress, and the last one while its result is valid."""
+    """Reference of an axis: the homing in progress, and the last homing while its result is valid."""
 
     def __init__(self, axis: AxisProcessData, machine: DriveMachine, parameters: AxisParameters) -> None:
         self.homing: JointHoming | None = None
@@ -454,16 +455,16 @@ class HomePosition:
 
     @property
     def known(self) -> bool:
-        """Whether the last homing has found the zero and it has not been lost since."""
+        """Whether the last homing was successful and the reference has not been lost since."""
         return self._last is not None and self._last.homed
 
     @property
     def result(self) -> str | None:
-        """Reason of the last failed homing, "" after success, None before its end."""
+        """Reason of the last failed homing, "" after success, None without a finished homing."""
         return None if self._last is None else self._last.result
 
     def begin(self, method: int | None, *, was_enabled: bool) -> None:
-        """Start a homing; DriveError for a method that the drive does not list, and during another homing."""
+        """Start a homing; DriveError during another one, or if the drive does not list the method."""
         node = self._axis.node
         if self.homing is not None:
             raise DriveError(f"{node.who}: homing is under way already")
@@ -476,10 +477,10 @@ class HomePosition:
         self._last = None
 
     def end(self, run: JointHoming) -> None:
-        """Process the end of a homing."""
+        """Store a homing that is over as the last one."""
         self.homing, self._last = None, run
 
     def forget(self) -> None:
-        """Reset after the zero was lost."""
+        """Reset after the reference was lost; the result of a failed homing remains."""
         if self.known:
             self._last = None

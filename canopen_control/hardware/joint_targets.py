@@ -1,16 +1,16 @@
 """Targets of a joint: from a command interface to the target object of the drive, by mode.
 
-`JointTargets` has the interface that a controller claimed and the mode that serves it (`choose_mode`); the target of
-that mode (CiA 402-2) is a `ModeTarget`: `hold` is standstill where the axis is, for every cycle in which nothing may
-move, `follow` takes a target in SI units, nan for none, `ramp_down` is one cycle of a controlled stop and
-returns whether its target stands. A target that did not change costs one comparison.
+`JointTargets` has the interface that a controller claimed and the mode for this interface (`choose_mode`). The target
+of a mode (CiA 402-2) is a `ModeTarget`: `hold` commands standstill at the present position, for every cycle in which
+nothing may move; `follow` sends a target in SI units, nan for none; `ramp_down` is one cycle of a controlled stop and
+returns whether the target is at standstill. An unchanged target costs only a comparison.
 
-One interface of motion at a time, but for what feeds a position forward (`feed_forward`). A mode change of an enabled
-drive is preceded by a cycle in which every target is at rest, since the new mode acts upon its target at once; a target
-that is not followed is held at the actual position, without velocity and effort. CSP, IP and CSV have no ramp in the
-drive, so the master ramps, also to a stop; PP and PV leave the way to the drive. What is more than half a turn of the
-counter away, or does not fit its object, is not a target: the axis stands, and `out_of_range` of the axis is that
-target.
+Only one motion interface is commanded at a time, except for those that feed a position forward (`feed_forward`). Before
+an enabled drive changes its mode, all targets are at standstill for one cycle, since the new mode uses its target at
+once; targets of other modes are held at the actual position, without velocity and effort. CSP, IP and CSV have no ramp
+in the drive, so the master ramps, also to a stop; PP and PV leave the ramp to the drive. A target that is more than
+half the range of the counter away, or does not fit its object, is not sent: the axis stops, and `out_of_range` of the
+axis is this target.
 """
 
 from __future__ import annotations
@@ -45,20 +45,20 @@ if TYPE_CHECKING:
 UINT32_MAX: Final = (1 << 32) - 1
 _NAN: Final = math.nan
 _PROFILE: Final = (objects.PROFILE_VELOCITY, objects.PROFILE_ACCELERATION)
-_DEFAULT_STOP_S: Final = 0.5  # default of a ramp if the drive has no deceleration
+_DEFAULT_STOP_S: Final = 0.5  # duration of a stop if the drive has no deceleration
 _VL_RUN: Final = 0x70  # bits 4, 5 and 6: enable ramp, unlock ramp, use the reference
 _INTERPOLATE: Final = 0x10
-_FAR: Final = 0.01  # rad (m) to a set-point that the drive cannot have reached
-_FAST: Final = 0.05  # and rad/s (m/s) while it moves
-_WAY_CYCLES: Final = 2.0  # until a measured value is here, and a target at the drive
-_NEAR: Final = 1 << 30  # counts: closer than this no rounding makes a target lie beyond half a turn of its counter
+_FAR: Final = 0.01  # rad (m): at a larger distance the set-point is not reached
+_FAST: Final = 0.05  # rad/s (m/s): a higher speed is motion
+_WAY_CYCLES: Final = 2.0  # delay of a measured value and of a target, in cycles
+_NEAR: Final = 1 << 30  # counts: a closer target is certainly within half the range of the counter
 
 
 class JointTargets:
     """Command interfaces of a joint and their targets; RobotConfigError for an interface without an RPDO.
 
-    `claimed` is the command interface that a controller drives, `mode` the mode last asked for, `current` its target;
-    `tracked` the command whose `tracking` is watched, None where none is.
+    `claimed` is the command interface that a controller has claimed, `mode` the mode requested last, `current` the
+    target of that mode; `tracked` is the command that `tracking` monitors, None for none.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class JointTargets:
         self.claimed: str | None = None
         self.mode: int | None = None
         self.current: ModeTarget | None = None
-        self.pending: int | None = None  # a mode that waits for a cycle at rest
+        self.pending: int | None = None  # mode that waits for a cycle at standstill
         self.feed_forward = FeedForward(axis, self.commands)
         self.tracking = Tracking()
         self.tracked: CommandInterface | None = None
@@ -83,26 +83,26 @@ class JointTargets:
             self._outputs.lowest, self._outputs.highest = float(INT32_MIN), float(UINT32_MAX)
         self.has_outputs = self._outputs is not None
         self._command: CommandInterface | None = None
-        self._held: int | None = None  # the position at which all targets are held; None: they are not
+        self._held: int | None = None  # raw position at which all targets are held; None: not held
 
     @property
     def handshakes(self) -> bool:
-        """Whether the target has events of its own."""
+        """Whether the present target uses a handshake and has events, as in PP."""
         return self.current is not None and self.current.handshakes
 
     def mode_for(self, interface: str) -> int:
-        """Return the mode for a command interface: bus.yml's, else the best listed by the drive; or DriveError."""
+        """Return the mode for a command interface, from bus.yml or the drive's list; DriveError if there is none."""
         return choose_mode(self._axis, self._parameters, interface)
 
     def mode_serves(self, mode: int) -> str | None:
-        """Return the command interface that a mode serves, None for none."""
+        """Return the command interface for which a mode is used, None for a mode without a target."""
         target = make_target(mode, self._axis, self._machine)
         return None if target is None else target.interface
 
     def claim(self, interface: str | None, beside: Collection[str] = ()) -> None:
-        """Select the claimed interface, or none, and its mode; `beside` lists its feed-forward interfaces.
+        """Select the claimed interface (None: none) and its mode; `beside` are interfaces that feed it forward.
 
-        A TARGET follows the mode instead, which a user or the next enable requests.
+        A TARGET uses the present mode, which a user or the next enable requests.
         """
         self.claimed = interface
         self.feed_forward.claim(beside)
@@ -111,7 +111,10 @@ class JointTargets:
         self.refresh()
 
     def require_claim(self, mode: int) -> None:
-        """Raise ControlError if the claimed interfaces have no common mode, DriveError for a TARGET."""
+        """Raise an error if the claimed interface cannot be commanded in a mode.
+
+        ControlError if the mode is for another interface; DriveError for a TARGET if the mode has no target in an RPDO.
+        """
         if self.claimed == TARGET:
             if mode not in self._axis.target_objects:
                 raise DriveError(f"{self._axis.node.who}: {mode_words(mode)} takes no target; stay in one that does")
@@ -123,7 +126,7 @@ class JointTargets:
             )
 
     def set_mode(self, mode: int) -> None:
-        """Request a mode that the drive lists; UnsupportedMode for another."""
+        """Request a mode, which an enabled drive gets after a cycle at standstill; may raise UnsupportedMode."""
         require_mode(mode, listed_modes(self._axis, self._parameters))
         self.mode = mode
         if self._machine.enabled and self._machine.mode not in (None, mode):
@@ -132,7 +135,7 @@ class JointTargets:
             self.take_mode(mode)
 
     def take_mode(self, mode: int) -> None:
-        """Change to a mode now."""
+        """Change to a mode at once."""
         self.pending = None
         self._machine.set_mode(mode)
         self.current = make_target(mode, self._axis, self._machine)
@@ -141,7 +144,7 @@ class JointTargets:
         self._held = None
 
     def hold(self) -> None:
-        """Set every target to standstill at the present position."""
+        """Set all targets to standstill at the present position."""
         raw = self._axis.raw_position
         if raw == self._held:
             return
@@ -154,22 +157,22 @@ class JointTargets:
         self._axis.hold(raw)
 
     def node_ready(self) -> None:
-        """Set the targets to standstill again after a boot, which set them to values read from the node."""
+        """Have the targets set to standstill again after a boot, which set them to values read from the node."""
         self._held = None
 
     def hold_others(self) -> None:
-        """Set the targets of the other modes to the present position while the axis moves."""
+        """Set the targets of all other modes to the present position, or 0, while the axis moves."""
         if self.current is not None:
             self._axis.hold_others(self.current.output)
 
     def change(self) -> None:
-        """Hold for this cycle, then change to the pending mode."""
+        """Set all targets to standstill for this cycle, then change to the pending mode."""
         self.hold()
         if self.pending is not None:
             self.take_mode(self.pending)
 
     def ramp_down(self, period: float) -> bool:
-        """Execute one cycle of a controlled stop; True once the target is at standstill."""
+        """Execute one cycle of a controlled stop; return True once the target is at standstill."""
         current, self._held = self.current, None
         if current is None:
             return True
@@ -180,7 +183,7 @@ class JointTargets:
         return stands
 
     def follow(self, now: int, period: float) -> None:
-        """Send the command within the limits of the description, or nothing without a command."""
+        """Send the command of this cycle, within the limits of the description; nan without a command."""
         current, command = self.current, self._command
         if current is None:
             return
@@ -200,7 +203,7 @@ class JointTargets:
             self._machine.mode_bits = current.bits
 
     def write_outputs(self) -> None:
-        """Send the mode, and the digital outputs."""
+        """Set the mode of operation and the digital outputs in their RPDOs."""
         output, mode = self._axis.mode, self._request.sent
         if output is not None and mode is not None and mode != output.value:
             output.set(mode)
@@ -210,7 +213,7 @@ class JointTargets:
                 self._axis.digital_outputs.set(int(value) & 0xFFFFFFFF)
 
     def refresh(self) -> None:
-        """Update the command interface of the target (claimed, and served by the mode) and its range.
+        """Update the command interface that is followed, if it is claimed and fits the mode, and its range.
 
         Called again when the scale has changed.
         """
@@ -221,7 +224,7 @@ class JointTargets:
         fits = current is not None and self.claimed in (current.interface, TARGET)
         self._command = command = self.commands[self.claimed] if fits and self.claimed is not None else None
         if command is not None and current is not None and command.quantity != current.interface:
-            command.quantity, command.value = current.interface, _NAN  # the earlier command was of another quantity
+            command.quantity, command.value = current.interface, _NAN  # the old command had another unit
         self._track(command if current is not None and current.tracks else None)
         if current is not None and current.handshakes:
             self._parameters.bound_ramp()
@@ -243,12 +246,12 @@ class JointTargets:
 
 
 class ModeTarget(metaclass=ABCMeta):
-    """Target of one mode: common parts of all modes.
+    """Target of one mode: the base class with the common parts.
 
-    `output` carries it, `bits` are the mode's bits of the controlword; `handshakes` is True if it has events of its
-    own, `tracks` if the axis must reach the target's position or velocity in every cycle. `value` is the last target,
-    nan for none, and `blocked` the direction that an active limit closed then; `steady` is True if the same target
-    changes nothing.
+    `output` is the target object in an RPDO, `bits` are the mode-specific bits of the controlword; `handshakes` is True
+    if the target has events, `tracks` if the axis must reach the position or velocity in every cycle. `value` is the
+    last target, nan for none, and `blocked` the direction in which an active limit forbade motion then; `steady` is
+    True if repeating a target changes nothing.
     """
 
     interface = ""
@@ -261,38 +264,38 @@ class ModeTarget(metaclass=ABCMeta):
         self._axis, self.output, self._machine = axis, output, machine
         self.value = _NAN
         self.blocked = 0
-        self._slope = 0.0  # of a stop that the master ramps
+        self._slope = 0.0  # deceleration of a stop that the master ramps
 
     @abstractmethod
     def hold(self) -> None:
-        """Hold the present position."""
+        """Command standstill at the present position."""
 
     @abstractmethod
     def follow(self, value: float, now: int, period: float) -> None:
-        """Set a target in SI units, nan for none."""
+        """Send a target in SI units, nan for none; `now` in ns, `period` in s."""
 
     def ramp(self, velocity: float, slope: float) -> None:
-        """Set speed and acceleration in device units, for profile modes."""
+        """Set maximum speed and acceleration in device units, for targets that the master ramps; else do nothing."""
         del velocity, slope
 
     @abstractmethod
     def ramp_down(self, period: float) -> bool:
-        """Execute one cycle of a controlled stop; True once the target is at standstill."""
+        """Execute one cycle of a controlled stop; return True once the target is at standstill."""
 
     @abstractmethod
     def value_range(self) -> tuple[float, float]:
-        """Return the minimum and maximum of its object in SI units."""
+        """Return the minimum and maximum of the target object in SI units."""
 
     def commands_into_limit(self, value: float) -> bool:  # noqa: ARG002 - the verb of every mode
-        """Whether a target in SI units moves beyond the active limit; False for a position, which ends at the limit."""
+        """Whether a target moves the axis beyond its active limit; False for positions, which end there."""
         return False
 
     def events(self) -> Sequence[SetPointEvent]:
-        """Return the events since the last call."""
+        """Return the set-point events since the last call; only PP has events."""
         return ()
 
     def _same(self, value: float) -> bool:
-        """Whether target and limits equal those of the last cycle."""
+        """Whether target and blocked direction are the same as in the last cycle; store them otherwise."""
         if value == self.value and self._axis.limits.blocked == self.blocked:
             return True
         self.value, self.blocked = value, self._axis.limits.blocked
@@ -300,47 +303,47 @@ class ModeTarget(metaclass=ABCMeta):
 
 
 def stop_slope(axis: AxisProcessData, speed: float) -> float:
-    """Return the deceleration of a stop in units/s^2: the drive's (0x6084), or one that stops in half a second."""
+    """Return the deceleration of a stop in units/s^2: that of the drive (0x6084), else to stop in half a second."""
     slope = axis.limits.deceleration
     return slope if math.isfinite(slope) and slope > 0 else speed / _DEFAULT_STOP_S
 
 
 class _ScaledTarget(ModeTarget):
-    """Target of velocity or torque: a factor and the range of its object."""
+    """Target of velocity or torque, with a scale factor and the range of its object."""
 
     low = INT16_MIN
     high = INT16_MAX
 
     @abstractmethod
     def factor(self) -> float:
-        """Return device units per SI unit."""
+        """Return the number of device units per SI unit."""
 
     def value_range(self) -> tuple[float, float]:
-        """Return the range of the object in SI units; not finite for a very small factor."""
+        """Return the range of the object in SI units; infinite for a very small factor."""
         factor = self.factor()
         ends = self.low / factor, self.high / factor
         return min(ends), max(ends)
 
     def commands_into_limit(self, value: float) -> bool:
-        """Whether a velocity or torque moves beyond the active limit."""
-        return value * self.factor() * self._axis.limits.blocked > 0  # not for nan
+        """Whether a velocity or torque moves the axis beyond its active limit."""
+        return value * self.factor() * self._axis.limits.blocked > 0  # False for nan
 
     def _scaled(self, value: float) -> int:
-        """Return a target in device units; 0 for none, and for one out of range, which is recorded."""
+        """Return a target in device units; 0 for nan, and for a target out of range, which is stored."""
         raw = to_object(value * self.factor(), self.low, self.high)
         self._axis.out_of_range = _NAN if raw is not None else value
         return 0 if raw is None else raw
 
 
 class VelocityTarget(_ScaledTarget):
-    """Target of PV; the drive ramps."""
+    """Target of mode PV, in which the drive ramps."""
 
     interface = VELOCITY
     tracks = True
     steady = True
     low = INT32_MIN
     high = INT32_MAX
-    ramped = False  # by the master
+    ramped = False  # the master ramps
 
     def hold(self) -> None:
         """Command zero velocity."""
@@ -349,25 +352,25 @@ class VelocityTarget(_ScaledTarget):
         self.output.set(0)
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
-        """Send a velocity within the drive's limits."""
+        """Send a velocity, limited to the velocity limit; 0 for nan."""
         axis = self._axis
         blocked = axis.limits.blocked
         if value == self.value and blocked == self.blocked:
-            return  # as `_same`, without the call
+            return  # same as `_same`, but faster
         self.value, self.blocked = value, blocked
         self._slope = 0.0
         self.output.set(self._bounded(self._scaled(value)))
 
     def _bounded(self, raw: int) -> int:
-        """Return a target within the limits, in the units of its object."""
+        """Return a target in device units within the limits of the axis."""
         return self._axis.limits.of_velocity(raw)
 
     def factor(self) -> float:
-        """Return velocity units per rad/s (m/s)."""
+        """Return the velocity units per rad/s (m/s)."""
         return self._axis.scale.vel_to_dev
 
     def ramp_down(self, period: float) -> bool:
-        """Ramp towards zero at the drive's deceleration, or command zero if the drive ramps."""
+        """Ramp towards zero at the drive's deceleration, or command zero at once if the drive ramps."""
         raw: int = self.output.value
         self.value = _NAN
         if not self.ramped or raw == 0:
@@ -381,20 +384,20 @@ class VelocityTarget(_ScaledTarget):
 
 
 class RampedVelocityTarget(VelocityTarget):
-    """Target of CSV; the master ramps."""
+    """Target of mode CSV, in which the master ramps a stop."""
 
     ramped = True
 
 
 class WordVelocityTarget(VelocityTarget):
-    """Target of VL: revolutions per minute in a word (0x6042), with the ramp of the drive enabled."""
+    """Target of mode VL: a 16-bit velocity in rpm of the motor (0x6042), with the drive's ramp enabled."""
 
     bits = _VL_RUN
     low = INT16_MIN
     high = INT16_MAX
 
     def factor(self) -> float:
-        """Return rpm of the motor per rad/s (m/s)."""
+        """Return the rpm of the motor per rad/s (m/s)."""
         return self._axis.rpm_to_dev
 
     def _bounded(self, raw: int) -> int:
@@ -403,19 +406,20 @@ class WordVelocityTarget(VelocityTarget):
 
 
 class EffortTarget(_ScaledTarget):
-    """Target of TQ and CST: a stop sets the torque to zero.
+    """Target of modes TQ and CST; a stop sets the torque to zero.
 
-    A torque bounds no velocity: one that would drive a joint beyond the velocity limit of its description is taken
-    away, as ros2_control's joint limiter does it. The joint goes on gaining speed for the two cycles that a measured
-    value takes from the drive and a target to it, so that what it will have then is judged.
+    A torque does not limit the velocity: a torque that would drive a joint beyond the velocity limit of its description
+    is set to zero, as in ros2_control's joint limiter. The joint continues to accelerate during the two cycles that a
+    measured value takes from the drive and a target takes to the drive, so that the velocity expected after them is
+    compared.
     """
 
     interface = EFFORT
 
     def __init__(self, axis: AxisProcessData, output: Output, machine: DriveMachine) -> None:
         super().__init__(axis, output, machine)
-        self._last: int | None = None  # the position in the cycle before, where no velocity is measured
-        self._speed = _NAN  # in the cycle before
+        self._last: int | None = None  # position in the previous cycle, if no velocity is measured
+        self._speed = _NAN  # speed in the previous cycle
 
     def hold(self) -> None:
         """Command zero torque."""
@@ -423,7 +427,7 @@ class EffortTarget(_ScaledTarget):
         self.output.set(0)
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
-        """Send a torque within the drive's limits."""
+        """Send a torque within the drive's limits; 0 if the velocity limit would be exceeded."""
         limits = self._axis.limits
         same = self._same(value)
         if limits.described == math.inf:
@@ -432,7 +436,7 @@ class EffortTarget(_ScaledTarget):
             return
         before, self._speed = self._speed, self._measured(period)
         speed = self._speed
-        if speed == speed and before == before:  # both are known
+        if speed == speed and before == before:  # both speeds are known
             speed += _WAY_CYCLES * (speed - before)
         if value * speed > 0.0 and abs(speed) >= limits.described:  # False for nan
             limits.held = True
@@ -440,7 +444,7 @@ class EffortTarget(_ScaledTarget):
         self.output.set(limits.of_torque(self._scaled(value)))
 
     def _measured(self, period: float) -> float:
-        """Return the measured speed in SI units, nan if unknown."""
+        """Return the measured speed in SI units, computed from positions if necessary; nan if unknown."""
         axis = self._axis
         if axis.velocity is not None and axis.velocity.fresh:
             speed: float = axis.velocity.value * axis.scale.vel_from_dev
@@ -450,7 +454,7 @@ class EffortTarget(_ScaledTarget):
         return _NAN if last is None or period <= 0.0 else (here - last) / axis.scale.pos_to_dev / period
 
     def factor(self) -> float:
-        """Return torque units per N m (N)."""
+        """Return the torque units per N m (N)."""
         return self._axis.scale.eff_to_dev
 
     def ramp_down(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode
@@ -460,16 +464,16 @@ class EffortTarget(_ScaledTarget):
 
 
 class _PositionTarget(ModeTarget):
-    """Target position, with the turns of the drive's counter."""
+    """Target position with the turns of the drive's position counter."""
 
     def value_range(self) -> tuple[float, float]:
-        """Return the range within half a turn of the counter; beyond it the drive would turn the other way."""
+        """Return the range within half the counter's range, beyond which the drive would turn back."""
         here, scale = self._axis.raw_position + self._axis.unwrap.offset, self._axis.scale
         ends = [(here + way - scale.offset_pos_to_dev) / scale.pos_to_dev for way in (INT32_MIN + 1, INT32_MAX)]
         return min(ends), max(ends)
 
     def _count_of(self, value: float, none: int) -> int:
-        """Return the count of a target; `none` without one, and for one out of range, which is recorded."""
+        """Return the count of a target; `none` for nan, and for a target out of range, which is stored."""
         axis = self._axis
         scale = axis.scale
         count = value * scale.pos_to_dev + scale.offset_pos_to_dev
@@ -485,16 +489,16 @@ class _PositionTarget(ModeTarget):
 
 
 class PositionTarget(_PositionTarget):
-    """Target of CSP, one per SYNC, in steps that the drive can follow; the master's ramp ends the motion."""
+    """Target of mode CSP: one position per SYNC, within the velocity limit; a stop is ramped by the master."""
 
     interface = POSITION
     tracks = True
 
     def __init__(self, axis: AxisProcessData, output: Output, machine: DriveMachine) -> None:
         super().__init__(axis, output, machine)
-        self._count: int | None = None  # of the target, turns of the counter included; None: where the axis is
+        self._count: int | None = None  # target with the turns of the counter; None: the present position
         self._speed = 0.0  # counts per second
-        self._rest = 0.0  # of a count, which the largest velocity leaves to the next cycle
+        self._rest = 0.0  # fraction of a count that is left for the next cycle at the velocity limit
         self._ramp = TrapezoidalProfile()
 
     def hold(self) -> None:
@@ -505,12 +509,12 @@ class PositionTarget(_PositionTarget):
         self.output.set(self._axis.raw_position)
 
     def ramp(self, velocity: float, slope: float) -> None:
-        """See `ModeTarget`; with infinite values the drive computes the profile."""
+        """Set maximum speed and acceleration in device units; if both are infinite the master does not ramp."""
         counts = abs(self._axis.scale.pos_to_dev / self._axis.scale.vel_to_dev)
         self._ramp.limit(velocity * counts, slope * counts)
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
-        """Send a position within the velocity limit; without a command hold."""
+        """Send a position within the velocity limit; for nan stop, or hold the present target."""
         if self._same(value) and self._speed == 0.0:
             return
         if self._ramp.speed and value != value:
@@ -553,11 +557,11 @@ class PositionTarget(_PositionTarget):
         step = int(reach)
         self._rest = reach - step
         if step == 0:
-            self.value = _NAN  # the way goes on, in a later cycle
+            self.value = _NAN  # so that the next cycle continues
         return here + step if way > 0 else here - step
 
     def _go(self, here: int, count: int, period: float) -> None:
-        """Send a position count within the software limits, replacing the last one."""
+        """Send a position count, limited to the software position limits; store it and its speed."""
         axis = self._axis
         limits, offset = axis.limits, axis.unwrap.offset
         raw = wrap_int32(count - offset)
@@ -572,13 +576,13 @@ class PositionTarget(_PositionTarget):
 
 
 class InterpolatedTarget(PositionTarget):
-    """Target of IP: as CSP, with interpolation enabled."""
+    """Target of mode IP: the same as in CSP, with interpolation enabled by bit 4."""
 
     bits = _INTERPOLATE
 
 
 class SetPointTarget(_PositionTarget):
-    """Target of PP: every new target is a set-point with its own handshake; a stop is the drive's halt (0x605D)."""
+    """Target of mode PP: every target is a set-point with a handshake; a stop uses the drive's halt (0x605D)."""
 
     interface = POSITION
     handshakes = True
@@ -598,7 +602,7 @@ class SetPointTarget(_PositionTarget):
         self.output.set(self._axis.raw_position)
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
-        """Send a new target, replacing an active one; without a command stop the drive's motion."""
+        """Send a new target, which replaces an active one; for nan stop the motion with the drive's ramp."""
         handshake, machine = self._handshake, self._machine
         if self._same(value):
             pass
@@ -614,7 +618,7 @@ class SetPointTarget(_PositionTarget):
                 self.output.set(handshake.target)
 
     def _is_moving(self) -> bool:
-        """Whether the axis is moving fast, farther than `_FAR` from its set-point."""
+        """Whether the axis moves faster than `_FAST` while its set-point is farther away than `_FAR`."""
         axis, target = self._axis, self._handshake.target
         velocity, position = axis.velocity, axis.position
         if target is None or velocity is None or position is None or not (velocity.fresh and position.fresh):
@@ -627,7 +631,7 @@ class SetPointTarget(_PositionTarget):
         self._handshake.move(count, relative=relative, immediately=True)
 
     def ramp_down(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode
-        """Stop by the drive's halt option (0x605D)."""
+        """Stop with the drive's halt (0x605D); return True at once."""
         self.value, self._sent = _NAN, None
         if self._handshake.busy:
             self._handshake.abort("stopped")
@@ -637,11 +641,11 @@ class SetPointTarget(_PositionTarget):
         return True
 
     def events(self) -> Sequence[SetPointEvent]:
-        """Return the events of the set-points."""
+        """Return the events of set-points since the last call."""
         return self._handshake.events()
 
     def _take_back(self, target: int) -> None:
-        """Set the target to the end of the drive's own ramp, unless it is already at the target."""
+        """Send a set-point where the drive's ramp from the present velocity ends, unless `target` is reached."""
         self._sent = None
         axis, here = self._axis, self._axis.raw_position
         if not self._handshake.busy:
@@ -655,7 +659,7 @@ class SetPointTarget(_PositionTarget):
     def _give(self, value: float) -> None:
         axis = self._axis
         if axis.limits.ramp_unbounded:
-            self.value = _NAN  # it waits until the drive's own ramp is known to be slow enough
+            self.value = _NAN  # waits until the drive's own speed is known to be within the limit
             return
         count = self._count_of(value, axis.raw_position + axis.unwrap.offset)
         raw = axis.limits.of_position(axis.unwrap.raw_of(count))
@@ -676,17 +680,17 @@ TARGET_CLASSES: Final[Mapping[int, Callable[[AxisProcessData, Output, DriveMachi
         OperationMode.CST: EffortTarget,
     }
 )
-"""Mode to the class of its target, which writes the object of `cia402.modes.TARGET_OBJECTS`."""
+"""Mode to the class of the mode's target, for the object in `cia402.modes.TARGET_OBJECTS`."""
 
 
 _OWN_CLASSES: Final[Mapping[str, Callable[[AxisProcessData, Output, DriveMachine], ModeTarget]]] = MappingProxyType(
     {POSITION: PositionTarget, VELOCITY: RampedVelocityTarget, EFFORT: EffortTarget}
 )
-"""Command interface to the class of the target of a manufacturer's mode: the master makes the ramp."""
+"""Command interface to the class of the target of a manufacturer-specific mode, in which the master ramps."""
 
 
 def make_target(mode: int, axis: AxisProcessData, machine: DriveMachine) -> ModeTarget | None:
-    """Return the target of `mode`, None for a mode without one or without an RPDO."""
+    """Return the target of a mode, None for a mode without a target object or if that is in no RPDO."""
     address = axis.target_objects.get(mode)
     output = None if address is None else axis.output(*address)
     if address is None or output is None:

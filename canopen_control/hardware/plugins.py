@@ -1,7 +1,7 @@
-"""Plugins of <ros2_control> tags: drives, simulation or mirrored commands.
+"""Plugins of <ros2_control> tags: CANopen drives, simulation, or mock hardware; and transmissions.
 
-The plugin names of other stacks are kept, so that their descriptions run unchanged, and so is the
-one line that users change to go from simulation to hardware. `--mock` and `--real` do the same without a change.
+The plugin names of other stacks are accepted, so that their descriptions run unchanged, and so that users switch from
+simulation to hardware by changing the same line as there. `--mock` and `--real` do the same without a change.
 """
 
 from __future__ import annotations
@@ -38,21 +38,21 @@ if TYPE_CHECKING:
 
 # GenericSystem: a hardware component without hardware, as ros2_control's mock_components/GenericSystem.
 #
-# `read` mirrors every command into the state of the same name; a nan command changes nothing, an
-# infinite one is an ERROR. With `calculate_dynamics` the claimed interface of a joint is integrated instead (velocity
-# into position, acceleration into velocity and position, a position differentiated). States start at their
-# initial_value, else 0.0, positions plus `position_state_following_offset`. Ours, and safer: a released velocity or
-# acceleration stands still.
+# `read` copies every command to the state of the same name; a nan command changes nothing, an infinite command is an
+# ERROR. With `calculate_dynamics` the claimed interface of a joint is integrated instead (velocity to position,
+# acceleration to velocity and position; a position is differentiated). States start at their initial_value, else 0.0;
+# `position_state_following_offset` is added to positions. Different from upstream, and safer: a joint whose velocity or
+# acceleration interface is released stops.
 
 
 PLUGINS: Final[tuple[str, ...]] = ("mock_components/GenericSystem", "fake_components/GenericSystem")
-"""The plugin names it stands in for; the second is the older one."""
+"""Plugin names that select GenericSystem; the second name is older."""
 
 _MODES: Final = frozenset({POSITION, VELOCITY, ACCELERATION})
 
 
 class _Joint:
-    """Joint, sensor or GPIO: interfaces by name, mirrored pairs, claimed interfaces."""
+    """Joint, sensor or GPIO with its interfaces; `mode` is the quantity that `calculate_dynamics` integrates."""
 
     __slots__ = ("commands", "follows", "initial", "mimic", "mirrored", "mode", "name", "states")
 
@@ -76,31 +76,31 @@ class _Joint:
         self.follows: tuple[_Joint, Mimic] | None = None
 
     def reset(self, offset: float) -> None:
-        """Set the states to their initial values; `offset` is added to the position."""
+        """Set the states to their initial values or 0; `offset` is added to the position."""
         for name, state in self.states.items():
             initial = self.initial[name]
             state.value = (0.0 if math.isnan(initial) else initial) + (offset if name == POSITION else 0.0)
 
     def stop(self, interface: str) -> None:
-        """Stop: clear the command."""
+        """Set velocity and acceleration to 0 if a velocity or acceleration interface is released."""
         if interface in (VELOCITY, ACCELERATION):
             self.set(VELOCITY, 0.0)
             self.set(ACCELERATION, 0.0)
 
     def get(self, name: str) -> float:
-        """Return a state, 0.0 if the joint lacks it."""
+        """Return the value of a state; 0.0 if it is unknown or the joint does not have it."""
         state = self.states.get(name)
         return 0.0 if state is None or math.isnan(state.value) else state.value
 
     def set(self, name: str, value: float) -> None:
-        """Set a state if the joint has it."""
+        """Set the value of a state if the joint has it."""
         state = self.states.get(name)
         if state is not None:
             state.value = value
 
 
 class GenericSystem(ComponentLifecycle):
-    """<ros2_control> tag without hardware, as mock_components/GenericSystem."""
+    """Component of a <ros2_control> tag without hardware, as mock_components/GenericSystem."""
 
     def __init__(self, description: Ros2ControlSystem) -> None:
         super().__init__()
@@ -138,7 +138,7 @@ class GenericSystem(ComponentLifecycle):
             joint.stop(joint.mode)
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Refuse, with dynamics, two of position, velocity and acceleration at one joint."""
+        """With dynamics, raise ControlError for two of position, velocity and acceleration."""
         for name in (*start, *stop):
             self._owner(name)
         if not self._dynamics:
@@ -150,7 +150,7 @@ class GenericSystem(ComponentLifecycle):
                 raise ControlError(f"joint {joint}: {modes[joint]} and {name} cannot be commanded together")
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Stop released interfaces and integrate claimed ones."""
+        """Stop joints of released interfaces, and select the claimed ones for integration."""
         for name in stop:
             self._owner(name).stop(name.rpartition("/")[2])
         for name in start:
@@ -159,7 +159,7 @@ class GenericSystem(ComponentLifecycle):
                 self._owner(name).mode = interface
 
     def read(self, now: int, period: float) -> ReturnType:
-        """Copy the commands to the states; `period` in s."""
+        """Copy or integrate the commands to the states; ERROR for an infinite command."""
         del now
         if self.state not in (LifecycleState.INACTIVE, LifecycleState.ACTIVE) or self._disabled:
             return OK
@@ -184,7 +184,7 @@ class GenericSystem(ComponentLifecycle):
         return OK
 
     def _mirrors(self) -> list[tuple[CommandInterface, StateInterface, float]]:
-        """Return the mirrored interfaces: all, or with dynamics those that are not integrated."""
+        """Return the mirrored pairs: all, or with dynamics only those that are not integrated."""
         pairs: list[tuple[CommandInterface, StateInterface, float]] = []
         for part in self._parts:
             integrated = _MODES if self._dynamics and part.name in self._joints else frozenset[str]()
@@ -248,16 +248,16 @@ def _offset(parameters: Mapping[str, str]) -> float:
         raise ControlError(f"position_state_following_offset is {text!r}; it is a number of rad or m") from error
 
 
-# A hardware component seen through its transmissions: the values of joints instead of those of motor shafts.
+# Hardware component behind transmissions: values of joints instead of those of actuators (motor shafts).
 #
-# Rules (ROS 1 transmission_interface, ros2_control SimpleTransmission): joint position = actuator
-# position / reduction + offset, joint velocity = actuator velocity / reduction, joint effort = actuator effort *
-# reduction, and commands the other way round. A negative reduction turns the direction. Transmissions apply to real and
-# virtual drives; mock hardware and the simulation are joints already.
+# Rules (ROS 1 transmission_interface, ros2_control SimpleTransmission): joint position = actuator position / reduction
+# + offset, joint velocity = actuator velocity / reduction, joint effort = actuator effort * reduction, and the inverse
+# for commands. A negative reduction reverses the direction. Transmissions apply to real and virtual drives; mock
+# hardware and the simulation have joint values already.
 
 
 class _State:
-    """A state on both sides: joint = actuator * factor + offset."""
+    """State interface on both sides of a transmission: joint value = actuator value * factor + offset."""
 
     __slots__ = ("factor", "inner", "offset", "outer")
 
@@ -267,7 +267,7 @@ class _State:
 
 
 class _Command:
-    """Command on both sides of a transmission; its bounds, given for the joint, are converted for the actuator."""
+    """Command interface on both sides of a transmission; the joint's limits are converted for the actuator."""
 
     __slots__ = ("factor", "inner", "offset", "outer")
 
@@ -279,7 +279,7 @@ class _Command:
         inner.minimum, inner.maximum = min(ends), max(ends)
 
     def follow(self) -> None:
-        """Set whether the hardware follows commands; old commands are discarded when it starts again."""
+        """Copy `enabled` from the actuator's interface; clear `excluded` when the hardware follows commands again."""
         outer, enabled = self.outer, self.inner.enabled
         if outer.enabled is not enabled:
             outer.enabled = enabled
@@ -293,13 +293,13 @@ def _ratio(interface: str, transmission: Transmission) -> tuple[float, float]:
 
 
 _POWERS: Final = {POSITION: -1, VELOCITY: -1, ACCELERATION: -1, EFFORT: 1}
-"""The power of the reduction that makes a joint's value of an actuator's."""
+"""Exponents of the reduction in the factors from actuator values to joint values."""
 
 
 class TransmittedSystem:
-    """Component behind its transmissions: the same interfaces by name, with the joints' values.
+    """Component behind its transmissions: interfaces of the same names, with joint values.
 
-    What no transmission turns is the component's own.
+    Interfaces of joints without an effective transmission are those of the component.
     """
 
     def __init__(self, component: HardwareComponent, transmissions: Sequence[Transmission]) -> None:
@@ -332,7 +332,7 @@ class TransmittedSystem:
 
     @property
     def simulated_ns(self) -> int | None:
-        """Simulated time of the component."""
+        """Simulated time of the component in ns, None in real time."""
         return self.component.simulated_ns
 
     def configure(self) -> None:
@@ -348,40 +348,40 @@ class TransmittedSystem:
         self.component.deactivate()
 
     def cleanup(self) -> None:
-        """Clean the component up."""
+        """Clean up the component."""
         self.component.cleanup()
 
     def shutdown(self) -> None:
-        """Shut the component down."""
+        """Shut down the component."""
         self.component.shutdown()
 
     def reset(self, keyframe: str) -> None:
-        """Reset the component."""
+        """Reset the component's simulation to its start or a key frame."""
         self.component.reset(keyframe)
 
     @property
     def changeable(self) -> bool:
-        """See the component."""
+        """Whether the component is part of a physics simulation that accepts disturbances."""
         return self.component.changeable
 
     def act(self, world_act: WorldAct) -> None:
-        """Apply a disturbance to the component's world."""
+        """Apply a disturbance to the component's physics simulation."""
         self.component.act(world_act)
 
     def scan(self) -> Sequence[LaserScanReading]:
-        """Return the component's."""
+        """Return the present lidar scans of the component."""
         return self.component.scan()
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Forward the request to the component."""
+        """Check the switch in the component, which may raise an error."""
         self.component.prepare_command_mode_switch(start, stop)
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Switch the component."""
+        """Perform the switch in the component."""
         self.component.perform_command_mode_switch(start, stop)
 
     def read(self, now: int, period: float) -> ReturnType:
-        """Read the component and convert its actuators' states to joint states."""
+        """Read the component, and convert actuator states to joint states."""
         result = self.component.read(now, period)
         for state in self._states:
             state.outer.value = state.inner.value * state.factor + state.offset
@@ -389,7 +389,7 @@ class TransmittedSystem:
         return result
 
     def write(self, now: int, period: float) -> ReturnType:
-        """Convert joint commands to actuator commands and write the component."""
+        """Convert joint commands to actuator commands, and write the component."""
         for command in self._commands:
             command.inner.value = (command.outer.value - command.offset) / command.factor
         result = self.component.write(now, period)
@@ -402,12 +402,12 @@ class TransmittedSystem:
 
 
 def _joint_side(inner: CommandInterface) -> CommandInterface:
-    """Return the joint's side of an actuator's command interface, with the joint's bounds."""
+    """Return the joint's side of an actuator's command interface, with the limits of the joint."""
     return CommandInterface(inner.joint, inner.interface, inner.value, minimum=inner.minimum, maximum=inner.maximum)
 
 
 class PluginKind(enum.Enum):
-    """Kind of hardware component of a tag."""
+    """Kind of the hardware component of a <ros2_control> tag."""
 
     CANOPEN = "canopen"
     MOCK = "mock"
@@ -419,13 +419,13 @@ KNOWN: Final = {
     **dict.fromkeys(PLUGINS, PluginKind.MOCK),
     **dict.fromkeys(driverless_system.PLUGINS, PluginKind.SIMULATION),
 }
-"""Plugin name to kind."""
+"""Known plugin names and their kinds."""
 
 
 def kind_of(
     description: UrdfDescription, tag: Ros2ControlSystem, *, mock: bool = False, real: bool = False
 ) -> PluginKind:
-    """Return the kind of a tag; RobotConfigError for an unknown plugin, with the nearest name."""
+    """Return the kind of a tag's component; RobotConfigError, with the nearest name, for an unknown plugin."""
     if mock or real:
         return PluginKind.MOCK if mock else PluginKind.CANOPEN
     kind = KNOWN.get(tag.plugin)
@@ -439,7 +439,10 @@ def kind_of(
 def made_up(
     description: UrdfDescription, tag: Ros2ControlSystem, kind: PluginKind, engine: Engine | None = None
 ) -> HardwareComponent:
-    """Return the component of a tag without a bus; with the mock option its joints follow commands."""
+    """Return the component of a tag that needs no bus: simulation or mock hardware.
+
+    A tag with a plugin for drives or simulation gets mock hardware with dynamics.
+    """
     if kind is PluginKind.SIMULATION:
         return driverless_system.SimulatedSystem(tag, description.joints, engine=engine)
     if tag.plugin not in PLUGINS:
@@ -448,7 +451,7 @@ def made_up(
 
 
 def transmitted(component: HardwareComponent, tag: Ros2ControlSystem) -> HardwareComponent:
-    """Return a component behind the transmissions of its tag, unchanged without effective ones."""
+    """Return a component behind the transmissions of its tag; unchanged if none has an effect."""
     if all(transmission.trivial for transmission in tag.transmissions):
         return component
     return TransmittedSystem(component, tag.transmissions)

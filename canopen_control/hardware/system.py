@@ -1,9 +1,9 @@
-"""CanopenSystem: the hardware component of the CANopen drives and devices of one <ros2_control> tag.
+"""CanopenSystem: the hardware component of the CANopen drives and devices in one <ros2_control> tag.
 
-A drive is enabled when a controller claims one of its joint's command interfaces, and by a
-user's word; nothing else enables it, except `recovery: enable` of bus.yml for a node that was lost and is back. When
-one joint gets into trouble (its node lost, its feedback stale, its drive faulted or left on its own) every joint of its
-group stops along its ramp and is disabled, in the same cycle, and stays so until a request enables it again.
+A drive is enabled when a controller claims a command interface of its joint, or when a user requests it; nothing else
+enables a drive, except `recovery: enable` in bus.yml after a lost node has returned. After an error of one joint (node
+lost, feedback stale, drive in fault or no longer enabled) every joint of its stop group stops along its ramp and is
+disabled, in the same cycle, and remains disabled until a request enables it again.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 
-# Enables a group again whose stop was caused by a node that has returned, if bus.yml requests that.
+# Recovery of a group that stopped because a node was lost, after the node has returned, if bus.yml requests it.
 #
-# Only joints that were enabled when the stop came, only after a lost node whose `recovery` is
-# `enable`, and only when every joint of the group can go: nodes ready, parameters read, no fault, standing still. A
-# user's word in between (a stop, a disable, a quick stop) ends the matter.
+# Only joints are enabled that were enabled before the stop, only after the loss of a node with `recovery: enable`, and
+# only when every joint of the group is ready: node operational, parameters read, no fault, at standstill. A request of
+# a user in between (stop, disable or quick stop) cancels the recovery.
 
 
 def with_partners(joints: Iterable[JointDrive]) -> list[JointDrive]:
-    """Return the joints with those behind the same controlwords."""
+    """Return the joints, each followed by the joints of other motors with the same controlword."""
     return list(dict.fromkeys(each for joint in joints for each in (joint, *joint.partners)))
 
 
 def enable_together(joints: Sequence[JointDrive], now: int, report: Callable[[Event], None]) -> None:
-    """Enable joints; report the reason if one cannot be enabled, and keep the others of its group disabled."""
+    """Enable joints; report each that cannot be enabled, and stop the other joints of its group."""
     refused: list[JointDrive] = []
     for joint in joints:
         joint.resume = False
@@ -62,13 +62,13 @@ def enable_together(joints: Sequence[JointDrive], now: int, report: Callable[[Ev
 
 
 class Recovery:
-    """Recovery of joints that wait to be enabled again."""
+    """Recovery of stopped joints that wait to be enabled again (`resume`)."""
 
     def __init__(self, joints: Sequence[JointDrive], report: Callable[[Event], None]) -> None:
         self._joints, self._report = joints, report
 
     def step(self, now: int) -> None:
-        """Enable joints that wait and are ready; call a few times a second."""
+        """Enable the waiting joints of each group in which all of them are ready; call a few times a second."""
         waiting = [joint for joint in self._joints if joint.resume]
         for joint in waiting:
             if joint.resume and all(_can_go(member) for member in joint.group.joints if member.resume):
@@ -95,7 +95,7 @@ def _can_go(joint: JointDrive) -> bool:
 
 _SUPERVISE_NS: Final = 100_000_000
 
-#: the hardware plugins of other stacks that this component stands in for
+#: plugin names that select this component, including those of other stacks
 PLUGINS: Final[tuple[str, ...]] = (
     "canopen_control/CanopenSystem",
     "canopen_ros2_control/CanopenSystem",
@@ -106,7 +106,7 @@ PLUGINS: Final[tuple[str, ...]] = (
 
 
 class CanopenSystem(ComponentLifecycle):
-    """Joints of one <ros2_control> tag and their drives.
+    """Component of the CANopen drives and devices in one <ros2_control> tag.
 
     `groups` are the robot's stop groups by name, to which the joints are added; components that share them stop
     together.
@@ -147,14 +147,17 @@ class CanopenSystem(ComponentLifecycle):
         self._supervise_at = 0
 
     def _begin(self) -> None:
-        """Do nothing: the master boots the nodes, and drives stay disabled until a controller claims them."""
+        """Do nothing: the master boots the nodes, and drives stay disabled until they are claimed or enabled."""
 
     def _rest(self) -> None:
         self.stop(self._now)
         self.devices.release(self.devices.command_names)
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Check the switch: one motion interface per joint, or a position with feed-forward, with a suitable mode."""
+        """Raise ControlError or DriveError if the switch is impossible.
+
+        A joint is commanded by one motion interface, or by a position with feed-forward, and needs a suitable mode.
+        """
         for joint, interfaces in self._moved(start).items():
             if joint.claimed is not None and f"{joint.joint}/{joint.claimed}" not in stop:
                 raise ControlError(
@@ -165,9 +168,10 @@ class CanopenSystem(ComponentLifecycle):
                 joint.targets.mode_for(primary)
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Stop released joints; set the mode of claimed ones and enable them, without waiting.
+        """Stop released joints; set the mode of claimed joints and enable them.
 
-        A joint claimed by its TARGET only keeps the mode that a user requested, and only a user enables it.
+        This method does not wait. A joint that is claimed by its TARGET keeps the mode that a user requested, and is
+        enabled only by a user.
         """
         starting = self._moved(start)
         self.devices.release(stop)
@@ -181,10 +185,10 @@ class CanopenSystem(ComponentLifecycle):
             joint.targets.claim(primary, [interface for interface in interfaces if interface != primary])
         rising = with_partners(joint for joint in starting if joint.claimed != TARGET)
         self._choose_modes(joint for joint in rising if joint not in starting)
-        enable_together(rising, self._now, self._report)  # the switch is decided
+        enable_together(rising, self._now, self._report)  # errors are only reported, the switch has been accepted
 
-    def read(self, now: int, period: float) -> ReturnType:  # noqa: ARG002 - the verb of every component
-        """Latch the newest process data."""
+    def read(self, now: int, period: float) -> ReturnType:  # noqa: ARG002 - the signature of every component
+        """Update the state interfaces with the newest process data."""
         self._now = now
         for joint in self.joints:
             joint.read(now)
@@ -196,7 +200,7 @@ class CanopenSystem(ComponentLifecycle):
         return OK
 
     def write(self, now: int, period: float) -> ReturnType:
-        """Advance every drive's state machine and set its targets; an error at one joint stops its group."""
+        """Advance the state machine of every drive and set its targets; an error of a joint stops its group."""
         for group in self.groups:
             if group.busy:
                 group.coordinate(now)
@@ -211,7 +215,7 @@ class CanopenSystem(ComponentLifecycle):
         return OK
 
     def supervise(self, now: int) -> None:
-        """Run the checks that are due ten times a second, after the frames of a cycle were sent."""
+        """Run the checks that are due ten times a second; call after the frames of a cycle were sent."""
         if now < self._supervise_at:
             return
         self._supervise_at = now + _SUPERVISE_NS
@@ -221,7 +225,7 @@ class CanopenSystem(ComponentLifecycle):
         self.devices.poll(now)
 
     def prepare_enable(self, joints: Sequence[JointDrive]) -> None:
-        """Set the modes of drives before they are enabled; ControlError or DriveError for a drive without one."""
+        """Set the modes of drives before they are enabled; ControlError or DriveError if one cannot be."""
         for joint in joints:
             if not joint.node.ready:
                 raise ControlError(
@@ -232,36 +236,36 @@ class CanopenSystem(ComponentLifecycle):
             joint.require_enable()
 
     def _choose_modes(self, joints: Iterable[JointDrive]) -> None:
-        """Request the mode of the first interface of each joint without one, and again for one that failed."""
+        """Request the mode of the first interface of a joint without a mode; repeat a mode that failed."""
         for joint in joints:
             motion = [name for name in joint.commands if name != DIGITAL_OUTPUTS]
             if joint.targets.mode is None and motion:
                 joint.targets.set_mode(joint.targets.mode_for(motion[0]))
             elif joint.targets.mode is not None and joint.machine.mode_request.failed:
-                joint.targets.set_mode(joint.targets.mode)  # a user's word, to try it again
+                joint.targets.set_mode(joint.targets.mode)  # the enable request repeats a failed mode
 
     def enable(self, joints: Sequence[JointDrive]) -> None:
-        """Enable drives for a user: all, or none, with the reason."""
+        """Enable drives for a user: all, or none with a ControlError or DriveError."""
         self.prepare_enable(joints)
         for joint in joints:
             joint.enable()
 
     def regroup(self) -> None:
-        """Refresh the stop groups after joints were regrouped."""
+        """Update `groups` after stop groups were merged or separated."""
         self.groups = list(dict.fromkeys(joint.group for joint in self.joints))
 
     def stop(self, now: int) -> None:
-        """Ramp every joint to zero and disable it."""
+        """Ramp every joint to zero, then disable the drives."""
         for joint in self.joints:
             joint.stop(now)
 
     @property
     def stopped(self) -> bool:
-        """Whether no joint moves under power, and no output waits to be sent."""
+        """Whether no joint moves under power, and no changed output waits to be sent."""
         return all(not joint.node.ready or joint.stopped for joint in self.joints) and not self.devices.sending
 
     def _moved(self, interfaces: Sequence[str]) -> dict[JointDrive, list[str]]:
-        """Return the joints moved by these interfaces, with their interfaces."""
+        """Return the joints with a motion interface among these interfaces, and the names of these interfaces."""
         by_joint: dict[JointDrive, list[str]] = {}
         for name in interfaces:
             if name in self.devices.command_names:
@@ -272,7 +276,7 @@ class CanopenSystem(ComponentLifecycle):
         return by_joint
 
     def skipped(self, edges: int) -> None:
-        """Account for missed cycles without set-points."""
+        """Count missed cycles as skipped set-points of the joints that follow commands."""
         for joint in self.joints:
             if joint.power.following:
                 joint.tracking.skip(edges)
@@ -283,7 +287,7 @@ class CanopenSystem(ComponentLifecycle):
         return joint, interface.rpartition("/")[2]
 
     def _report_event(self, joint: JointDrive, event: JointEvent, now: int) -> None:
-        """Report the event; an error stops the group."""
+        """Report an event of a joint, and stop its group if the event demands it."""
         cause = f"; {joint.node.error}" if event.stops and joint.node.error and joint.node.ready else ""
         text = f"{joint.axis.who}: {event.text}{cause}"
         self._report(Event(now, event.kind, joint.node.name, text, event.level, event.fault))
@@ -291,7 +295,7 @@ class CanopenSystem(ComponentLifecycle):
             self._stop_group(joint, now, event)
 
     def _report_devices(self, now: int) -> None:
-        """Report unknown inputs; the robot decides by bus.yml whether axes stop."""
+        """Report lost devices and jumps of inputs; bus.yml decides elsewhere whether axes stop."""
         for node, kind, text in self.devices.take_news():
             self._report(Event(now, kind, node.name, f"{node.who}: {text}", Level.WARNING))
 
@@ -312,7 +316,7 @@ class CanopenSystem(ComponentLifecycle):
 
 
 def _then(cause: JointDrive, *, resumable: bool) -> str:
-    """Return the next step after a stop: an enable request, unless bus.yml allows automatic enabling after a return."""
+    """Return the advice after a stop: what to enter, or that the joints are enabled again automatically."""
     if resumable:
         return "; they are enabled again when it is back (recovery: enable)"
     first = "canopen-control axis fault-reset all, then " if cause.machine.fault else ""
@@ -323,7 +327,7 @@ def _then(cause: JointDrive, *, resumable: bool) -> str:
 def _group(
     parts: Sequence[ControlJoint], joints: Sequence[JointDrive], groups: dict[str, StopGroup[JointDrive]]
 ) -> None:
-    """Assign each joint to its stop group; by default one group contains the whole robot."""
+    """Add each joint to its stop group; by default one group contains all joints of the robot."""
     for joint, control in zip(joints, parts, strict=True):
         name = control.parameters.get("stop_group", "")
         group = groups.setdefault(name, StopGroup(name))
@@ -332,7 +336,7 @@ def _group(
 
 
 def _refuse_doubles(joints: Sequence[JointDrive]) -> None:
-    """Raise RobotConfigError for two joints that command one axis: each would undo what the other one sends."""
+    """Raise RobotConfigError if two joints command the same axis, because each would overwrite the other."""
     owners: dict[tuple[int, int], JointDrive] = {}
     for joint in joints:
         owner = owners.setdefault((joint.node.node_id, joint.axis.number), joint)
@@ -344,7 +348,7 @@ def _refuse_doubles(joints: Sequence[JointDrive]) -> None:
 
 
 def _join_motors(joints: Sequence[JointDrive]) -> None:
-    """Make the joints of motors behind one controlword partners; RobotConfigError if their stop groups differ."""
+    """Make joints of motors with the same controlword partners; RobotConfigError if their stop groups differ."""
     for joint in (joint for joint in joints if joint.node.plan.motors is not None):
         joint.partners = tuple(other for other in joints if other is not joint and other.node is joint.node)
         if any(other.stop_group is not joint.stop_group for other in joint.partners):
@@ -356,7 +360,7 @@ def _join_motors(joints: Sequence[JointDrive]) -> None:
 
 
 def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImage]]) -> JointDrive:
-    """Find the node of a joint by `device_name`, or by `node_id`."""
+    """Create a joint on the node with its `device_name` or `node_id`; RobotConfigError if there is no such node."""
     name = joint.parameters.get("device_name")
     if name is None and (node_id := joint.parameters.get("node_id")) is not None:
         by_id = {str(node.node_id): key for key, (node, _) in nodes.items()}
@@ -375,7 +379,7 @@ def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImag
 
 
 def _axis_of(joint: ControlJoint) -> int:
-    """Return the axis of a multi-axis device: `axis` or `channel`, from 0."""
+    """Return the number of a joint's axis in its device, from `axis` or `channel`; RobotConfigError if invalid."""
     text = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
     if not text.isdigit() or int(text) >= AXES:
         raise RobotConfigError(f"joint {joint.name}: axis {text!r}; a device has the axes 0 to {AXES - 1}")

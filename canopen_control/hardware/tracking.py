@@ -1,8 +1,8 @@
-"""Tracking of a joint: its error, and repeated or skipped set-points.
+"""Tracking error of a joint with repeated and skipped set-points, feed-forward, and a trapezoidal profile.
 
 A position measured at a SYNC is compared with the set-point that was due at that SYNC, not with the newest one: a drive
-takes a set-point with the SYNC after the RPDO and reaches it a period later (0x60C2), so that the error of a drive that
-follows exactly is 0, independent of the bus delay. Nothing is allocated; a step is a few floats.
+uses a set-point from the SYNC after the RPDO on and reaches it one period later (0x60C2), so that the error of a drive
+that follows exactly is 0, independent of the bus delay. No memory is allocated; a step is a few operations with floats.
 Errors are in rad or rad/s (m or m/s).
 """
 
@@ -23,21 +23,21 @@ if TYPE_CHECKING:
 
 # Feed-forward of velocity (0x60B1) and torque (0x60B2) in addition to the positions of CSP (CiA 402-2).
 #
-# The offsets are what the controller of the position gives beside it, in the units of 0x60FF and
-# 0x6071, within the drive's limits; the drive adds them to its velocity and torque loop and never to the position. They
-# are zero whenever they do not belong to a position that leads on: at rest, in a stop, in another mode, when another
-# controller gives them, and when the positions stand for longer than three cycles and 50 ms, since a stream that broke
-# would else push against the position loop.
+# The controller of the position also commands the offsets, in the units of 0x60FF and 0x6071, within the drive's
+# limits; the drive adds them in its velocity and torque loops and never to the position. The offsets are zero unless
+# they belong to a moving position: at standstill, in a stop, in another mode, if another controller commands them, and
+# if the positions do not change for three cycles and 50 ms, since the offsets of an interrupted stream would work
+# against the position loop.
 
 
 FEED_FORWARD: Final = (VELOCITY, EFFORT)
-"""The command interfaces that a position can have beside it."""
+"""Command interfaces that can be claimed together with a position."""
 _BROKEN_S: Final = 0.05
 _BROKEN_CYCLES: Final = 3.5
 
 
 class FeedForward:
-    """Offsets of one axis; `fed` means that a controller commands any."""
+    """Feed-forward offsets of one axis; `fed` means that a controller has claimed at least one."""
 
     def __init__(self, axis: AxisProcessData, commands: Mapping[str, CommandInterface]) -> None:
         self.fed = False
@@ -50,7 +50,7 @@ class FeedForward:
         self._standing_s = 0.0
 
     def claim(self, interfaces: Collection[str]) -> None:
-        """Use the offsets of these command interfaces from now on."""
+        """Send the offsets of these command interfaces from now on; the others become zero."""
         self._velocity = self._commands[VELOCITY] if VELOCITY in interfaces else None
         self._effort = self._commands[EFFORT] if EFFORT in interfaces else None
         self.fed = bool(interfaces)
@@ -59,7 +59,7 @@ class FeedForward:
         self.zero()
 
     def refresh(self) -> None:
-        """Update the ranges of the offsets after a change of the scale."""
+        """Update the ranges of the claimed offsets after a change of the scale."""
         scale = self._axis.scale
         if self._velocity is not None:
             _span(self._velocity, INT32_MAX / abs(scale.vel_to_dev))
@@ -67,7 +67,7 @@ class FeedForward:
             _span(self._effort, INT16_MAX / abs(scale.eff_to_dev))
 
     def refused(self) -> str | None:
-        """Return once the offset that is ignored because another controller commands it."""
+        """Return a text, once, if an offset is not sent because another controller commands it; else None."""
         if self._foreign == self._reported:
             return None
         self._reported = interface = self._foreign
@@ -85,7 +85,7 @@ class FeedForward:
                 output.set(0)
 
     def follow(self, position: CommandInterface, period: float) -> None:
-        """Send the offsets of this cycle's position; `period` in s."""
+        """Send the offsets for this cycle's position; `period` in s."""
         value = position.value
         if value != self._last:
             self._last, self._standing_s = value, 0.0
@@ -112,21 +112,22 @@ def _span(command: CommandInterface, most: float) -> None:
     command.lowest, command.highest, command.range = -most, most, None
 
 
-# Trapezoidal position profile for modes in which the drive computes none: one step per cycle.
+# Trapezoidal position profile for modes in which the drive computes no profile: one step per cycle.
 #
-# A set-point of a trajectory is for this cycle; a TARGET is a final position, which a drive in CSP or IP must not get
-# at once.
+# A set-point of a trajectory is for the present cycle; a TARGET is a final position, which a drive in CSP or IP must
+# not get at once.
 #
-# A profile begins with the present speed, ends at rest, and is never faster than `most`. The speed rises by `rise` at
-# most, also towards a new target behind the axis, and falls as late as that allows. Counts, counts/s and counts/s^2;
-# nothing is allocated. A stop during the profile ends the steps and calls `rest`.
+# A profile begins with the present speed, ends at standstill, and is never faster than `most`. The acceleration is at
+# most `rise`, also towards a new target behind the axis, and the deceleration begins as late as `rise` permits. The
+# units are counts, counts/s and counts/s^2; no memory is allocated. A stop during the profile ends the steps and calls
+# `rest`.
 
 
-_LEAST: Final = 1  # count in a cycle: a slower motion is not sent to the drive
+_LEAST: Final = 1  # counts per cycle: the slowest motion
 
 
 class TrapezoidalProfile:
-    """Profile of one axis; `speed` is the present one, negative downwards; `limited` is whether it has limits."""
+    """Trapezoidal profile of one axis; `speed` is signed, in counts/s; `limited` tells whether there are limits."""
 
     __slots__ = ("_most", "_rise", "limited", "speed")
 
@@ -135,18 +136,18 @@ class TrapezoidalProfile:
         self.limit(math.inf, math.inf)
 
     def limit(self, most: float, rise: float) -> None:
-        """Set the limits from the next step on."""
+        """Set the maximum speed `most` and the maximum acceleration `rise` from the next step on."""
         self._most, self._rise = most, rise
         self.limited = most < math.inf or rise < math.inf
 
     def rest(self) -> None:
-        """Start the next motion at rest."""
+        """Let the next motion start at speed 0."""
         self.speed = 0.0
 
     def step(self, way: int, period: float, largest: float = math.inf) -> int:
-        """Return the distance of this cycle of `period` s; `largest` is the drive's own limit.
+        """Return the step of a cycle of `period` s, towards a target at the distance `way` in counts.
 
-        A way is made in steps of one count at least, so that it ends.
+        `largest` is a further speed limit. A step is at least one count, so that the motion ends.
         """
         side, far = (1 if way >= 0 else -1), abs(way)
         speed = min(self._most, largest, self.speed * side + self._rise * period, math.sqrt(2 * self._rise * far))
@@ -156,13 +157,13 @@ class TrapezoidalProfile:
 
 
 WINDOW_S: Final = 5.0
-"""The figures are of the newest window, which is not full, and the one before it."""
-_PAUSE: Final = 3  # so many equal set-points at most are a repetition, more of them a standstill
+"""Length of a window in s; the figures are of the present window, which is not full, and the previous window."""
+_PAUSE: Final = 3  # up to this number of equal set-points is a repetition, more are a standstill
 _NAN: Final = math.nan
 
 
 class TrackingFigures(NamedTuple):
-    """Maximum and RMS tracking error, over `window_s` and since enabling; set-points by number."""
+    """Maximum and RMS tracking error, over `window_s` and since enabling, and numbers of irregular set-points."""
 
     window_s: float
     worst: float
@@ -176,8 +177,8 @@ class TrackingFigures(NamedTuple):
 class Tracking:
     """Tracking statistics of one joint; `interface` is the compared quantity, "" for none.
 
-    Positions that are equal cycle after cycle while the joint moves are `repeated`, velocities never are. `skipped`
-    counts the edges of the grid without a set-point.
+    Positions that are equal in consecutive cycles while the joint moves are counted in `repeated`; velocities are
+    never. `skipped` counts the cycles without a set-point.
     """
 
     __slots__ = (
@@ -211,34 +212,35 @@ class Tracking:
         self.begin()
 
     def pace(self, period_s: float, *, late: bool = False, factor: float = 1.0) -> None:
-        """Set the period of the cycle in s, and the factor from device units to those of the joint.
+        """Set the cycle time in s, and the factor from errors of the actuator to errors of the joint.
 
-        `late`: a set-point is measured three cycles later, since SYNC goes before the RPDOs, instead of two.
+        `late` means that a set-point is compared three cycles later instead of two, because SYNC is sent before the
+        RPDOs.
         """
         self._period_s, self._late, self._factor = period_s, late, abs(factor)
         self._full = max(1, round(WINDOW_S / period_s))
 
     def begin(self) -> None:
-        """Reset after the joint was enabled."""
+        """Reset all statistics after the joint was enabled."""
         self.repeated = self.skipped = 0
         self._worst = self._sum = self._previous_worst = self._previous_sum = self._total_worst = self._total_sum = 0.0
         self._count = self._previous_count = self._total_count = 0
         self.restart()
 
     def restart(self) -> None:
-        """Reset the comparison after standstill or a mode change."""
+        """Forget previous set-points, after standstill or a mode change; the statistics remain."""
         self._first = self._second = self._third = _NAN
         self._still = _PAUSE + 1
 
     def compare(self, interface: str, *, positions: bool) -> None:
-        """Select the compared interface, "" for none."""
+        """Select the compared interface, "" for none; `positions` enables counting of repeated set-points."""
         self.interface, self._positions = interface, positions
         self.restart()
 
     def step(self, target: float, actual: float) -> None:
-        """Add this cycle's set-point and the value measured before it; nan for none."""
+        """Add the set-point of this cycle, and the value that was measured before it; nan for none."""
         last = self._first
-        if target == actual and target == last == self._second == self._third:  # no error, and none before
+        if target == actual and target == last == self._second == self._third:  # no error, as in the cycles before
             self._count += 1
             self._still += 1
             if self._count >= self._full:
@@ -248,7 +250,7 @@ class Tracking:
         self._third, self._second, self._first = self._second, last, target
         if error < 0.0:
             error = -error
-        if error >= 0.0:  # not for nan
+        if error >= 0.0:  # False for nan
             if error > self._worst:
                 self._worst = error
             self._sum += error * error
@@ -263,13 +265,13 @@ class Tracking:
             self._still = 0
 
     def skip(self, edges: int) -> None:
-        """Count missed set-points while the joint moves."""
+        """Add missed set-points to `skipped`, if the joint moves."""
         if self.moving:
             self.skipped += edges
 
     @property
     def moving(self) -> bool:
-        """Whether its set-points command motion."""
+        """Whether the set-points command motion at present."""
         return self._still <= _PAUSE if self._positions else self._first != 0.0 and self._first == self._first
 
     def figures(self) -> TrackingFigures | None:
@@ -289,7 +291,7 @@ class Tracking:
         )
 
     def _turn(self) -> None:
-        """Start the next window."""
+        """Start a new window; the present one becomes the previous one."""
         self._previous_worst, self._previous_sum, self._previous_count = self._worst, self._sum, self._count
         self._total_worst = max(self._total_worst, self._worst)
         self._total_sum += self._sum
